@@ -1,0 +1,81 @@
+"""What the tracker believes: per tick, per segment, and for a whole recording."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry import ContactGeometry
+from contact_tracker.labels import STATES, Contact
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is believed of one tick.
+
+    Parameters
+    ----------
+    stamp_ns : the tick's time (its last pose).
+    contact : the label.
+    probability : (7,) posterior of the states, in the order of ``STATES``.
+    onset_ns : when the labelled contact began, as believed.
+    geometry : the touching elements of the labelled contact; None for free.
+    residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual
+        of its best hypothesis now (1: at the noise), the objective function's minimum; nan where none.
+    """
+
+    stamp_ns: int
+    contact: Contact
+    probability: Array
+    onset_ns: int
+    geometry: ContactGeometry | None
+    residual: Array
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that ``live --json`` and ``segment -o FILE.jsonl`` write."""
+        return {
+            "stamp_ns": int(self.stamp_ns),
+            "contact": self.contact.value,
+            "probability": {
+                state.value: float(p) for state, p in zip(STATES, self.probability, strict=True)
+            },
+            "onset_ns": int(self.onset_ns),
+            "geometry": self.geometry.to_json() if self.geometry else {},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline.
+
+    ``probability`` is the smoothed posterior of ``contact``, averaged over the segment.
+    """
+
+    start_ns: int
+    end_ns: int
+    contact: Contact
+    probability: float
+    geometry: ContactGeometry | None
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """The offline answer for T ticks.
+
+    Parameters
+    ----------
+    segments : the Viterbi path, in order, covering every tick.
+    beliefs : T beliefs with the Viterbi label and the smoothed posterior.
+    filtered : T beliefs as ``step`` gave them, from data up to each tick only.
+    """
+
+    segments: tuple[Segment, ...]
+    beliefs: tuple[Belief, ...]
+    filtered: tuple[Belief, ...]
+
+    @property
+    def stamp_ns(self) -> NDArray[np.int64]:
+        return np.array([b.stamp_ns for b in self.beliefs], np.int64)

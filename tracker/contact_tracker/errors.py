@@ -1,0 +1,53 @@
+"""What can go wrong, as one tree.
+
+::
+
+    ContactTrackerError
+    |-- InputError            the input cannot be used                    (exit code 1)
+    |   |-- UnreadableRecording   not a recording, or nothing in it can be read
+    |   |-- NoPoses               a recording without a pose source that we know
+    |   `-- NoTruth               evaluation was asked of a recording without truth
+    `-- UsageError            the call is wrong                           (exit code 2)
+        |-- AmbiguousSource       several pose sources: choose with --topic / --frame
+        `-- ModelError            a model file with a missing or impossible value
+
+A damaged recording of which a part can be read is no error: what is readable is processed and the
+damage is reported as a status (exit code 3). A fit that does not converge is a status as well.
+"""
+
+
+class ContactTrackerError(Exception):
+    """Base of all errors raised on purpose; its text is one line that says what to do."""
+
+
+class InputError(ContactTrackerError):
+    """The input cannot be used."""
+
+
+class UnreadableRecording(InputError):
+    """Not a recording, or nothing in it can be read."""
+
+
+class NoPoses(InputError):
+    """The recording has no pose source of a known type."""
+
+
+class NoTruth(InputError):
+    """The recording carries no truth to evaluate against."""
+
+
+class UsageError(ContactTrackerError):
+    """The call is wrong."""
+
+
+class AmbiguousSource(UsageError):
+    """Several pose sources; one has to be chosen."""
+
+
+class ModelError(UsageError):
+    """A model parameter is missing, unknown, of the wrong type or out of range."""
+
+    def __init__(self, key: str, reason: str) -> None:
+        super().__init__(f"model parameter {key}: {reason}")
+        self.key = key
+        self.reason = reason

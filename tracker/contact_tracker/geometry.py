@@ -1,0 +1,114 @@
+"""Planes, lines and points with their uncertainty: the elements that touch.
+
+Units are metres and radians. An element is given in the frame it is fixed to: the body frame for the
+object's, the world frame for the environment's (docs/conventions.md).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _no_covariance(size: int) -> Any:
+    return field(default_factory=lambda: np.full((size, size), np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """All x with ``normal . x == offset_m``; ``covariance`` (4, 4) is of (normal, offset_m)."""
+
+    normal: Array
+    offset_m: float
+    covariance: Array = _no_covariance(4)
+
+    def to_json(self) -> dict[str, Any]:
+        sd = _standard_deviations(self.covariance)
+        return {
+            "plane": {
+                "normal": _numbers(self.normal),
+                "offset_m": float(self.offset_m),
+                "normal_sd": _numbers(sd[:3]),
+                "offset_sd_m": _number(sd[3]),
+            }
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """All ``point_m + s direction``; ``covariance`` (6, 6) is of (direction, point_m).
+
+    ``point_m`` is the point of the line nearest to where the contact took place, so the covariance has
+    no component along the line.
+    """
+
+    direction: Array
+    point_m: Array
+    covariance: Array = _no_covariance(6)
+
+    def to_json(self) -> dict[str, Any]:
+        sd = _standard_deviations(self.covariance)
+        return {
+            "line": {
+                "direction": _numbers(self.direction),
+                "point_m": _numbers(self.point_m),
+                "direction_sd": _numbers(sd[:3]),
+                "point_sd_m": _numbers(sd[3:]),
+            }
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point; ``covariance`` (3, 3) in m^2."""
+
+    point_m: Array
+    covariance: Array = _no_covariance(3)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "point_m": _numbers(self.point_m),
+            "point_sd_m": _numbers(_standard_deviations(self.covariance)),
+        }
+
+
+Element = Plane | Line | Point
+
+
+@dataclass(frozen=True, eq=False)
+class ContactGeometry:
+    """The touching pair: ``object`` in the body frame, ``environment`` in the world frame."""
+
+    object: Element
+    environment: Element
+
+    def to_json(self) -> dict[str, Any]:
+        return {"object": self.object.to_json(), "environment": self.environment.to_json()}
+
+
+def element_from_json(data: Mapping[str, Any]) -> Element:
+    """Inverse of ``to_json`` (standard deviations are not read: they do not make a covariance)."""
+    if "plane" in data:
+        plane = data["plane"]
+        return Plane(np.asarray(plane["normal"], float), float(plane["offset_m"]))
+    if "line" in data:
+        line = data["line"]
+        return Line(np.asarray(line["direction"], float), np.asarray(line["point_m"], float))
+    return Point(np.asarray(data["point_m"], float))
+
+
+def _standard_deviations(covariance: Array) -> Array:
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _numbers(values: Array) -> list[float | None]:
+    return [_number(v) for v in values]
+
+
+def _number(value: float) -> float | None:
+    """JSON has no NaN: an unknown standard deviation is null."""
+    return float(value) if np.isfinite(value) else None
