@@ -39,9 +39,7 @@ class Belief:
         return {
             "stamp_ns": int(self.stamp_ns),
             "contact": self.contact.value,
-            "probability": {
-                state.value: float(p) for state, p in zip(STATES, self.probability, strict=True)
-            },
+            "probability": {state.value: float(p) for state, p in zip(STATES, self.probability, strict=True)},
             "onset_ns": int(self.onset_ns),
             "geometry": self.geometry.to_json() if self.geometry else {},
         }

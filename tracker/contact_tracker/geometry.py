@@ -1,11 +1,11 @@
 """Planes, lines and points with their uncertainty: the elements that touch.
 
-Units are metres and radians. An element is given in the frame it is fixed to: the body frame for the
-object's, the world frame for the environment's (docs/conventions.md).
+An element is given in the frame it is fixed to: the body frame for the object's, the world frame for the
+environment's (docs/conventions.md). Units are metres and radians; a covariance is None where unknown.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,20 +14,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def _no_covariance(size: int) -> Any:
-    return field(default_factory=lambda: np.full((size, size), np.nan))
-
-
 @dataclass(frozen=True, eq=False)
 class Plane:
     """All x with ``normal . x == offset_m``; ``covariance`` (4, 4) is of (normal, offset_m)."""
 
     normal: Array
     offset_m: float
-    covariance: Array = _no_covariance(4)
+    covariance: Array | None = None
 
     def to_json(self) -> dict[str, Any]:
-        sd = _standard_deviations(self.covariance)
+        sd = _standard_deviations(self.covariance, 4)
         return {
             "plane": {
                 "normal": _numbers(self.normal),
@@ -48,10 +44,10 @@ class Line:
 
     direction: Array
     point_m: Array
-    covariance: Array = _no_covariance(6)
+    covariance: Array | None = None
 
     def to_json(self) -> dict[str, Any]:
-        sd = _standard_deviations(self.covariance)
+        sd = _standard_deviations(self.covariance, 6)
         return {
             "line": {
                 "direction": _numbers(self.direction),
@@ -67,12 +63,12 @@ class Point:
     """A point; ``covariance`` (3, 3) in m^2."""
 
     point_m: Array
-    covariance: Array = _no_covariance(3)
+    covariance: Array | None = None
 
     def to_json(self) -> dict[str, Any]:
         return {
             "point_m": _numbers(self.point_m),
-            "point_sd_m": _numbers(_standard_deviations(self.covariance)),
+            "point_sd_m": _numbers(_standard_deviations(self.covariance, 3)),
         }
 
 
@@ -101,7 +97,9 @@ def element_from_json(data: Mapping[str, Any]) -> Element:
     return Point(np.asarray(data["point_m"], float))
 
 
-def _standard_deviations(covariance: Array) -> Array:
+def _standard_deviations(covariance: Array | None, size: int) -> Array:
+    if covariance is None:
+        return np.full(size, np.nan)
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 

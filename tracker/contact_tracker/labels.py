@@ -21,7 +21,7 @@ class Contact(StrEnum):
         return _CODIMENSION[self]
 
     @property
-    def index(self) -> int:
+    def column(self) -> int:
         """Position of this state in every seven-column array."""
         return STATES.index(self)
 

@@ -53,4 +53,5 @@ class Poses:
     @property
     def rotation(self) -> Array:
         """Rotation matrices (N, 3, 3) of ``T_world_body``."""
-        return Rotation.from_quat(self.quat_xyzw).as_matrix()
+        matrices: Array = Rotation.from_quat(self.quat_xyzw).as_matrix()
+        return matrices

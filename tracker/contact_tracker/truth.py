@@ -82,9 +82,7 @@ def _interval_to_dict(interval: TruthInterval) -> dict[str, Any]:
 def _interval_from_dict(row: dict[str, Any]) -> TruthInterval:
     geometry = None
     if "object" in row and "environment" in row:
-        geometry = ContactGeometry(
-            _element_from_dict(row["object"]), _element_from_dict(row["environment"])
-        )
+        geometry = ContactGeometry(_element_from_dict(row["object"]), _element_from_dict(row["environment"]))
     return TruthInterval(
         int(row["start_ns"]),
         int(row["end_ns"]),
