@@ -1,0 +1,68 @@
+"""The six contacts behind one contract; adding a contact is adding a line here."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import edge_edge, edge_face, face_face, vertex_face
+from contact_tracker.contacts.base import Array, Family, Frames, Measurement, lift_of_inverse
+from contact_tracker.geometry import ContactGeometry
+from contact_tracker.labels import CONTACTS, Contact
+
+__all__ = ["CONTACT_MODELS", "ContactModel", "Measurement"]
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """One contact: a family, and whether frame 1 is the body (f-f, e-f, v-f, e-e) or the world (f-e, f-v)."""
+
+    contact: Contact
+    family: Family
+    body_in_1: bool = True
+
+    @cached_property
+    def columns(self) -> NDArray[np.int64]:
+        """The C entries of the pose's zeta on which the residuals depend."""
+        return self._order[0]
+
+    @cached_property
+    def _order(self) -> tuple[NDArray[np.int64], Array]:
+        columns = np.asarray(self.family.COLUMNS)
+        if self.body_in_1:
+            return columns, np.ones(len(columns))
+        index = np.arange(1.0, 26.0)
+        inverse = lift_of_inverse(index)[columns]
+        return np.abs(inverse).astype(np.int64) - 1, np.sign(inverse)
+
+    def rows(self, x: Array) -> Array:
+        """Coefficients c (..., K, C) with ``residual = c @ zeta[columns]``, of x (..., S)."""
+        return self.family.rows(x) * self._order[1]
+
+    def rows_derivative(self, x: Array) -> Array:
+        """Derivative of ``rows`` along the free directions of x, (..., K, P, C)."""
+        along = np.swapaxes(self.family.tangent(x), -1, -2)[..., None, :, :]
+        return np.asarray(along @ (self.family.rows_derivative(x) * self._order[1]))
+
+    def measure(self, x: Array, zeta: Array) -> Measurement:
+        """Exact residuals and lever arms of hypotheses x (B, S) on lifted poses zeta (T, 25)."""
+        of_1_in_2 = zeta if self.body_in_1 else lift_of_inverse(zeta)
+        return self.family.measure(x, Frames.of(of_1_in_2, self.body_in_1))
+
+    def geometry(self, x: Array, covariance: Array) -> ContactGeometry:
+        """Object's and environment's elements of one x (S,) with the covariance (S, S) of x."""
+        first, second = self.family.elements(x, covariance)
+        return ContactGeometry(first, second) if self.body_in_1 else ContactGeometry(second, first)
+
+
+_FAMILIES: Final = {
+    Contact.FF: ContactModel(Contact.FF, face_face),
+    Contact.EF: ContactModel(Contact.EF, edge_face),
+    Contact.FE: ContactModel(Contact.FE, edge_face, body_in_1=False),
+    Contact.VF: ContactModel(Contact.VF, vertex_face),
+    Contact.FV: ContactModel(Contact.FV, vertex_face, body_in_1=False),
+    Contact.EE: ContactModel(Contact.EE, edge_edge),
+}
+CONTACT_MODELS: Final = tuple(_FAMILIES[contact] for contact in CONTACTS)

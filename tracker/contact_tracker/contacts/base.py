@@ -1,0 +1,173 @@
+"""The contract that every contact fulfils: the fit and the evidence know no contact by name.
+
+A contact pairs an element that is fixed in frame 1 with an element that is fixed in frame 2, for a pose that
+maps frame 1 to frame 2. For f-f, e-f, v-f and e-e frame 1 is the body and frame 2 the world. Its swapped form
+(f-e, f-v) is the same contact of the inverse pose, whose lift is a signed permutation of the pose's lift: so
+there is one file per family and ``Mirrored`` makes the other one.
+
+Elements are stacked in one parameter vector x (..., S); unit vectors stay on the sphere, so that only P <= S
+directions are free (``tangent``).
+"""
+
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import lift
+from contact_tracker.geometry import Element
+
+Array = NDArray[np.float64]
+
+
+class Measurement(NamedTuple):
+    """What hypotheses B say of ticks T.
+
+    ``residual`` (B, K, T): the K residuals, angles (rad) first and one distance (m) last.
+    ``lever_sq`` (B, T): squared lever arm (m^2) with which an error of orientation enters the distance.
+    ``reach_sq`` (B, T): squared distance (m^2) of the touching point from the body's origin.
+    ``scale_sq`` (B, T): square of what ``rows`` gives per metre of the distance (1 but for e-e).
+    """
+
+    residual: Array
+    lever_sq: Array
+    reach_sq: Array
+    scale_sq: Array
+
+
+class Family(Protocol):
+    """What one file per family provides; everything broadcasts over leading axes of x."""
+
+    SIZE: int
+    """S, length of x."""
+    PARAMETERS: int
+    """P, free directions of x."""
+    ROWS: int
+    """K, residuals per pose (the codimension); all but the last are angles."""
+    COLUMNS: NDArray[np.int64]
+    """The C entries of zeta on which the residuals depend."""
+    SPREAD: Array
+    """(S,) 1 where x is a coordinate in metres, which a prior keeps near the body, 0 where a direction."""
+
+    def rows(self, x: Array) -> Array:
+        """Coefficients c (..., K, C) with ``residual = c @ zeta[COLUMNS]``."""
+
+    def rows_derivative(self, x: Array) -> Array:
+        """Derivative of ``rows`` by x, (..., K, S, C)."""
+
+    def tangent(self, x: Array) -> Array:
+        """Free directions of x, (..., S, P)."""
+
+    def normalise(self, x: Array) -> Array:
+        """x with its unit vectors and feet of lines restored."""
+
+    def measure(self, x: Array, frames: "Frames") -> Measurement:
+        """Exact residuals and lever arms of hypotheses x (B, S) on T poses."""
+
+    def elements(self, x: Array, covariance: Array) -> tuple[Element, Element]:
+        """The elements in frame 1 and frame 2 of one x (S,) whose covariance is (S, S)."""
+
+
+def unit(v: Array) -> Array:
+    """v scaled to length one along the last axis."""
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+
+
+def sphere_tangent(n: Array) -> Array:
+    """Two orthonormal directions (..., 3, 2) normal to unit vectors n (..., 3).
+
+    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017.
+    """
+    x, y, z = n[..., 0], n[..., 1], n[..., 2]
+    sign = np.where(z >= 0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    second = np.stack([b, sign + y * y * a, -y], axis=-1)
+    return np.stack([first, second], axis=-1)
+
+
+def line_tangent(d: Array, q: Array) -> Array:
+    """Free directions (..., 6, 4) of a line (d, q) with its foot q normal to d: as d turns, the foot moves on."""
+    across = sphere_tangent(d)
+    out = np.zeros((*d.shape[:-1], 6, 4))
+    out[..., :3, :2] = across
+    out[..., 3:, :2] = -d[..., :, None] * (q[..., None, :] @ across)
+    out[..., 3:, 2:] = across
+    return out
+
+
+def normalise_line(line: Array) -> Array:
+    """A line (..., 6) with unit direction and its foot (the point nearest to the origin)."""
+    d, q = unit(line[..., :3]), line[..., 3:]
+    return np.concatenate([d, q - d * dot(d, q)[..., None]], axis=-1)
+
+
+def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Array:
+    """Assemble ``tangent`` (..., S, P) from blocks (rows of x, directions (..., rows, p))."""
+    width = sum(directions.shape[-1] for _, directions in blocks)
+    out = np.zeros((*x.shape[:-1], size, width))
+    column = 0
+    for rows, directions in blocks:
+        p = directions.shape[-1]
+        out[..., rows, column : column + p] = directions
+        column += p
+    return out
+
+
+def outer(a: Array, b: Array) -> Array:
+    """vec(a b^T) (..., 9), row-major: the coefficients of ``a . R b`` on ``vec R``."""
+    return np.asarray((a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], 9))
+
+
+def outer_derivative_first(b: Array) -> Array:
+    """Derivative (..., 3, 9) of ``outer(a, b)`` by a."""
+    return np.asarray((_EYE[:, :, None] * b[..., None, None, :]).reshape(*b.shape[:-1], 3, 9))
+
+
+def outer_derivative_second(a: Array) -> Array:
+    """Derivative (..., 3, 9) of ``outer(a, b)`` by b."""
+    return np.asarray((a[..., None, :, None] * _EYE[:, None, :]).reshape(*a.shape[:-1], 3, 9))
+
+
+class Frames(NamedTuple):
+    """T lifted poses of frame 1 in frame 2, split into what the families read."""
+
+    rotation: Array  # (T, 9)
+    t: Array  # (T, 3)
+    u: Array  # (T, 3)
+    t_cross_r: Array  # (T, 9)
+    body_in_1: bool
+    """Whether the body is frame 1 (else it is frame 2 and the pose is the inverse one)."""
+
+    @classmethod
+    def of(cls, zeta: Array, body_in_1: bool) -> "Frames":
+        return cls(zeta[:, lift.R], zeta[:, lift.T], zeta[:, lift.U], zeta[:, lift.TXR], body_in_1)
+
+    @property
+    def body_origin(self) -> Array:
+        """The body's origin in frame 1, (T, 3)."""
+        return np.zeros_like(self.u) if self.body_in_1 else -self.u
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Inner products over the last axis."""
+    return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+_EYE: Final = np.eye(3)
+_INVERSE_ORDER: Final = np.concatenate(
+    [
+        lift.R.reshape(3, 3).T.ravel(),
+        lift.U,
+        lift.T,
+        lift.TXR.reshape(3, 3).T.ravel(),
+        lift.ONE,
+    ]
+)
+_INVERSE_SIGN: Final = np.concatenate([np.ones(9), -np.ones(6), np.ones(10)])
+
+
+def lift_of_inverse(zeta: Array) -> Array:
+    """Lift of the inverse pose from the lift of the pose: a signed permutation of zeta."""
+    return np.asarray(zeta[..., _INVERSE_ORDER] * _INVERSE_SIGN)

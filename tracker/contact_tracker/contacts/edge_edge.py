@@ -1,0 +1,100 @@
+"""e-e: an edge (d1, q1) of frame 1 crosses an edge (d2, q2) of frame 2.
+
+x = [d1, q1, d2, q2] with d . q = 0, residual ``d2 . R m1 + m2 . R d1 + d2 . [t]x R d1`` with m = q x d: the
+paper's volume (18). ``rows`` are those of the volume; ``measure`` divides by the sine of the crossing angle,
+pose by pose, and so gives the metric distance of the two lines, which near-parallel lines cannot fake
+(docs/theory.md).
+"""
+
+from typing import Final
+
+import numpy as np
+
+from contact_tracker import lift
+from contact_tracker.contacts.base import (
+    Array,
+    Frames,
+    Measurement,
+    block_tangent,
+    dot,
+    line_tangent,
+    normalise_line,
+    outer,
+    outer_derivative_first,
+    outer_derivative_second,
+)
+from contact_tracker.geometry import Element, Line
+
+D1: Final = slice(0, 3)
+Q1: Final = slice(3, 6)
+D2: Final = slice(6, 9)
+Q2: Final = slice(9, 12)
+LINE1: Final = slice(0, 6)
+LINE2: Final = slice(6, 12)
+SIZE: Final = 12
+PARAMETERS: Final = 8
+ROWS: Final = 1
+COLUMNS: Final = np.concatenate([lift.R, lift.TXR])
+SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
+SINE_SQ_FLOOR: Final = 1e-4
+
+
+def rows(x: Array) -> Array:
+    d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
+    on_r = outer(d2, np.cross(q1, d1)) + outer(np.cross(q2, d2), d1)
+    return np.concatenate([on_r, outer(d2, d1)], axis=-1)[..., None, :]
+
+
+def rows_derivative(x: Array) -> Array:
+    d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
+    by_m1 = outer_derivative_second(d2)
+    by_m2 = outer_derivative_first(d1)
+    m1, m2 = np.cross(q1, d1), np.cross(q2, d2)
+    out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
+    out[..., 0, D1, :9] = _cross(q1).swapaxes(-1, -2) @ by_m1 + outer_derivative_second(m2)
+    out[..., 0, D1, 9:] = by_m1
+    out[..., 0, Q1, :9] = _cross(d1) @ by_m1
+    out[..., 0, D2, :9] = _cross(q2).swapaxes(-1, -2) @ by_m2 + outer_derivative_first(m1)
+    out[..., 0, D2, 9:] = by_m2
+    out[..., 0, Q2, :9] = _cross(d2) @ by_m2
+    return out
+
+
+def tangent(x: Array) -> Array:
+    first, second = line_tangent(x[..., D1], x[..., Q1]), line_tangent(x[..., D2], x[..., Q2])
+    return block_tangent(x, SIZE, [(LINE1, first), (LINE2, second)])
+
+
+def normalise(x: Array) -> Array:
+    return np.concatenate([normalise_line(x[..., LINE1]), normalise_line(x[..., LINE2])], axis=-1)
+
+
+def measure(x: Array, frames: Frames) -> Measurement:
+    d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
+    rotation, t, u = frames.rotation.T, frames.t.T, frames.u.T
+    m1 = np.cross(q1, d1)
+    d2_r_m1 = outer(d2, m1) @ rotation
+    volume = d2_r_m1 + outer(np.cross(q2, d2), d1) @ rotation + outer(d2, d1) @ frames.t_cross_r.T
+    cosine = outer(d2, d1) @ rotation
+    sine_sq = np.maximum(1.0 - cosine**2, SINE_SQ_FLOOR)
+    # gap w = R q1 + t - q2 along both directions, then the touching point q1 + s d1
+    w_d1 = dot(q1, d1)[:, None] + d1 @ u - outer(q2, d1) @ rotation
+    w_d2 = outer(d2, q1) @ rotation + d2 @ t - dot(d2, q2)[:, None]
+    s = (cosine * w_d2 - w_d1) / sine_sq
+    reach_sq = dot(q1, q1)[:, None] + 2.0 * s * dot(q1, d1)[:, None] + s**2
+    height_sq = d2_r_m1**2 / sine_sq
+    residual = (volume / np.sqrt(sine_sq))[:, None, :]
+    return Measurement(residual, np.maximum(reach_sq - height_sq, 0.0), reach_sq, sine_sq)
+
+
+def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+    first = Line(x[D1], x[Q1], covariance[:6, :6])
+    return first, Line(x[D2], x[Q2], covariance[6:, 6:])
+
+
+def _cross(v: Array) -> Array:
+    """[v]x, (..., 3, 3)."""
+    zero = np.zeros_like(v[..., 0])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    flat = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    return flat.reshape(*v.shape[:-1], 3, 3)

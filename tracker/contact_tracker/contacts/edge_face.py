@@ -1,0 +1,86 @@
+"""e-f: an edge (d, q) of frame 1 stays on a face (n, h) of frame 2. f-e is its mirror.
+
+x = [d, q, n, h] with d . q = 0 (q is the foot of the line), residuals ``n . R d`` and ``n . (R q + t) - h``
+(docs/theory.md). They vanish together with the paper's eq. (10).
+"""
+
+from typing import Final
+
+import numpy as np
+
+from contact_tracker import lift
+from contact_tracker.contacts.base import (
+    Array,
+    Frames,
+    Measurement,
+    block_tangent,
+    dot,
+    line_tangent,
+    normalise_line,
+    outer,
+    outer_derivative_first,
+    outer_derivative_second,
+    sphere_tangent,
+    unit,
+)
+from contact_tracker.geometry import Element, Line, Plane
+
+D: Final = slice(0, 3)
+Q: Final = slice(3, 6)
+LINE: Final = slice(0, 6)
+N: Final = slice(6, 9)
+H: Final = slice(9, 10)
+SIZE: Final = 10
+PARAMETERS: Final = 7
+ROWS: Final = 2
+COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
+SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1])
+
+
+def rows(x: Array) -> Array:
+    d, q, n, h = x[..., D], x[..., Q], x[..., N], x[..., H]
+    angle = np.concatenate([outer(n, d), np.zeros((*x.shape[:-1], 4))], axis=-1)
+    distance = np.concatenate([outer(n, q), n, -h], axis=-1)
+    return np.stack([angle, distance], axis=-2)
+
+
+def rows_derivative(x: Array) -> Array:
+    d, q, n = x[..., D], x[..., Q], x[..., N]
+    out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
+    by_second = outer_derivative_second(n)
+    out[..., 0, D, :9] = by_second
+    out[..., 0, N, :9] = outer_derivative_first(d)
+    out[..., 1, Q, :9] = by_second
+    out[..., 1, N, :9] = outer_derivative_first(q)
+    out[..., 1, N, 9:12] = np.eye(3)
+    out[..., 1, 9, 12] = -1.0
+    return out
+
+
+def tangent(x: Array) -> Array:
+    one = np.ones((*x.shape[:-1], 1, 1))
+    line = line_tangent(x[..., D], x[..., Q])
+    return block_tangent(x, SIZE, [(LINE, line), (N, sphere_tangent(x[..., N])), (H, one)])
+
+
+def normalise(x: Array) -> Array:
+    return np.concatenate([normalise_line(x[..., LINE]), unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def measure(x: Array, frames: Frames) -> Measurement:
+    d, q, n, h = x[..., D], x[..., Q], x[..., N], x[..., H]
+    n_r_d = outer(n, d) @ frames.rotation.T
+    n_r_q = outer(n, q) @ frames.rotation.T
+    n_t = n @ frames.t.T
+    o = frames.body_origin
+    # s: where on the line the body's origin is nearest; there angle and distance have independent noise
+    s = d @ o.T - dot(d, q)[:, None]
+    reach_sq = dot(q, q)[:, None] - 2.0 * q @ o.T + dot(o, o) - s**2
+    height = n_r_q + s * n_r_d + (0.0 if frames.body_in_1 else n_t)
+    residual = np.stack([n_r_d, n_r_q + s * n_r_d + n_t - h], axis=1)
+    return Measurement(residual, np.maximum(reach_sq - height**2, 0.0), reach_sq, np.ones_like(reach_sq))
+
+
+def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+    line = Line(x[D], x[Q], covariance[:6, :6])
+    return line, Plane(x[N], float(x[9]), covariance[6:, 6:])

@@ -1,0 +1,87 @@
+"""f-f: a face with normal m in frame 1 stays in a face (n, h) of frame 2.
+
+x = [m, n, h], residuals ``n . R b1``, ``n . R b2`` (b1, b2 span the face) and ``n . t - h`` (docs/theory.md).
+They vanish together with the paper's eq. (5). Where along the normal the faces lie cannot be told: h is the
+height of the body's origin over the world's, the difference of the two offsets.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from contact_tracker import lift
+from contact_tracker.contacts.base import (
+    Array,
+    Frames,
+    Measurement,
+    block_tangent,
+    outer,
+    outer_derivative_first,
+    sphere_tangent,
+    unit,
+)
+from contact_tracker.geometry import Element, Plane
+
+M: Final = slice(0, 3)
+N: Final = slice(3, 6)
+H: Final = slice(6, 7)
+SIZE: Final = 7
+PARAMETERS: Final = 5
+ROWS: Final = 3
+COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
+SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 1])
+UNKNOWN_OFFSET_M: Final = 0.3
+"""How far the faces may lie from the body's origin: motion cannot tell, so it is a standard deviation."""
+
+
+def rows(x: Array) -> Array:
+    m, n, h = x[..., M], x[..., N], x[..., H]
+    b = sphere_tangent(m)
+    out = np.zeros((*x.shape[:-1], ROWS, len(COLUMNS)))
+    out[..., 0, :9] = outer(n, b[..., 0])
+    out[..., 1, :9] = outer(n, b[..., 1])
+    out[..., 2, 9:12] = n
+    out[..., 2, 12] = -h[..., 0]
+    return out
+
+
+def rows_derivative(x: Array) -> Array:
+    m, n = x[..., M], x[..., N]
+    b = sphere_tangent(m)
+    out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
+    n_m = outer(n, m)
+    for k in range(2):
+        # turning m by delta turns b_k by -(delta . b_k) m; the rest of the turn stays in the face
+        out[..., k, M, :9] = -b[..., :, k, None] * n_m[..., None, :]
+        out[..., k, N, :9] = outer_derivative_first(b[..., k])
+    out[..., 2, N, 9:12] = np.eye(3)
+    out[..., 2, 6, 12] = -1.0
+    return out
+
+
+def tangent(x: Array) -> Array:
+    one = np.ones((*x.shape[:-1], 1, 1))
+    blocks = [(M, sphere_tangent(x[..., M])), (N, sphere_tangent(x[..., N])), (H, one)]
+    return block_tangent(x, SIZE, blocks)
+
+
+def normalise(x: Array) -> Array:
+    return np.concatenate([unit(x[..., M]), unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def measure(x: Array, frames: Frames) -> Measurement:
+    m, n, h = x[..., M], x[..., N], x[..., H]
+    b = sphere_tangent(m)
+    angles = [outer(n, b[..., k]) @ frames.rotation.T for k in range(2)]
+    residual = np.stack([*angles, n @ frames.t.T - h], axis=1)
+    zero = np.zeros((len(x), len(frames.t)))
+    return Measurement(residual, zero, zero, np.ones_like(zero))
+
+
+def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+    """The faces as they would be if they went through the body's origin; how far they do not is unknown."""
+    unknown = np.zeros((4, 4))
+    unknown[3, 3] = UNKNOWN_OFFSET_M**2
+    first = np.zeros((4, 4))
+    first[:3, :3] = covariance[M, M]
+    return Plane(x[M], 0.0, first + unknown), Plane(x[N], float(x[6]), covariance[3:, 3:] + unknown)

@@ -1,0 +1,76 @@
+"""v-f: a vertex q of frame 1 stays on a face (n, h) of frame 2. f-v is its mirror.
+
+x = [q, n, h], residual ``n . (R q + t) - h`` (docs/theory.md; the paper's eq. (15) with the sign corrected).
+"""
+
+from typing import Final
+
+import numpy as np
+
+from contact_tracker import lift
+from contact_tracker.contacts.base import (
+    Array,
+    Frames,
+    Measurement,
+    block_tangent,
+    dot,
+    outer,
+    outer_derivative_first,
+    outer_derivative_second,
+    sphere_tangent,
+    unit,
+)
+from contact_tracker.geometry import Element, Plane, Point
+
+Q: Final = slice(0, 3)
+N: Final = slice(3, 6)
+H: Final = slice(6, 7)
+SIZE: Final = 7
+PARAMETERS: Final = 6
+ROWS: Final = 1
+COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
+SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 1])
+
+
+def rows(x: Array) -> Array:
+    q, n, h = x[..., Q], x[..., N], x[..., H]
+    return np.concatenate([outer(n, q), n, -h], axis=-1)[..., None, :]
+
+
+def rows_derivative(x: Array) -> Array:
+    q, n = x[..., Q], x[..., N]
+    out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
+    out[..., 0, Q, :9] = outer_derivative_second(n)
+    out[..., 0, N, :9] = outer_derivative_first(q)
+    out[..., 0, N, 9:12] = np.eye(3)
+    out[..., 0, 6, 12] = -1.0
+    return out
+
+
+def tangent(x: Array) -> Array:
+    eye = np.broadcast_to(np.eye(3), (*x.shape[:-1], 3, 3))
+    one = np.ones((*x.shape[:-1], 1, 1))
+    return block_tangent(x, SIZE, [(Q, eye), (N, sphere_tangent(x[..., N])), (H, one)])
+
+
+def normalise(x: Array) -> Array:
+    return np.concatenate([x[..., Q], unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def measure(x: Array, frames: Frames) -> Measurement:
+    q, n, h = x[..., Q], x[..., N], x[..., H]
+    n_r_q = outer(n, q) @ frames.rotation.T
+    n_t = n @ frames.t.T
+    residual = n_r_q + n_t - h
+    o = frames.body_origin
+    reach_sq = dot(q, q)[:, None] - 2.0 * q @ o.T + dot(o, o)
+    # n . R (q - o), where -R o is 0 or t
+    height = n_r_q if frames.body_in_1 else n_r_q + n_t
+    return Measurement(
+        residual[:, None, :], np.maximum(reach_sq - height**2, 0.0), reach_sq, np.ones_like(reach_sq)
+    )
+
+
+def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+    plane = Plane(x[N], float(x[6]), covariance[3:, 3:])
+    return Point(x[Q], covariance[Q, Q]), plane

@@ -1,0 +1,60 @@
+"""The lifted pose: 25 numbers in which every contact residual is linear (docs/theory.md).
+
+``zeta = [vec R (9), t (3), u = R.T t (3), vec([t]x R) (9), 1]``, row-major ``vec``, of ``T_world_body``.
+Because residuals are linear in zeta, they are linear in its mean over a tick as well: averaging frames
+lowers the noise and keeps every constraint exact, which averaging poses would not.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SIZE: Final = 25
+R: Final = np.arange(0, 9)
+T: Final = np.arange(9, 12)
+U: Final = np.arange(12, 15)
+TXR: Final = np.arange(15, 24)
+ONE: Final = np.array([24])
+
+
+def lift(rotation: Array, position_m: Array) -> Array:
+    """Lift poses with rotation (..., 3, 3) and position (..., 3) to zeta (..., 25)."""
+    u = np.einsum("...ji,...j->...i", rotation, position_m)
+    t_cross_r = np.cross(position_m[..., None, :], np.swapaxes(rotation, -1, -2))
+    return np.concatenate(
+        [
+            rotation.reshape(*rotation.shape[:-2], 9),
+            position_m,
+            u,
+            np.swapaxes(t_cross_r, -1, -2).reshape(*rotation.shape[:-2], 9),
+            np.ones((*position_m.shape[:-1], 1)),
+        ],
+        axis=-1,
+    )
+
+
+def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:
+    """Linear map C (25, 25) with ``lift(R, t') == C @ lift(R, t)``, ``t' = t - world_shift + R body_shift``.
+
+    It moves the origin of the world frame to ``world_shift_m`` and that of the body frame to
+    ``body_shift_m``, without the cancellation of recomputing moments far from the origin.
+    """
+    s, b = np.asarray(world_shift_m, float), np.asarray(body_shift_m, float)
+    c = np.eye(SIZE)
+    eye = np.eye(3)
+    # t' = t - s + R b
+    c[np.ix_(T, R)] += np.kron(eye, b)
+    c[np.ix_(T, ONE)] -= s[:, None]
+    # u' = R.T t' = u - R.T s + b
+    c[np.ix_(U, R)] -= np.kron(s, eye)
+    c[np.ix_(U, ONE)] += b[:, None]
+    # [t']x R = [t]x R - [s]x R + [R b]x R, and [R b]x R = R [b]x
+    c[np.ix_(TXR, R)] += np.kron(-_cross_matrix(s), eye) + np.kron(eye, _cross_matrix(b).T)
+    return c
+
+
+def _cross_matrix(v: Array) -> Array:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]], float)
