@@ -1,0 +1,143 @@
+"""The shape of the code: which module may import which, who may do I/O, and what must not be named."""
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "tracker" / "contact_tracker"
+
+# Data flows down this table: a module imports only from rows above its own, or from its own row.
+LAYERS = (
+    ("labels", "errors", "geometry"),
+    ("poses", "truth", "gate"),
+    ("lift", "moments"),
+    ("contacts", "paper"),
+    ("fit",),
+    ("noise", "free_motion"),
+    ("evidence", "hypotheses"),
+    ("hmm",),
+    ("belief",),
+    ("model",),
+    ("tracker", "segmenter", "windows"),
+    ("recording", "simulate", "evaluation", "viewer"),
+    ("outputs",),
+    ("cli",),
+)
+FIRST_EDGE_LAYER = next(i for i, row in enumerate(LAYERS) if "recording" in row)
+CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
+READS_ITS_PRESETS = {"model"}  # of the core, only the model reads files: its own
+ALONE = {"hmm"}  # sees arrays only: imports numpy, and nothing else of ours
+SINGLE_IMPORTER = {
+    "mcap": "recording",
+    "mcap_ros2": "recording",
+    "rerun": "viewer",
+    "filterpy": "free_motion",
+    "tqdm": "cli",
+    "argparse": "cli",
+}
+IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
+IO_CALLS = {"open", "print", "input"}
+MAX_LINES = 260
+
+
+def sources() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def part(path: Path) -> str:
+    """The row entry a file belongs to: its first folder or its own name."""
+    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Absolute dotted names of what a file imports, wherever in the file."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: import by the full name, not relatively"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def layer(name: str) -> int:
+    rows = [i for i, row in enumerate(LAYERS) if name in row]
+    assert rows, f"{name} has no row in LAYERS: say where in the data flow it stands"
+    return rows[0]
+
+
+def ids(path: Path) -> str:
+    return str(path.relative_to(PACKAGE))
+
+
+PARTS = [p for p in sources() if part(p) not in {"__init__", "__main__"}]
+
+
+@pytest.mark.parametrize("path", PARTS, ids=ids)
+def test_data_flows_one_way(path: Path) -> None:
+    own = part(path)
+    for name in imports(path):
+        if name.startswith("contact_tracker.") and name != "contact_tracker.__version__":
+            other = name.split(".")[1]
+            assert layer(other) <= layer(own), f"{own} imports {other}, which comes after it"
+            assert own not in ALONE or other == own, f"{own} stands alone, but imports {other}"
+
+
+@pytest.mark.parametrize("path", PARTS, ids=ids)
+def test_each_foreign_library_has_one_importer(path: Path) -> None:
+    for name in imports(path):
+        importer = SINGLE_IMPORTER.get(name.split(".")[0])
+        assert importer in (None, part(path)), f"{name} is imported by {importer} only"
+
+
+@pytest.mark.parametrize("path", [p for p in PARTS if part(p) in CORE - READS_ITS_PRESETS], ids=ids)
+def test_the_core_does_no_io(path: Path) -> None:
+    for name in imports(path):
+        assert name.split(".")[0] not in IO_MODULES, f"the core imports {name}"
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            assert node.func.id not in IO_CALLS, f"line {node.lineno}: the core calls {node.func.id}"
+
+
+@pytest.mark.parametrize("path", sources(), ids=ids)
+def test_a_file_has_one_reason_to_exist(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
+    assert ast.get_docstring(tree(path)), "the first line of a file says why it exists"
+
+
+def test_the_package_itself_imports_nothing_heavy() -> None:
+    assert list(imports(PACKAGE / "__init__.py")) == ["typing.Final"]
+
+
+def tracked_text() -> Iterator[tuple[str, str]]:
+    """Name and text of every file that git knows or would add; binary recordings and pictures aside."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git work tree: nothing says which files are the project's")
+    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    for name in filter(None, names.split("\0")):
+        path = ROOT / name
+        if path.is_file() and path.suffix not in {".mcap", ".png"}:
+            yield name, path.read_text(encoding="utf-8")
+
+
+def test_nothing_names_a_machine_or_a_package_registry() -> None:
+    folders = "|".join(("home", "Users", "root", "work", "tmp", "opt", "mnt"))
+    machine_path = re.compile(rf"(?<![\w.:/~-])/(?:{folders})/")
+    registry = re.compile(
+        r"(?:--|_|-)(?:index-url|find-links)\b|\b(?:py" + r"pi\.org|pythonhosted\.org)", re.I
+    )
+    for name, text in tracked_text():
+        for number, line in enumerate(text.splitlines(), 1):
+            assert not machine_path.search(line), f"{name}:{number} names a path of one machine"
+            assert not registry.search(line), f"{name}:{number} names a package registry"

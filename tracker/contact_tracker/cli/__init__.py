@@ -1,0 +1,1 @@
+"""The command ``contact-tracker``: one file per subcommand, exit codes in ``main``."""

@@ -1,0 +1,71 @@
+"""Arguments that several commands share, and their types; a bad value is a usage error before any work."""
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from contact_tracker.errors import UsageError
+
+
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """``LOG`` and which of its poses to take."""
+    parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
+    parser.add_argument("--topic", help="take the poses of this topic")
+    parser.add_argument(
+        "--frame", help="take the poses of this frame: CHILD, or PARENT:CHILD where parents differ"
+    )
+    parser.add_argument(
+        "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
+    )
+    parser.add_argument("--duration", type=positive, metavar="S", help="take S seconds (default: all)")
+
+
+def add_model(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--model",
+        default="default",
+        metavar="NAME|FILE",
+        help="a shipped model (mocap, robot, vision, ...) or a TOML file (default: %(default)s)",
+    )
+
+
+def seconds(text: str) -> float:
+    """A finite number of seconds, zero or more."""
+    value = _number(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is negative")
+    return value
+
+
+def positive(text: str) -> float:
+    """A finite number above zero."""
+    value = _number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not above zero")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+    return value
+
+
+def output_file(*suffixes: str) -> Callable[[str], Path]:
+    """The type of an output file with one of ``suffixes``, in a folder that exists."""
+
+    def check(text: str) -> Path:
+        path = Path(text)
+        if path.suffix not in suffixes:
+            raise UsageError(f"cannot write {text}: its name must end in {' or '.join(suffixes)}")
+        if path.is_dir() or not path.parent.is_dir():
+            why = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
+            raise UsageError(f"cannot write {text}: {why}")
+        return path
+
+    return check

@@ -1,0 +1,81 @@
+"""``contact-tracker live``: what holds now, from the data up to now."""
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker.cli.arguments import add_model, add_recording, positive, seconds
+from contact_tracker.cli.status import INTERRUPTED
+from contact_tracker.cli.terminal import StatusLine, say
+
+if TYPE_CHECKING:
+    from contact_tracker.belief import Belief
+    from contact_tracker.cli.source import Source
+
+HELP: Final = "what holds now: a line per change while poses stream in"
+DESCRIPTION: Final = """\
+Follow the contacts of a recording or of a stream of poses, each answer from the data up to its
+time only. A line per change goes to stdout: time, contact, probability, onset and where the
+contact lies. Times are seconds since the recording's first pose."""
+EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    add_recording(parser)
+    add_model(parser)
+    parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
+    parser.add_argument(
+        "--lag", type=seconds, default=0.0, metavar="S", help="answer S seconds late, and surer (default: 0)"
+    )
+    parser.add_argument("--rate", type=positive, metavar="X", help="replay at X times the recorded speed")
+    parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
+    parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+
+
+def run(args: argparse.Namespace) -> int:
+    from contact_tracker.cli.source import Source, paced
+    from contact_tracker.model import load_model
+    from contact_tracker.recording import open_log
+    from contact_tracker.tracker import finish, start, step
+
+    state = start(load_model(args.model), lag_s=args.lag)
+    source = Source(open_log(args.log, topic=args.topic, frame=args.frame, follow=args.follow), args)
+    begin_s = time.monotonic()
+    interrupted = False
+    with StatusLine() as status:
+        show = _shower(args.json, source, status)
+        try:
+            for pose in paced(source, args.rate) if args.rate else source:
+                state, belief = step(state, pose)
+                if belief is not None:
+                    show(belief)
+        except KeyboardInterrupt:
+            interrupted = True
+        for belief in finish(state)[1]:
+            show(belief)
+    code = source.finish()
+    say(f"took {time.monotonic() - begin_s:.2f} s")
+    return INTERRUPTED if interrupted else code
+
+
+def _shower(as_json: bool, source: "Source", status: StatusLine) -> "Callable[[Belief], None]":
+    """What to do with each belief: a JSON line, or a line where the contact changed."""
+    from contact_tracker.outputs.rows import json_line
+    from contact_tracker.outputs.words import CHANGES_HEADER, change_line, status_text
+
+    previous = None
+
+    def show_json(belief: "Belief") -> None:
+        status.print(json_line(belief))
+
+    def show_change(belief: "Belief") -> None:
+        nonlocal previous
+        if previous is None:
+            status.print(CHANGES_HEADER)
+        if belief.contact is not previous:
+            status.print(change_line(belief, source.origin_ns))
+        previous = belief.contact
+        status.show(lambda: status_text(belief, source.origin_ns))
+
+    return show_json if as_json else show_change

@@ -1,0 +1,96 @@
+"""Entry point: the parser, and the one place that turns errors into messages and exit codes.
+
+Commands import what computes only when they run, so that ``--help`` and a mistyped option answer at once.
+"""
+
+import argparse
+import io
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any, Final, NoReturn
+
+from contact_tracker import __version__
+from contact_tracker.cli import evaluate, info, live, segment, simulate, view
+from contact_tracker.cli.status import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
+from contact_tracker.cli.terminal import fail
+from contact_tracker.errors import ContactTrackerError, UsageError
+
+COMMANDS: Final = (live, segment, view, info, simulate, evaluate)
+
+DESCRIPTION: Final = """\
+Tell from the poses of one rigid object how it touches its world: which principal contact holds
+(f-f e-f f-e v-f f-v e-e, the object's face, edge or vertex first; or free), how sure that is,
+and where the touching plane, line or point lies. Shapes and surroundings need not be known."""
+
+EPILOG: Final = f"""\
+example:
+  contact-tracker live recordings/paper_experiment.mcap
+
+exit codes: {DONE} done, {INPUT} the input cannot be used, {USAGE} wrong usage,
+  {DAMAGED} done with a truncated or damaged input, {INTERRUPTED} interrupted"""
+
+
+class Parser(argparse.ArgumentParser):
+    """Reports its errors like every other mistake of the user: in one line."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands; each command's file configures its own part."""
+    parser = Parser(prog="contact-tracker", description=DESCRIPTION, epilog=EPILOG)
+    parser.add_argument("--version", action="version", version=f"contact-tracker {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
+    for command in COMMANDS:
+        sub = commands.add_parser(
+            command.__name__.rpartition(".")[2],
+            help=command.HELP,
+            description=command.DESCRIPTION,
+            epilog=f"example:\n  {command.EXAMPLE}",
+        )
+        command.configure(sub)
+        sub.set_defaults(run=command.run)
+    return parser
+
+
+def run(argv: Sequence[str] | None = None) -> int:
+    """Run the command line ``argv`` (without the program's name) and return its exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    code = _run(argv)
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # What stdout could not take is lost already; without this, the interpreter would try once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if code == DONE and not isinstance(error, BrokenPipeError):
+            fail(f"cannot write to stdout: {error.strerror}")
+            return INPUT
+    return code
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    try:
+        args = build_parser().parse_args(argv)
+        code: int = args.run(args)
+        return code
+    except SystemExit as leave:  # argparse after --help or --version
+        return int(leave.code or DONE)
+    except BrokenPipeError:  # the reader has what it wanted
+        return DONE
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except UsageError as error:
+        fail(str(error))
+        return USAGE
+    except ContactTrackerError as error:
+        fail(str(error))
+        return INPUT
+    except OSError as error:
+        fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return INPUT

@@ -1,0 +1,73 @@
+"""The poses of the recording that the arguments name: cut to the asked interval, counted, paced."""
+
+import argparse
+import time
+from collections.abc import Iterable, Iterator
+
+from contact_tracker.cli.status import DAMAGED, DONE
+from contact_tracker.cli.terminal import say, warn
+from contact_tracker.errors import NoPoses
+from contact_tracker.poses import Pose
+from contact_tracker.recording import PoseLog
+
+
+class Source:
+    """Poses on their way through one command; its counts are final once iteration has ended.
+
+    ``origin_ns`` is the stamp of the recording's first pose: times for people count from there.
+    """
+
+    def __init__(self, log: PoseLog, args: argparse.Namespace) -> None:
+        self._log = log
+        self._name: str = args.log
+        self._start_ns = round(args.start * 1e9)
+        self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
+        self.origin_ns = 0
+        self.first_ns = 0
+        self.last_ns = 0
+        self.used = 0
+
+    def __iter__(self) -> Iterator[Pose]:
+        """The poses of the interval; raises NoPoses at the end where there were none."""
+        seen = False
+        for pose in self._log:
+            if not seen:
+                seen, self.origin_ns = True, pose.stamp_ns
+            since_ns = pose.stamp_ns - self.origin_ns
+            if since_ns < self._start_ns:
+                continue
+            if self._end_ns is not None and since_ns >= self._end_ns:
+                break
+            if not self.used:
+                self.first_ns = pose.stamp_ns
+            self.used += 1
+            self.last_ns = pose.stamp_ns
+            yield pose
+        if not self.used:
+            where = "in the interval that --start and --duration leave" if seen else "that can be used"
+            raise NoPoses(f"{self._name}: no pose {where}{self._dropped()}")
+
+    def finish(self) -> int:
+        """Say what was read and what was not; returns the exit code."""
+        say(f"{self.used} poses, {(self.last_ns - self.first_ns) * 1e-9:.2f} s{self._dropped()}")
+        if self._log.damage is None:
+            return DONE
+        warn(f"{self._name}: {self._log.damage}")
+        return DAMAGED
+
+    def _dropped(self) -> str:
+        counts = ", ".join(f"{kind} {count}" for kind, count in self._log.counts.items() if count)
+        return f"; dropped or repaired: {counts}" if counts else ""
+
+
+def paced(poses: Iterable[Pose], rate: float) -> Iterator[Pose]:
+    """``poses`` as they once came, ``rate`` times as fast."""
+    first_ns: int | None = None
+    begin_s = time.monotonic()
+    for pose in poses:
+        if first_ns is None:
+            first_ns, begin_s = pose.stamp_ns, time.monotonic()
+        wait_s = begin_s + (pose.stamp_ns - first_ns) * 1e-9 / rate - time.monotonic()
+        if wait_s > 0:
+            time.sleep(wait_s)
+        yield pose

@@ -1,0 +1,88 @@
+"""Beliefs and segments for people: lines of fixed width, geometry in words."""
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.belief import Belief, Segment
+from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.labels import STATES
+
+_GEOMETRY: Final = "the object's element (body frame) on the surroundings' (world frame)"
+CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
+TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
+
+
+def change_line(belief: Belief, origin_ns: int) -> str:
+    """A change of contact; times in seconds after ``origin_ns``."""
+    return (
+        f"{_seconds(belief.stamp_ns, origin_ns):8.2f}  {belief.contact.value:<7} "
+        f"{belief.probability[belief.contact.column]:5.2f}  {_seconds(belief.onset_ns, origin_ns):8.2f}  "
+        f"{describe(belief.geometry)}"
+    ).rstrip()
+
+
+def status_text(belief: Belief, origin_ns: int) -> str:
+    """The state of affairs, short enough for a terminal's line."""
+    ranked = np.argsort(-belief.probability)[:3]
+    likely = "  ".join(f"{STATES[i].value} {belief.probability[i]:.2f}" for i in ranked)
+    held = _seconds(belief.stamp_ns, belief.onset_ns)
+    return (
+        f"{_seconds(belief.stamp_ns, origin_ns):8.2f} s  {belief.contact.value} for {held:.1f} s   {likely}"
+    )
+
+
+def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
+    """A line per segment; times in seconds after ``origin_ns``."""
+    yield TABLE_HEADER
+    for segment in segments:
+        start, end = (_seconds(t, origin_ns) for t in (segment.start_ns, segment.end_ns))
+        yield (
+            f"{start:8.2f}  {end:8.2f}  {segment.contact.value:<7} {segment.probability:5.2f}  "
+            f"{describe(segment.geometry)}"
+        ).rstrip()
+
+
+def describe(geometry: ContactGeometry | None) -> str:
+    """``edge ... on face ...``; after +/- the standard deviation in the worst direction."""
+    if geometry is None:
+        return ""
+    return f"{_element(geometry.object)} on {_element(geometry.environment)}"
+
+
+def _element(element: Element) -> str:
+    match element:
+        case Plane(normal, offset_m, covariance):
+            normal_sd, offset_sd = _worst(covariance, slice(0, 3)), _worst(covariance, slice(3, 4))
+            return (
+                f"face normal {_vector(normal, 2)}{_angle(normal_sd)} at {offset_m:.3f}{_length(offset_sd)} m"
+            )
+        case Line(direction, point_m, covariance):
+            along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
+            through = f"{_vector(point_m, 3)}{_length(_worst(covariance, slice(3, 6)))}"
+            return f"edge along {along} through {through} m"
+        case Point(point_m, covariance):
+            return f"vertex {_vector(point_m, 3)}{_length(_worst(covariance, slice(0, 3)))} m"
+
+
+def _worst(covariance: Array | None, block: slice) -> float | None:
+    if covariance is None:
+        return None
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance[block, block])[-1], 0.0)))
+
+
+def _angle(sd: float | None) -> str:
+    return "" if sd is None else f" +/- {np.degrees(sd):.1f} deg"
+
+
+def _length(sd: float | None) -> str:
+    return "" if sd is None else f" +/- {sd:.3f}"
+
+
+def _vector(values: Array, digits: int) -> str:
+    return "(" + " ".join(f"{v + 0.0:.{digits}f}" for v in np.round(values, digits)) + ")"
+
+
+def _seconds(stamp_ns: int, origin_ns: int) -> float:
+    return (stamp_ns - origin_ns) * 1e-9
