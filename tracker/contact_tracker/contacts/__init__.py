@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import lift
 from contact_tracker.contacts import edge_edge, edge_face, face_face, vertex_face
 from contact_tracker.contacts.base import Array, Family, Frames, Measurement, lift_of_inverse
 from contact_tracker.geometry import ContactGeometry
@@ -24,27 +25,17 @@ class ContactModel:
     body_in_1: bool = True
 
     @cached_property
-    def columns(self) -> NDArray[np.int64]:
-        """The C entries of the pose's zeta on which the residuals depend."""
-        return self._order[0]
-
-    @cached_property
     def _order(self) -> tuple[NDArray[np.int64], Array]:
         columns = np.asarray(self.family.COLUMNS)
         if self.body_in_1:
             return columns, np.ones(len(columns))
-        index = np.arange(1.0, 26.0)
-        inverse = lift_of_inverse(index)[columns]
+        inverse = lift_of_inverse(np.arange(1.0, lift.SIZE + 1))[columns]
         return np.abs(inverse).astype(np.int64) - 1, np.sign(inverse)
 
-    def rows(self, x: Array) -> Array:
-        """Coefficients c (..., K, C) with ``residual = c @ zeta[columns]``, of x (..., S)."""
-        return self.family.rows(x) * self._order[1]
-
-    def rows_derivative(self, x: Array) -> Array:
-        """Derivative of ``rows`` along the free directions of x, (..., K, P, C)."""
-        along = np.swapaxes(self.family.tangent(x), -1, -2)[..., None, :, :]
-        return np.asarray(along @ (self.family.rows_derivative(x) * self._order[1]))
+    def lifted(self, zeta: Array) -> Array:
+        """The C entries (..., C) of zeta (..., 25), or of the inverse pose's, that the family reads."""
+        index, sign = self._order
+        return np.asarray(zeta[..., index] * sign)
 
     def measure(self, x: Array, zeta: Array) -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on lifted poses zeta (T, 25)."""

@@ -61,6 +61,12 @@ class Family(Protocol):
     def normalise(self, x: Array) -> Array:
         """x with its unit vectors and feet of lines restored."""
 
+    def starts(self, moments: Array) -> Array:
+        """Where to start a search, (B, N, S): relaxed solutions from moments (B, C, C)."""
+
+    def complete(self, x: Array, moments: Array) -> Array:
+        """x (..., S) with its coordinates solved for linearly, its directions given, from moments."""
+
     def measure(self, x: Array, frames: "Frames") -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on T poses."""
 
@@ -88,7 +94,7 @@ def sphere_tangent(n: Array) -> Array:
 
 
 def line_tangent(d: Array, q: Array) -> Array:
-    """Free directions (..., 6, 4) of a line (d, q) with its foot q normal to d: as d turns, the foot moves on."""
+    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays normal to d as d turns."""
     across = sphere_tangent(d)
     out = np.zeros((*d.shape[:-1], 6, 4))
     out[..., :3, :2] = across
@@ -112,6 +118,40 @@ def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Arr
         p = directions.shape[-1]
         out[..., rows, column : column + p] = directions
         column += p
+    return out
+
+
+def linear_least_squares(design: Array, target: Array, moments: Array, ridge: Array) -> Array:
+    """Minimise ``(target + z @ design) M (...)^T + ridge . z^2`` over z (..., Z).
+
+    ``design`` (..., Z, C) and ``target`` (..., C) are coefficients on the lift, ``moments`` (..., C, C);
+    ``ridge`` (Z,) is relative to the mean square of the lifted poses.
+    """
+    dm = design @ moments
+    normal = dm @ np.swapaxes(design, -1, -2)
+    weight = np.trace(moments, axis1=-2, axis2=-1)[..., None]
+    normal = normal + np.apply_along_axis(np.diag, -1, ridge * weight)
+    right = np.einsum("...zc,...c->...z", dm, target)
+    return np.asarray(-np.linalg.solve(normal, right[..., None])[..., 0])
+
+
+def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
+    """Eigenvectors (..., C, k) of a relaxed problem, in order of their minima.
+
+    Minimises ``c M c`` over coefficients c (..., C) with unit length in the k entries ``keep``: the others
+    are eliminated (Schur complement, held by a ridge).
+    """
+    c = moments.shape[-1]
+    kept = np.arange(c)[keep]
+    rest = np.setdiff1d(np.arange(c), kept)
+    scale = ridge * np.trace(moments, axis1=-2, axis2=-1)[..., None, None]
+    inner = moments[..., rest[:, None], rest] + scale * np.eye(len(rest))
+    coupling = -np.linalg.solve(inner, moments[..., rest[:, None], kept])
+    schur = moments[..., kept[:, None], kept] + moments[..., kept[:, None], rest] @ coupling
+    vectors = np.linalg.eigh(0.5 * (schur + np.swapaxes(schur, -1, -2)))[1]
+    out = np.empty((*moments.shape[:-1], len(kept)))
+    out[..., kept, :] = vectors
+    out[..., rest, :] = coupling @ vectors
     return out
 
 

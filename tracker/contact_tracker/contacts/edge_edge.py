@@ -18,10 +18,12 @@ from contact_tracker.contacts.base import (
     block_tangent,
     dot,
     line_tangent,
+    linear_least_squares,
     normalise_line,
     outer,
     outer_derivative_first,
     outer_derivative_second,
+    smallest_directions,
 )
 from contact_tracker.geometry import Element, Line
 
@@ -37,6 +39,8 @@ ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.TXR])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
 SINE_SQ_FLOOR: Final = 1e-4
+RIDGE: Final = 1e-6
+STARTS: Final = 6
 
 
 def rows(x: Array) -> Array:
@@ -67,6 +71,25 @@ def tangent(x: Array) -> Array:
 
 def normalise(x: Array) -> Array:
     return np.concatenate([normalise_line(x[..., LINE1]), normalise_line(x[..., LINE2])], axis=-1)
+
+
+def starts(moments: Array) -> Array:
+    """The relaxed problem's smallest directions, each brought to the nearest pair of lines."""
+    c = np.swapaxes(smallest_directions(moments, slice(9, 18), RIDGE), -1, -2)[..., :STARTS, 9:]
+    left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
+    zero = np.zeros((*c.shape[:-1], 3))
+    x = np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)
+    return complete(x, moments[..., None, :, :])
+
+
+def complete(x: Array, moments: Array) -> Array:
+    d1, d2 = x[..., D1], x[..., D2]
+    design = np.zeros((*x.shape[:-1], 6, len(COLUMNS)))
+    design[..., :3, :9] = outer_derivative_second(d2)
+    design[..., 3:, :9] = outer_derivative_first(d1)
+    target = np.concatenate([np.zeros((*x.shape[:-1], 9)), outer(d2, d1)], axis=-1)
+    m = linear_least_squares(design, target, moments, RIDGE * np.ones(6))
+    return normalise(np.concatenate([d1, np.cross(d1, m[..., :3]), d2, np.cross(d2, m[..., 3:])], axis=-1))
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

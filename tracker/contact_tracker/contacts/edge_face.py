@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker import lift
+from contact_tracker.contacts import face_face, vertex_face
 from contact_tracker.contacts.base import (
     Array,
     Frames,
@@ -65,6 +66,28 @@ def tangent(x: Array) -> Array:
 
 def normalise(x: Array) -> Array:
     return np.concatenate([normalise_line(x[..., LINE]), unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def starts(moments: Array) -> Array:
+    """Faces of the relaxed v-f problem and of the mean rotation, each with the edge most nearly in it."""
+    n = np.concatenate(
+        [vertex_face.starts(moments)[..., vertex_face.N], face_face.starts(moments)[..., face_face.N]],
+        axis=-2,
+    )
+    spread = np.einsum(
+        "...i,...ijkl,...k->...jl",
+        n,
+        moments[..., None, :9, :9].reshape(*moments.shape[:-2], 1, 3, 3, 3, 3),
+        n,
+    )
+    d = np.linalg.eigh(spread)[1][..., 0]
+    x = np.concatenate([d, np.zeros_like(d), n, np.zeros_like(n[..., :1])], axis=-1)
+    return complete(x, moments[..., None, :, :])
+
+
+def complete(x: Array, moments: Array) -> Array:
+    vertex = vertex_face.complete(x[..., Q.start :], moments)
+    return normalise(np.concatenate([x[..., D], vertex], axis=-1))
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

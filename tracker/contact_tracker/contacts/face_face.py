@@ -15,6 +15,7 @@ from contact_tracker.contacts.base import (
     Frames,
     Measurement,
     block_tangent,
+    dot,
     outer,
     outer_derivative_first,
     sphere_tangent,
@@ -67,6 +68,20 @@ def tangent(x: Array) -> Array:
 
 def normalise(x: Array) -> Array:
     return np.concatenate([unit(x[..., M]), unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def starts(moments: Array) -> Array:
+    """Singular pairs of the mean rotation: where a face keeps its normal, R m = n at all times."""
+    mean = moments[..., :9, 12].reshape(*moments.shape[:-2], 3, 3)
+    left, _, right = np.linalg.svd(mean)
+    n = np.swapaxes(left, -1, -2)
+    x = np.concatenate([right, n, np.zeros_like(n[..., :1])], axis=-1)
+    return complete(x, moments[..., None, :, :])
+
+
+def complete(x: Array, moments: Array) -> Array:
+    height = dot(x[..., N], moments[..., 9:12, 12] / moments[..., 12:, 12])
+    return np.concatenate([x[..., :6], height[..., None]], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

@@ -14,9 +14,11 @@ from contact_tracker.contacts.base import (
     Measurement,
     block_tangent,
     dot,
+    linear_least_squares,
     outer,
     outer_derivative_first,
     outer_derivative_second,
+    smallest_directions,
     sphere_tangent,
     unit,
 )
@@ -30,6 +32,8 @@ PARAMETERS: Final = 6
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 1])
+RIDGE: Final = 1e-7
+"""Of the relaxed problems only: keeps what the motion does not show near the origin."""
 
 
 def rows(x: Array) -> Array:
@@ -55,6 +59,24 @@ def tangent(x: Array) -> Array:
 
 def normalise(x: Array) -> Array:
     return np.concatenate([x[..., Q], unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def starts(moments: Array) -> Array:
+    c = np.swapaxes(smallest_directions(moments, slice(9, 12), RIDGE), -1, -2)
+    n = unit(c[..., 9:12])
+    x = np.concatenate([np.zeros_like(n), n, np.zeros_like(n[..., :1])], axis=-1)
+    return complete(x, moments[..., None, :, :])
+
+
+def complete(x: Array, moments: Array) -> Array:
+    n = x[..., N]
+    design = np.zeros((*x.shape[:-1], 4, len(COLUMNS)))
+    design[..., :3, :9] = outer_derivative_second(n)
+    design[..., 3, 12] = -1.0
+    target = np.zeros((*x.shape[:-1], len(COLUMNS)))
+    target[..., 9:12] = n
+    z = linear_least_squares(design, target, moments, RIDGE * np.array([1.0, 1, 1, 0]))
+    return np.concatenate([z[..., :3], n, z[..., 3:]], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

@@ -1,0 +1,111 @@
+"""Minimise the objective of one contact over many windows at once, from their moments alone.
+
+Levenberg-Marquardt in the free directions of x: with residuals ``c(x) . zeta`` the cost of a window is
+``1/2 sum_k w_k c_k M c_k^T``, its gradient and its Gauss-Newton Hessian come from the same moments M
+(docs/theory.md), so a step costs the same however long the window is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts.base import Family
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of x before the window: Gaussian around ``mean``, plus a width for free directions.
+
+    ``mean`` (B, S); ``precision`` (B, S, S) pulls towards it; ``flat`` (S,) is the precision that an
+    otherwise unknown direction has by living on a sphere: it counts in volumes but pulls nowhere.
+    """
+
+    mean: Array
+    precision: Array
+    flat: Array
+
+    def pick(self, rows: NDArray[np.generic]) -> "Prior":
+        return Prior(self.mean[rows], self.precision[rows], self.flat)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Minima of B windows. ``converged`` is a status: where it is False, x is the best point met so far."""
+
+    x: Array
+    cost: Array
+    hessian: Array
+    converged: NDArray[np.bool_]
+
+
+def minimise(
+    family: Family,
+    moments: Array,
+    row_weight: Array,
+    prior: Prior,
+    x: Array,
+    iterations: int,
+    tolerance: float = 1e-3,
+) -> Fit:
+    """Fit one family to B windows, each from its own start.
+
+    Parameters
+    ----------
+    moments : (B, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
+    row_weight : (B, K) precision of each residual, 1/rad^2 or 1/m^2.
+    prior : weak knowledge that keeps unobservable directions finite.
+    x : (B, S) starts.
+    iterations : steps at most.
+    tolerance : a window has converged when a step would lower its cost by less than this (nats).
+
+    Returns
+    -------
+    Fit with x (B, S), cost (B,) in nats, hessian (B, P, P) of the data alone, converged (B,).
+    """
+    damping = np.full(len(x), 1e-3)
+    converged = np.zeros(len(x), bool)
+    cost = _cost(family, moments, row_weight, prior, x)
+    for _ in range(iterations):
+        tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, x)
+        curvature = hessian + held
+        diagonal = np.einsum("bii->bi", curvature)
+        damped = curvature + np.eye(curvature.shape[-1]) * (damping[:, None] * diagonal)[:, None, :]
+        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        proposal = family.normalise(x + np.einsum("bsp,bp->bs", tangent, step))
+        proposed_cost = _cost(family, moments, row_weight, prior, proposal)
+        better = proposed_cost < cost
+        converged = np.abs(np.einsum("bp,bp->b", gradient, step)) < tolerance
+        x = np.where(better[:, None], proposal, x)
+        cost = np.where(better, proposed_cost, cost)
+        damping = np.clip(np.where(better, damping * 0.2, damping * 8.0), 1e-9, 1e6)
+        if converged.all():
+            break
+    hessian = _normal_equations(family, moments, row_weight, prior, x)[2]
+    return Fit(x, cost, hessian, converged)
+
+
+def _cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
+    c = family.rows(x)
+    squares = np.einsum("bkc,bkc->bk", c @ moments, c)
+    off = x - prior.mean
+    pull = np.einsum("bs,bst,bt->b", off, prior.precision, off)
+    return np.asarray(0.5 * (np.einsum("bk,bk->b", squares, row_weight) + pull))
+
+
+def _normal_equations(
+    family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array
+) -> tuple[Array, Array, Array, Array]:
+    tangent = family.tangent(x)
+    along = np.swapaxes(tangent, -1, -2)
+    c = family.rows(x)
+    jacobian = along[:, None] @ family.rows_derivative(x)
+    weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
+    gradient = np.einsum("bkpc,bkc->bp", weighted, c)
+    hessian = (weighted @ np.swapaxes(jacobian, -1, -2)).sum(axis=1)
+    pull = np.einsum("bst,bt->bs", prior.precision, x - prior.mean)
+    gradient = gradient + np.einsum("bps,bs->bp", along, pull)
+    held = along @ prior.precision @ tangent
+    return tangent, gradient, hessian, held
