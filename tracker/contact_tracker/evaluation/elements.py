@@ -1,0 +1,113 @@
+"""How far a found plane, line or point is from the true one, sign-free, at the place that matters.
+
+Far from the contact a tiny angle is a large distance, so distances are taken, and covariances expressed,
+at a place given by the caller. ``(n, h)`` and ``(-n, -h)`` are one plane, ``d`` and ``-d`` one direction.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfcinv, gammaincc
+
+from contact_tracker.geometry import Element, Line, Plane, Point
+
+Array = NDArray[np.float64]
+
+NEGLIGIBLE: Final = 1e-13
+"""Variance below this share of the largest is a direction in which the element cannot move."""
+
+
+def nearest(element: Element, place: Array) -> Array:
+    """The point (3,) of ``element`` nearest to ``place`` (3,)."""
+    match element:
+        case Plane(normal, offset_m):
+            return place - (normal @ place - offset_m) * normal
+        case Line(direction, point_m):
+            return point_m + direction * (direction @ (place - point_m))
+        case Point(point_m):
+            return point_m
+
+
+def distance_m(element: Element, place: Array) -> float:
+    """Distance of ``place`` (3,) from ``element``."""
+    return float(np.linalg.norm(nearest(element, place) - place))
+
+
+def angle_rad(found: Element, true: Element) -> float:
+    """Angle of normals or directions, 0 to pi/2; nan for points, which have none."""
+    match found, true:
+        case (Plane(normal=a), Plane(normal=b)) | (Line(direction=a), Line(direction=b)):
+            return float(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b)))
+    return float("nan")
+
+
+def deviation_sd(found: Element, true: Element, place: Array) -> float:
+    """Error of ``found`` in standard deviations of its covariance; nan where that is unknown.
+
+    The Mahalanobis distance on the element's tangent space (3 dimensions for planes and points, 4 for
+    lines; fewer where the covariance is singular), as the number of standard deviations at which a
+    one-dimensional error would be as improbable: 3 has the same meaning whatever the dimension.
+    """
+    match found, true:
+        case Plane(), Plane():
+            error, basis = _plane_error(found, true, place)
+            shift = np.eye(4)  # offset at `place`: h - n . place
+            shift[3, :3] = -place
+            return _equivalent_sd(found.covariance, basis.T @ shift, error)
+        case Line(), Line():
+            error, basis = _line_error(found, true)
+            return _equivalent_sd(found.covariance, basis.T, error)
+        case Point(), Point():
+            return _equivalent_sd(found.covariance, np.eye(3), true.point_m - found.point_m)
+    raise TypeError(f"{type(found).__name__} against {type(true).__name__}")
+
+
+def normal_deviation_sd(found: Plane, true: Plane) -> float:
+    """As ``deviation_sd``, of the normal alone: where the offset cannot be determined (f-f)."""
+    tangent = _tangent(found.normal)
+    covariance = None if found.covariance is None else found.covariance[:3, :3]
+    return _equivalent_sd(covariance, tangent.T, tangent.T @ _turn(found.normal, true.normal))
+
+
+def _plane_error(found: Plane, true: Plane, place: Array) -> tuple[Array, Array]:
+    sign = np.sign(found.normal @ true.normal) or 1.0
+    offset = sign * (true.offset_m - true.normal @ place) - (found.offset_m - found.normal @ place)
+    tangent = _tangent(found.normal)
+    basis = np.zeros((4, 3))
+    basis[:3, :2], basis[3, 2] = tangent, 1.0
+    return np.append(tangent.T @ _turn(found.normal, true.normal), offset), basis
+
+
+def _line_error(found: Line, true: Line) -> tuple[Array, Array]:
+    tangent = _tangent(found.direction)
+    basis = np.zeros((6, 4))
+    basis[:3, :2], basis[3:, 2:] = tangent, tangent
+    moved = nearest(true, found.point_m) - found.point_m
+    return np.concatenate([tangent.T @ _turn(found.direction, true.direction), tangent.T @ moved]), basis
+
+
+def _turn(found: Array, true: Array) -> Array:
+    """The tangent vector at ``found`` that leads to the nearer of +-``true``; its length is the angle."""
+    true = true * (np.sign(found @ true) or 1.0)
+    across = true - (found @ true) * found
+    sine = np.linalg.norm(across)
+    return across * (np.arctan2(sine, found @ true) / sine) if sine > 0 else across
+
+
+def _tangent(direction: Array) -> Array:
+    """Two orthonormal columns (3, 2) perpendicular to ``direction``."""
+    return np.linalg.svd(direction[None])[2][1:].T
+
+
+def _equivalent_sd(covariance: Array | None, to_tangent: Array, error: Array) -> float:
+    if covariance is None or not np.isfinite(covariance).all():
+        return float("nan")
+    variance, axes = np.linalg.eigh(to_tangent @ covariance @ to_tangent.T)
+    free = variance > NEGLIGIBLE * variance[-1]
+    if not free.any() or variance[-1] <= 0:
+        return float("nan")
+    squared = float(np.sum((axes[:, free].T @ error) ** 2 / variance[free]))
+    tail = float(gammaincc(free.sum() / 2, squared / 2))
+    # Where the tail underflows, 37 deviations away, the plain distance serves.
+    return float(np.sqrt(2) * erfcinv(tail)) if tail > 0 else float(np.sqrt(squared))

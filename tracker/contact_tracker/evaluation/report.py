@@ -1,0 +1,186 @@
+"""The report of ``evaluate``: text tables within 100 columns, or JSON."""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any, Final
+
+from contact_tracker.evaluation.evaluate import Evaluation
+from contact_tracker.evaluation.geometry_errors import GeometryErrors
+from contact_tracker.evaluation.metrics import Array, Tally, quantile
+from contact_tracker.evaluation.scoring import Subset
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.labels import STATES
+
+TOTAL: Final = "total"
+WIDEST_NAME: Final = 24
+
+ACCURACY_NOTE: Final = """\
+Share of the time in which the label was right: over all scored frames; over those more than 0.25 s from
+a true change (clear); over those whose motion can tell the contact (identifiable) and over singular or
+resting ones (ambiguous); without the rest at the start (moved). Online: what had been reported by then."""
+BELIEF_NOTE: Final = """\
+F1: mean over the true states. Log-loss in nats; Brier 0 to 2; ECE: expected calibration error in 15 bins;
+sure&wrong: share of time with p > 0.9 on a wrong state. Boundary: distance of found from true changes;
+delay: from the true onset until the label stays right for 0.3 s; of those found, missed ones as a share."""
+GEOMETRY_NOTE: Final = """\
+Found: true segments found with geometry. Angle of normals and directions, distance of the true element
+from the found one where they touched; within 3 standard deviations of the found covariance (sd)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Evaluations by the name of their recording, in the order in which they are shown; at least one."""
+
+    recordings: Mapping[str, Evaluation]
+
+    @property
+    def total(self) -> Evaluation:
+        return reduce(add, self.recordings.values())
+
+    def to_text(self) -> str:
+        """Tables per recording and total, no trailing newline."""
+        total = self.total
+        shown = [(_short(name), value) for name, value in self.recordings.items()]
+        shown += [(TOTAL, total)] if len(shown) > 1 else []
+        blocks = [
+            table(_ACCURACY, _mode_rows(shown, _accuracy_cells), left=2),
+            ACCURACY_NOTE,
+            table(_BELIEF, _mode_rows(shown, _belief_cells), left=2),
+            BELIEF_NOTE,
+            _confusion_text("offline", total.offline),
+            _confusion_text("online", total.online),
+        ]
+        if total.geometry.true_segments:
+            rows = [[name, *_geometry_cells(value.geometry)] for name, value in shown]
+            kinds = ("plane", "line", "point")
+            rows += [[f"  {kind}s", *_geometry_cells(total.geometry.of_kind(kind), False)] for kind in kinds]
+            blocks += [table(_GEOMETRY, rows), GEOMETRY_NOTE]
+        return "\n\n".join(blocks)
+
+    def to_json(self) -> str:
+        """One object with ``recordings`` by name, ``total`` and ``states``; null where there is no value."""
+        return json.dumps(
+            {
+                "states": [s.value for s in STATES],
+                "recordings": {name: _evaluation_json(value) for name, value in self.recordings.items()},
+                "total": _evaluation_json(self.total),
+            },
+            indent=1,
+            allow_nan=False,
+        )
+
+
+_ACCURACY: Final = ("recording", "", "scored s", *(s.name.lower() for s in Subset))
+_BELIEF: Final = (
+    "recording", "", "F1", "log-loss", "Brier", "ECE", "sure&wrong",
+    "boundary s", "p90", "missed", "delay s", "p90", "never",
+)  # fmt: skip
+_GEOMETRY: Final = ("recording", "found", "angle deg", "p90", "distance mm", "p90", "within 3 sd")
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= WIDEST_NAME else "…" + name[1 - WIDEST_NAME :]
+
+
+def _mode_rows(shown: list[tuple[str, Evaluation]], cells: Callable[[Tally], list[str]]) -> list[list[str]]:
+    return [
+        [name if mode == "offline" else "", mode, *cells(getattr(value, mode))]
+        for name, value in shown
+        for mode in ("offline", "online")
+    ]
+
+
+def _accuracy_cells(tally: Tally) -> list[str]:
+    return [number(tally.seconds(), 1), *(number(tally.accuracy(subset)) for subset in Subset)]
+
+
+def _belief_cells(tally: Tally) -> list[str]:
+    return [
+        number(tally.macro_f1),
+        number(tally.log_loss),
+        number(tally.brier),
+        number(tally.calibration_error),
+        number(tally.sure_wrong),
+        number(quantile(tally.boundary_s, 0.5), 2),
+        number(quantile(tally.boundary_s, 0.9), 2),
+        number(tally.missed_share, 2),
+        number(quantile(tally.delay_s, 0.5), 2),
+        number(quantile(tally.delay_s, 0.9), 2),
+        number(tally.never_share, 2),
+    ]
+
+
+def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str]:
+    return [
+        f"{errors.found_segments}/{errors.true_segments}" if with_found else "",
+        number(quantile(errors.angle_deg, 0.5), 2),
+        number(quantile(errors.angle_deg, 0.9), 2),
+        number(quantile(errors.distance_mm, 0.5), 2),
+        number(quantile(errors.distance_mm, 0.9), 2),
+        number(errors.within_3_sd, 2),
+    ]
+
+
+def _confusion_text(mode: str, tally: Tally) -> str:
+    names = [s.value for s in STATES]
+    rows = zip(names, tally.confusion_s[Subset.ALL], strict=True)
+    cells = [[name, *(number(s, 1) if s > 0 else "." for s in row)] for name, row in rows]
+    return f"Confusion {mode}, seconds: true state by row, label by column\n" + table(
+        ["", *names, "none"], cells
+    )
+
+
+def _evaluation_json(value: Evaluation) -> dict[str, Any]:
+    kinds = {kind: _geometry_json(value.geometry.of_kind(kind)) for kind in ("plane", "line", "point")}
+    return {
+        "offline": _tally_json(value.offline),
+        "online": _tally_json(value.online),
+        "geometry": {
+            "true_segments": value.geometry.true_segments,
+            "found_segments": value.geometry.found_segments,
+            **_geometry_json(value.geometry),
+            **kinds,
+        },
+    }
+
+
+def _tally_json(tally: Tally) -> dict[str, Any]:
+    confusion = tally.confusion_s[Subset.ALL]
+    return {
+        "scored_s": tally.seconds(),
+        "accuracy": {s.name.lower(): _finite(tally.accuracy(s)) for s in Subset},
+        "subset_s": {s.name.lower(): tally.seconds(s) for s in Subset},
+        "macro_f1": _finite(tally.macro_f1),
+        "log_loss": _finite(tally.log_loss),
+        "brier": _finite(tally.brier),
+        "calibration_error": _finite(tally.calibration_error),
+        "sure_wrong": _finite(tally.sure_wrong),
+        "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": _finite(tally.missed_share)},
+        "delay_s": {**_quantiles(tally.delay_s), "never_share": _finite(tally.never_share)},
+        "confusion_s": confusion[:, : len(STATES)].tolist(),
+        "unanswered_s": confusion[:, len(STATES)].tolist(),
+    }
+
+
+def _geometry_json(errors: GeometryErrors) -> dict[str, Any]:
+    return {
+        "angle_deg": _quantiles(errors.angle_deg),
+        "distance_mm": _quantiles(errors.distance_mm),
+        "within_3_sd": _finite(errors.within_3_sd),
+    }
+
+
+def _quantiles(values: Array) -> dict[str, float | int | None]:
+    return {
+        "count": len(values),
+        "median": _finite(quantile(values, 0.5)),
+        "p90": _finite(quantile(values, 0.9)),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
