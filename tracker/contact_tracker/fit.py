@@ -46,6 +46,7 @@ def minimise(
     moments: Array,
     row_weight: Array,
     prior: Prior,
+    anchors: Array,
     x: Array,
     iterations: int,
     tolerance: float = 1e-3,
@@ -57,6 +58,7 @@ def minimise(
     moments : (B, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
     row_weight : (B, K) precision of each residual, 1/rad^2 or 1/m^2.
     prior : weak knowledge that keeps unobservable directions finite.
+    anchors : (B, 6) where the body is in frames 1 and 2 (see ``contacts.base``).
     x : (B, S) starts.
     iterations : steps at most.
     tolerance : a window has converged when a step would lower its cost by less than this (nats).
@@ -69,12 +71,12 @@ def minimise(
     converged = np.zeros(len(x), bool)
     cost = _cost(family, moments, row_weight, prior, x)
     for _ in range(iterations):
-        tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, x)
+        tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
         curvature = hessian + held
         diagonal = np.einsum("bii->bi", curvature)
         damped = curvature + np.eye(curvature.shape[-1]) * (damping[:, None] * diagonal)[:, None, :]
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
-        proposal = family.normalise(x + np.einsum("bsp,bp->bs", tangent, step))
+        proposal = family.normalise(x + np.einsum("bsp,bp->bs", tangent, step), anchors)
         proposed_cost = _cost(family, moments, row_weight, prior, proposal)
         better = proposed_cost < cost
         converged = np.abs(np.einsum("bp,bp->b", gradient, step)) < tolerance
@@ -83,7 +85,7 @@ def minimise(
         damping = np.clip(np.where(better, damping * 0.2, damping * 8.0), 1e-9, 1e6)
         if converged.all():
             break
-    hessian = _normal_equations(family, moments, row_weight, prior, x)[2]
+    hessian = _normal_equations(family, moments, row_weight, prior, anchors, x)[2]
     return Fit(x, cost, hessian, converged)
 
 
@@ -96,9 +98,9 @@ def _cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Ar
 
 
 def _normal_equations(
-    family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array
+    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
 ) -> tuple[Array, Array, Array, Array]:
-    tangent = family.tangent(x)
+    tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     c = family.rows(x)
     jacobian = along[:, None] @ family.rows_derivative(x)

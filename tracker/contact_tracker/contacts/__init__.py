@@ -37,6 +37,11 @@ class ContactModel:
         index, sign = self._order
         return np.asarray(zeta[..., index] * sign)
 
+    def anchors(self, position_m: Array) -> Array:
+        """Where the body is in frames 1 and 2, (..., 6): its origin, and ``position_m`` (..., 3) in the world."""
+        pair = [np.zeros_like(position_m), position_m]
+        return np.concatenate(pair if self.body_in_1 else pair[::-1], axis=-1)
+
     def measure(self, x: Array, zeta: Array) -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on lifted poses zeta (T, 25)."""
         of_1_in_2 = zeta if self.body_in_1 else lift_of_inverse(zeta)

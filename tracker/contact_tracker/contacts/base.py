@@ -6,7 +6,8 @@ maps frame 1 to frame 2. For f-f, e-f, v-f and e-e frame 1 is the body and frame
 there is one file per family and ``Mirrored`` makes the other one.
 
 Elements are stacked in one parameter vector x (..., S); unit vectors stay on the sphere, so that only P <= S
-directions are free (``tangent``).
+directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, in frame 1 and in frame 2: lines are
+given by their points nearest to it and a prior keeps touching points within the body's reach.
 """
 
 from typing import Final, NamedTuple, Protocol
@@ -47,7 +48,7 @@ class Family(Protocol):
     COLUMNS: NDArray[np.int64]
     """The C entries of zeta on which the residuals depend."""
     SPREAD: Array
-    """(S,) 1 where x is a coordinate in metres, which a prior keeps near the body, 0 where a direction."""
+    """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
 
     def rows(self, x: Array) -> Array:
         """Coefficients c (..., K, C) with ``residual = c @ zeta[COLUMNS]``."""
@@ -55,11 +56,14 @@ class Family(Protocol):
     def rows_derivative(self, x: Array) -> Array:
         """Derivative of ``rows`` by x, (..., K, S, C)."""
 
-    def tangent(self, x: Array) -> Array:
+    def tangent(self, x: Array, anchors: Array) -> Array:
         """Free directions of x, (..., S, P)."""
 
-    def normalise(self, x: Array) -> Array:
-        """x with its unit vectors and feet of lines restored."""
+    def normalise(self, x: Array, anchors: Array) -> Array:
+        """x with its unit vectors restored and lines given by their feet, nearest to ``anchors`` (..., 6)."""
+
+    def place(self, anchors: Array) -> Array:
+        """x (..., S) with its points and lines at ``anchors`` (..., 6) and all else zero: a prior's mean."""
 
     def starts(self, moments: Array) -> Array:
         """Where to start a search, (B, N, S): relaxed solutions from moments (B, C, C)."""
@@ -93,20 +97,21 @@ def sphere_tangent(n: Array) -> Array:
     return np.stack([first, second], axis=-1)
 
 
-def line_tangent(d: Array, q: Array) -> Array:
-    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays normal to d as d turns."""
+def line_tangent(line: Array, anchor: Array) -> Array:
+    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` as d turns."""
+    d, arm = line[..., :3], line[..., 3:] - anchor
     across = sphere_tangent(d)
     out = np.zeros((*d.shape[:-1], 6, 4))
     out[..., :3, :2] = across
-    out[..., 3:, :2] = -d[..., :, None] * (q[..., None, :] @ across)
+    out[..., 3:, :2] = -d[..., :, None] * (arm[..., None, :] @ across)
     out[..., 3:, 2:] = across
     return out
 
 
-def normalise_line(line: Array) -> Array:
-    """A line (..., 6) with unit direction and its foot (the point nearest to the origin)."""
+def normalise_line(line: Array, anchor: Array) -> Array:
+    """A line (..., 6) with unit direction and its foot, the point nearest to ``anchor``."""
     d, q = unit(line[..., :3]), line[..., 3:]
-    return np.concatenate([d, q - d * dot(d, q)[..., None]], axis=-1)
+    return np.concatenate([d, q - d * dot(d, q - anchor)[..., None]], axis=-1)
 
 
 def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Array:

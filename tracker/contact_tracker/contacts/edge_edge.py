@@ -64,13 +64,21 @@ def rows_derivative(x: Array) -> Array:
     return out
 
 
-def tangent(x: Array) -> Array:
-    first, second = line_tangent(x[..., D1], x[..., Q1]), line_tangent(x[..., D2], x[..., Q2])
+def tangent(x: Array, anchors: Array) -> Array:
+    first = line_tangent(x[..., LINE1], anchors[..., :3])
+    second = line_tangent(x[..., LINE2], anchors[..., 3:])
     return block_tangent(x, SIZE, [(LINE1, first), (LINE2, second)])
 
 
-def normalise(x: Array) -> Array:
-    return np.concatenate([normalise_line(x[..., LINE1]), normalise_line(x[..., LINE2])], axis=-1)
+def normalise(x: Array, anchors: Array) -> Array:
+    first = normalise_line(x[..., LINE1], anchors[..., :3])
+    second = normalise_line(x[..., LINE2], anchors[..., 3:])
+    return np.concatenate([first, second], axis=-1)
+
+
+def place(anchors: Array) -> Array:
+    zero = np.zeros_like(anchors[..., :3])
+    return np.concatenate([zero, anchors[..., :3], zero, anchors[..., 3:]], axis=-1)
 
 
 def starts(moments: Array) -> Array:
@@ -89,7 +97,7 @@ def complete(x: Array, moments: Array) -> Array:
     design[..., 3:, :9] = outer_derivative_first(d1)
     target = np.concatenate([np.zeros((*x.shape[:-1], 9)), outer(d2, d1)], axis=-1)
     m = linear_least_squares(design, target, moments, RIDGE * np.ones(6))
-    return normalise(np.concatenate([d1, np.cross(d1, m[..., :3]), d2, np.cross(d2, m[..., 3:])], axis=-1))
+    return np.concatenate([d1, np.cross(d1, m[..., :3]), d2, np.cross(d2, m[..., 3:])], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

@@ -35,7 +35,7 @@ SIZE: Final = 10
 PARAMETERS: Final = 7
 ROWS: Final = 2
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
-SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1])
+SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 0])
 
 
 def rows(x: Array) -> Array:
@@ -58,14 +58,21 @@ def rows_derivative(x: Array) -> Array:
     return out
 
 
-def tangent(x: Array) -> Array:
+def tangent(x: Array, anchors: Array) -> Array:
     one = np.ones((*x.shape[:-1], 1, 1))
-    line = line_tangent(x[..., D], x[..., Q])
+    line = line_tangent(x[..., LINE], anchors[..., :3])
     return block_tangent(x, SIZE, [(LINE, line), (N, sphere_tangent(x[..., N])), (H, one)])
 
 
-def normalise(x: Array) -> Array:
-    return np.concatenate([normalise_line(x[..., LINE]), unit(x[..., N]), x[..., H]], axis=-1)
+def normalise(x: Array, anchors: Array) -> Array:
+    return np.concatenate(
+        [normalise_line(x[..., LINE], anchors[..., :3]), unit(x[..., N]), x[..., H]], axis=-1
+    )
+
+
+def place(anchors: Array) -> Array:
+    zero = np.zeros_like(anchors[..., :3])
+    return np.concatenate([zero, anchors[..., :3], zero, zero[..., :1]], axis=-1)
 
 
 def starts(moments: Array) -> Array:
@@ -87,7 +94,7 @@ def starts(moments: Array) -> Array:
 
 def complete(x: Array, moments: Array) -> Array:
     vertex = vertex_face.complete(x[..., Q.start :], moments)
-    return normalise(np.concatenate([x[..., D], vertex], axis=-1))
+    return np.concatenate([x[..., D], vertex], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

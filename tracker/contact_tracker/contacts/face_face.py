@@ -30,7 +30,7 @@ SIZE: Final = 7
 PARAMETERS: Final = 5
 ROWS: Final = 3
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
-SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 1])
+SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
 UNKNOWN_OFFSET_M: Final = 0.3
 """How far the faces may lie from the body's origin: motion cannot tell, so it is a standard deviation."""
 
@@ -60,14 +60,18 @@ def rows_derivative(x: Array) -> Array:
     return out
 
 
-def tangent(x: Array) -> Array:
+def tangent(x: Array, anchors: Array) -> Array:
     one = np.ones((*x.shape[:-1], 1, 1))
     blocks = [(M, sphere_tangent(x[..., M])), (N, sphere_tangent(x[..., N])), (H, one)]
     return block_tangent(x, SIZE, blocks)
 
 
-def normalise(x: Array) -> Array:
+def normalise(x: Array, anchors: Array) -> Array:
     return np.concatenate([unit(x[..., M]), unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def place(anchors: Array) -> Array:
+    return np.zeros((*anchors.shape[:-1], SIZE))
 
 
 def starts(moments: Array) -> Array:

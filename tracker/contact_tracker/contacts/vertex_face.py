@@ -31,7 +31,7 @@ SIZE: Final = 7
 PARAMETERS: Final = 6
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
-SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 1])
+SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
 RIDGE: Final = 1e-7
 """Of the relaxed problems only: keeps what the motion does not show near the origin."""
 
@@ -51,14 +51,18 @@ def rows_derivative(x: Array) -> Array:
     return out
 
 
-def tangent(x: Array) -> Array:
+def tangent(x: Array, anchors: Array) -> Array:
     eye = np.broadcast_to(np.eye(3), (*x.shape[:-1], 3, 3))
     one = np.ones((*x.shape[:-1], 1, 1))
     return block_tangent(x, SIZE, [(Q, eye), (N, sphere_tangent(x[..., N])), (H, one)])
 
 
-def normalise(x: Array) -> Array:
+def normalise(x: Array, anchors: Array) -> Array:
     return np.concatenate([x[..., Q], unit(x[..., N]), x[..., H]], axis=-1)
+
+
+def place(anchors: Array) -> Array:
+    return np.concatenate([anchors[..., :3], np.zeros((*anchors.shape[:-1], 4))], axis=-1)
 
 
 def starts(moments: Array) -> Array:
