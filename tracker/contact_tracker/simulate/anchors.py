@@ -1,0 +1,130 @@
+"""Poses at which one contact becomes another: they hold both, so nothing jumps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.labels import Contact
+from contact_tracker.simulate.chart import Chart, Rigid
+from contact_tracker.simulate.polyhedron import Feature, Polyhedron, unit
+
+Array = NDArray[np.float64]
+
+SETTLE_S = 0.15  # an anchor's rates last about as long
+_CROSSING = (np.radians(50.0), np.radians(130.0))  # edges cross well where contacts change
+_SPEED_M_S = 0.06
+_TURN_RAD_S = np.radians(20.0)
+_ROOM_M = 0.07  # to move in, from the touching point to the rim
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """A pose that the object passes through where one stretch of motion ends and the next begins.
+
+    ``touch_object`` (object frame) and ``touch_scene`` (scene frame) are the touching point on either
+    feature in m; the rates are their velocities in m/s and that of the spin in rad/s. The normals rest.
+    """
+
+    normal: Array
+    object_normal: Array
+    rotation: Array
+    touch_object: Array
+    touch_scene: Array
+    object_rate: Array
+    scene_rate: Array
+    spin_rate: float
+
+    @property
+    def pose(self) -> Rigid:
+        """From the object's frame to the scene's."""
+        return Rigid(self.rotation, self.touch_scene - self.rotation @ self.touch_object)
+
+    def far_from(self, other: "Anchor") -> tuple[float, float]:
+        """Distance (m) and angle (rad) to another anchor's pose."""
+        shift = self.pose.translation - other.pose.translation
+        turn = Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude()
+        return float(np.linalg.norm(shift)), float(turn)
+
+
+def choose_chart(
+    rng: np.random.Generator,
+    contact: Contact,
+    object: Polyhedron,
+    scene: Polyhedron,
+    related: Chart | None = None,
+) -> Chart:
+    """Features for ``contact``, contained in those of ``related`` or containing them."""
+    features = []
+    for kind, choice, given in (
+        (contact.value[0], object.features, related.object if related else None),
+        (contact.value[2], scene.top, related.environment if related else None),
+    ):
+        fitting = [f for f in choice if f.kind == kind and (given is None or _nested(f, given))]
+        features.append(fitting[rng.integers(len(fitting))])
+    return Chart.of(contact, *features)
+
+
+def _nested(a: Feature, b: Feature) -> bool:
+    return a.indices <= b.indices or b.indices <= a.indices
+
+
+def meet(rng: np.random.Generator, before: Anchor | None, leaving: Chart | None, arriving: Chart) -> Anchor:
+    """A pose that holds both contacts, not far from ``before``, with velocities that both allow.
+
+    ``leaving`` is None for an object that comes from free motion, or from nowhere. The touching point
+    lies on the features of the contact with fewer constraints, the normals in the cones of the other.
+    """
+    charts = (leaving or arriving, arriving)
+    lower = min(charts, key=lambda chart: chart.contact.codimension)
+    higher = max(charts, key=lambda chart: chart.contact.codimension)
+    normal = sample_normal(rng, higher.environment)
+    object_normal = sample_normal(rng, higher.object)
+    if before is None:
+        spin = rng.uniform(-np.pi, np.pi)
+    elif leaving is None:
+        spin = lower.spin(before.rotation, normal, object_normal)
+    else:
+        spin = lower.spin(before.rotation, before.normal, before.object_normal)
+    wanted = spin + rng.normal(0.0, np.radians(20.0))
+    if lower.contact is Contact.EE:
+        side = 1.0 if spin > 0.0 else -1.0
+        wanted = side * float(np.clip(side * wanted, *_CROSSING))
+    touch_object = sample_point(rng, lower.object, before.touch_object if before else None)
+    touch_scene = sample_point(rng, lower.environment, before.touch_scene if before else None)
+    return Anchor(
+        normal,
+        object_normal,
+        lower.rotation(normal, object_normal, np.array(wanted)),
+        touch_object,
+        touch_scene,
+        _rate(rng, lower.object, touch_object),
+        _rate(rng, lower.environment, touch_scene),
+        rng.normal(0.0, _TURN_RAD_S),
+    )
+
+
+def sample_normal(rng: np.random.Generator, feature: Feature) -> Array:
+    """A normal well within the feature's cone."""
+    weights = rng.dirichlet(np.full(len(feature.normals), 1.5), 6)
+    return max(unit(weights @ feature.normals), key=feature.normal_clearance)
+
+
+def sample_point(rng: np.random.Generator, feature: Feature, near: Array | None) -> Array:
+    """A point on the feature with room to move around it, rather ``near`` than far."""
+    points = rng.dirichlet(np.ones(len(feature.points)), 16) @ feature.points
+
+    def effort(point: Array) -> float:
+        distance = 0.0 if near is None else float(np.linalg.norm(point - near))
+        return distance + 4.0 * max(0.0, _ROOM_M - feature.point_clearance(point))
+
+    return min(points, key=effort)
+
+
+def _rate(rng: np.random.Generator, feature: Feature, point: Array) -> Array:
+    """A velocity within the feature that does not lead out of it."""
+    span = feature.span
+    limit = 0.5 * feature.point_clearance(point) / SETTLE_S
+    rate = rng.normal(0.0, _SPEED_M_S, len(span)) @ span
+    return np.asarray(rate * min(1.0, limit / max(float(np.linalg.norm(rate)), 1e-12)), float)

@@ -1,0 +1,125 @@
+"""The plan of a recording: which features touch when, and the anchors between."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.labels import Contact
+from contact_tracker.simulate.anchors import Anchor, choose_chart, meet
+from contact_tracker.simulate.chart import Chart
+from contact_tracker.simulate.polyhedron import Polyhedron
+from contact_tracker.simulate.scenarios import Phase
+
+Array = NDArray[np.float64]
+
+_LEAD_S = 0.8  # to reach, or to leave, a pose of rest or of singular motion
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One stretch of motion between two anchors; a free leg leaves ``chart`` and arrives at ``next_chart``.
+
+    ``lift_m`` is how high a free leg goes; ``wander`` the share of the usual random motion that it gets;
+    ``from_air`` and ``to_air`` say that it begins or ends up there, not in contact.
+    """
+
+    contact: Contact
+    motion: str
+    duration_s: float
+    start: Anchor
+    end: Anchor
+    chart: Chart
+    next_chart: Chart
+    lift_m: float = 0.0
+    wander: float = 1.0
+    from_air: bool = False
+    to_air: bool = False
+
+
+def plan(
+    rng: np.random.Generator, phases: Sequence[Phase], object: Polyhedron, scene: Polyhedron
+) -> list[Leg]:
+    """Legs that follow ``phases``: each begins at the anchor at which the one before it ended."""
+    stretches = _stretches(phases)
+    chart = choose_chart(rng, _touching(phases[0]), object, scene)
+    anchor = meet(rng, None, None, chart)
+    legs: list[Leg] = []
+    for index, phase in enumerate(stretches):
+        after = stretches[index + 1] if index + 1 < len(stretches) else None
+        following, end = _arrival(rng, phase, after, chart, anchor, object, scene)
+        if after and phase and after.contact is phase.contact:
+            end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
+        legs.append(_leg(phase, anchor, end, chart, following, object.radius))
+        chart, anchor = following, end
+    return [
+        replace(leg, from_air=index == 0, to_air=index == len(legs) - 1) for index, leg in enumerate(legs)
+    ]
+
+
+def _stretches(phases: Sequence[Phase]) -> list[Phase | None]:
+    """The phases with all that has to happen between them; None is a lift from one to the next."""
+    result: list[Phase | None] = []
+    for before, phase, after in zip((None, *phases), phases, (*phases[1:], None), strict=False):
+        lead = Phase(phase.contact, _LEAD_S)
+        if before and not _comparable(before.contact, phase.contact):
+            result.append(None)
+        if phase.motion in ("translation", "one-axis") and before and before.contact is not phase.contact:
+            result.append(lead)
+        result.append(phase)
+        if phase.motion != "normal" and after and after.contact is not phase.contact:
+            result.append(lead)
+    return result
+
+
+def _comparable(a: Contact, b: Contact) -> bool:
+    return a.contains(b) or b.contains(a)
+
+
+def _touching(phase: Phase | None) -> Contact:
+    """The contact that free motion comes from or goes to where there is no other: a vertex on the face."""
+    return phase.contact if phase and phase.contact is not Contact.FREE else Contact.VF
+
+
+def _arrival(
+    rng: np.random.Generator,
+    phase: Phase | None,
+    after: Phase | None,
+    chart: Chart,
+    anchor: Anchor,
+    object: Polyhedron,
+    scene: Polyhedron,
+) -> tuple[Chart, Anchor]:
+    """Where a stretch that begins at ``anchor`` ends, and in which chart the next one goes on."""
+
+    def option() -> tuple[Chart, Anchor]:
+        if phase is None or phase.contact is Contact.FREE:
+            arriving = choose_chart(rng, _touching(after), object, scene)
+            return arriving, meet(rng, anchor, None, arriving)
+        if after is None or after.contact in (Contact.FREE, phase.contact):
+            return chart, meet(rng, anchor, chart, chart)
+        arriving = choose_chart(rng, after.contact, object, scene, related=chart)
+        return arriving, meet(rng, anchor, chart, arriving)
+
+    if phase and phase.motion != "normal":
+        return chart, anchor
+    options = [option() for _ in range(60 if phase is None else 6)]
+    return min(options, key=lambda chosen: _effort(*anchor.far_from(chosen[1])))
+
+
+def _effort(distance_m: float, angle_rad: float) -> float:
+    return distance_m / 0.2 + angle_rad
+
+
+def _leg(
+    phase: Phase | None, start: Anchor, end: Anchor, chart: Chart, following: Chart, radius: float
+) -> Leg:
+    if phase and phase.contact is not Contact.FREE:
+        return Leg(phase.contact, phase.motion, phase.duration_s, start, end, chart, chart)
+    distance, angle = start.far_from(end)
+    lift = 0.03 + 0.4 * (distance + angle * radius)
+    if phase:
+        return Leg(Contact.FREE, phase.motion, phase.duration_s, start, end, chart, following, lift + 0.15)
+    seconds = max(0.6, 6.5 * lift, distance / 0.3, angle / 1.2)
+    return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift, wander=0.0)

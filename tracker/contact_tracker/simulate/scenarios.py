@@ -1,0 +1,174 @@
+"""Scenarios: what is to happen in a simulated recording, and the named ones."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.errors import UsageError
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
+
+MOTIONS: Final = ("normal", "rest", "translation", "one-axis")
+
+
+class Phase(NamedTuple):
+    """``contact`` for ``duration_s``; ``motion`` is normal, rest, translation or one-axis."""
+
+    contact: Contact
+    duration_s: float
+    motion: str = "normal"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What happens and how it is measured.
+
+    Parameters
+    ----------
+    phases : contacts in order. Between two that do not contain each other the object is lifted over.
+    rate_hz : poses per second.
+    sigma_position_m, sigma_rotation_rad : white noise per axis (rotation vector in the body frame).
+    outlier_probability : share of poses that are 1-6 cm and 4-25 deg off.
+    drop_probability : share of poses that are missing.
+    hold_probability : share of poses that repeat the one before them.
+    jitter_s : standard deviation of the stamps, at most a fifth of the period.
+    amplitude_m, amplitude_rad : root mean square of the motion in each free direction.
+    bandwidth_hz : range of the motion's bandwidth; each phase draws its own.
+    object, surroundings : names of shapes.
+    name : what the recording says of itself.
+    """
+
+    phases: tuple[Phase, ...]
+    rate_hz: float = 200.0
+    sigma_position_m: float = 0.0003
+    sigma_rotation_rad: float = float(np.radians(0.15))
+    outlier_probability: float = 0.0
+    drop_probability: float = 0.0
+    hold_probability: float = 0.0
+    jitter_s: float = 0.0
+    amplitude_m: float = 0.035
+    amplitude_rad: float = float(np.radians(10.0))
+    bandwidth_hz: tuple[float, float] = (0.5, 1.2)
+    object: str = "cube"
+    surroundings: str = "desk"
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        """Raises UsageError where the scenario cannot be played."""
+        _require(len(self.phases) > 0, "a scenario needs at least one phase")
+        _require(1.0 <= self.rate_hz <= 1e5, "rate_hz must be in 1..100000")
+        for key in ("sigma_position_m", "sigma_rotation_rad", "amplitude_m", "amplitude_rad"):
+            _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be in 0..1")
+        for key in ("outlier_probability", "drop_probability", "hold_probability"):
+            _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be at least 0 and less than 1")
+        _require(0.0 <= self.jitter_s <= 0.2 / self.rate_hz, "jitter_s must be in 0..0.2 / rate_hz")
+        low, high = self.bandwidth_hz
+        _require(0.0 < low <= high < self.rate_hz / 2, "bandwidth_hz must be a range below half the rate")
+        _require(self.object in OBJECTS, f"object must be one of {', '.join(OBJECTS)}")
+        _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {', '.join(SURROUNDINGS)}")
+        for before, phase in zip((None, *self.phases), self.phases, strict=False):
+            _check(phase, before)
+
+
+def _check(phase: Phase, before: Phase | None) -> None:
+    shortest = 0.5 if phase.motion in ("normal", "rest") else 2.5
+    _require(phase.motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}")
+    _require(
+        shortest <= phase.duration_s <= 86_400.0,
+        f"a phase of motion {phase.motion} must last {shortest} s to one day",
+    )
+    if phase.contact is Contact.FREE:
+        _require(phase.motion == "normal", "free motion can only be normal")
+        _require(before is None or before.contact is not Contact.FREE, "two free phases in a row are one")
+    if phase.motion == "rest":
+        came_to_rest = before is None or before.contact is phase.contact
+        _require(came_to_rest, "rest must come first or follow the same contact")
+
+
+def _require(holds: bool, message: str) -> None:
+    if not holds:
+        raise UsageError(f"scenario: {message}")
+
+
+def _paper_experiment(_: int) -> Scenario:
+    order = (Contact.FF, Contact.EF, Contact.VF, Contact.EE)
+    phases = (Phase(Contact.FF, 5.0, "rest"), *(Phase(contact, 10.0) for contact in order))
+    return Scenario(phases, name="paper_experiment")
+
+
+def _all_states(_: int) -> Scenario:
+    order = (Contact.FREE, Contact.VF, Contact.EF, Contact.FF, Contact.FE, Contact.FV, Contact.FE, Contact.EE)
+    phases = (*(Phase(contact, 5.5) for contact in order), Phase(Contact.FREE, 3.0))
+    return Scenario(phases, object="box", surroundings="block", name="all_states")
+
+
+def _robot_1khz(_: int) -> Scenario:
+    phases = (Phase(Contact.FF, 3.0), Phase(Contact.EF, 3.5), Phase(Contact.EE, 4.0))
+    return Scenario(
+        phases,
+        rate_hz=1000.0,
+        sigma_position_m=0.00005,
+        sigma_rotation_rad=float(np.radians(0.02)),
+        object="wedge",
+        surroundings="block",
+        name="robot_1khz",
+    )
+
+
+def _vision_30hz(_: int) -> Scenario:
+    order = (Contact.VF, Contact.EF, Contact.FREE, Contact.FV, Contact.FE, Contact.FF)
+    return Scenario(
+        tuple(Phase(contact, 8.0) for contact in order),
+        rate_hz=30.0,
+        sigma_position_m=0.0015,
+        sigma_rotation_rad=float(np.radians(0.7)),
+        outlier_probability=0.01,
+        drop_probability=0.05,
+        object="prism",
+        surroundings="ridge",
+        name="vision_30hz",
+    )
+
+
+def _random(seed: int) -> Scenario:
+    """A random walk: usually to a contact that contains the present one or is contained in it."""
+    rng = np.random.default_rng([seed, 1])
+    contact = STATES[rng.integers(7)]
+    phases = [Phase(contact, rng.uniform(3.0, 8.0))]
+    for _ in range(int(rng.integers(6, 10))):
+        if contact is not Contact.FREE and rng.random() < 0.15:
+            phases.append(Phase(contact, rng.uniform(1.0, 3.0), "rest"))
+        others = [s for s in STATES if s is not contact]
+        near = [s for s in others if s.contains(contact) or contact.contains(s)]
+        choice = near if rng.random() < 0.8 else others
+        contact = choice[rng.integers(len(choice))]
+        phases.append(Phase(contact, rng.uniform(3.0, 8.0)))
+    return Scenario(
+        tuple(phases),
+        sigma_position_m=rng.uniform(0.0002, 0.0005),
+        sigma_rotation_rad=float(np.radians(rng.uniform(0.1, 0.3))),
+        object=str(rng.choice(list(OBJECTS))),
+        surroundings=str(rng.choice(list(SURROUNDINGS))),
+        name="random",
+    )
+
+
+SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
+    {
+        "paper_experiment": _paper_experiment,
+        "all_states": _all_states,
+        "robot_1khz": _robot_1khz,
+        "vision_30hz": _vision_30hz,
+        "random": _random,
+    }
+)
+
+
+def named_scenario(name: str, seed: int) -> Scenario:
+    """The scenario ``name``; only ``random`` depends on ``seed``. Raises UsageError where unknown."""
+    if name not in SCENARIOS:
+        raise UsageError(f"unknown scenario {name!r}: choose from {', '.join(SCENARIOS)}")
+    return SCENARIOS[name](seed)

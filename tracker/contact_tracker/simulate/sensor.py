@@ -1,0 +1,48 @@
+"""How a sensor sees the motion: stamps, noise, outliers, dropouts and held poses."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.poses import Poses
+from contact_tracker.simulate.chart import Rigid
+from contact_tracker.simulate.polyhedron import unit
+from contact_tracker.simulate.scenarios import Scenario
+
+Array = NDArray[np.float64]
+
+START_NS = 1_700_000_000_000_000_000
+OUTLIER_M = (0.01, 0.06)
+OUTLIER_RAD = (float(np.radians(4.0)), float(np.radians(25.0)))
+
+
+def stamps(rng: np.random.Generator, count: int, scenario: Scenario) -> NDArray[np.int64]:
+    """Stamps (count,) in ns, strictly increasing; jitter moves the stamp, not the pose."""
+    period = 1e9 / scenario.rate_hz
+    jitter = np.clip(rng.normal(0.0, 1.0, count) * scenario.jitter_s * 1e9, -0.4 * period, 0.4 * period)
+    return START_NS + np.rint(np.arange(count) * period + jitter).astype(np.int64)
+
+
+def measure(rng: np.random.Generator, stamp_ns: NDArray[np.int64], pose: Rigid, scenario: Scenario) -> Poses:
+    """What the sensor reports of the true poses ``pose`` (N,) of the body in the world."""
+    count = len(stamp_ns)
+    turn = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_rotation_rad
+    shift = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_position_m
+    wrong = rng.random(count) < scenario.outlier_probability
+    turn[wrong] += _any_direction(rng, count, OUTLIER_RAD)[wrong]
+    shift[wrong] += _any_direction(rng, count, OUTLIER_M)[wrong]
+    quat = (Rotation.from_matrix(pose.rotation) * Rotation.from_rotvec(turn)).as_quat()
+    same = np.einsum("ni,ni->n", quat[1:], quat[:-1]) >= 0.0
+    quat[1:] *= np.cumprod(np.where(same, 1.0, -1.0))[:, None]  # q and -q are one rotation: stay on one side
+    fresh = rng.random(count) >= scenario.hold_probability
+    fresh[0] = True
+    source = np.maximum.accumulate(np.where(fresh, np.arange(count), 0))
+    kept = rng.random(count) >= scenario.drop_probability
+    kept[0] = True
+    return Poses(stamp_ns, (pose.translation + shift)[source], quat[source])[kept]
+
+
+def _any_direction(rng: np.random.Generator, count: int, length: tuple[float, float]) -> Array:
+    """Vectors (count, 3) with lengths drawn evenly between the two."""
+    directions = unit(rng.normal(0.0, 1.0, (count, 3)))
+    return np.asarray(directions * rng.uniform(*length, (count, 1)), float)

@@ -1,0 +1,135 @@
+"""From a scenario and a seed to measured poses and what really held."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.errors import UsageError
+from contact_tracker.labels import Contact
+from contact_tracker.poses import Poses
+from contact_tracker.simulate.chart import Rigid
+from contact_tracker.simulate.motion import Hand, Path, move
+from contact_tracker.simulate.plan import Leg, plan
+from contact_tracker.simulate.polyhedron import Polyhedron
+from contact_tracker.simulate.scenarios import Scenario, named_scenario
+from contact_tracker.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
+from contact_tracker.simulate.shapes import object_shape, surroundings_shape
+from contact_tracker.truth import Truth, TruthInterval
+
+Array = NDArray[np.float64]
+
+_WORLD_M = 1.0  # spread of the scene's origin in the world
+_BODY_M = 0.06  # and of the object's middle in the body frame
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A labelled recording: measured poses, the truth, and what it was made from."""
+
+    poses: Poses
+    truth: Truth
+    metadata: dict[str, str]
+
+
+def simulate(scenario: str | Scenario, seed: int) -> Simulated:
+    """Move an object through the contacts of ``scenario`` and measure its poses.
+
+    Parameters
+    ----------
+    scenario : a Scenario, or the name of one in ``SCENARIOS``.
+    seed : any non-negative integer; equal seeds give equal recordings. Motion and measurement are drawn
+        independently of each other: the noise can be changed and the motion stays.
+
+    Raises
+    ------
+    UsageError : an unknown name, or a negative seed.
+    """
+    if seed < 0:
+        raise UsageError("the seed must not be negative")
+    if isinstance(scenario, str):
+        scenario = named_scenario(scenario, seed)
+    streams = np.random.SeedSequence(seed).spawn(3)
+    motion_rng, frame_rng, sensor_rng = (np.random.default_rng(stream) for stream in streams)
+    object, scene = object_shape(scenario.object), surroundings_shape(scenario.surroundings)
+    world = _random_frame(frame_rng, _WORLD_M)
+    body = _random_frame(frame_rng, _BODY_M)
+
+    legs = plan(motion_rng, scenario.phases, object, scene)
+    counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
+    paths = [_travel(motion_rng, leg, n, scenario) for leg, n in zip(legs, counts, strict=True)]
+    pose = Rigid(
+        np.concatenate([p.pose.rotation for p in paths]), np.concatenate([p.pose.translation for p in paths])
+    )
+    stamp_ns = stamps(sensor_rng, sum(counts), scenario)
+    poses = measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
+    truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
+    return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), _moved(scene, world)))
+
+
+def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
+    hand = Hand(scenario.amplitude_m, scenario.amplitude_rad, rng.uniform(*scenario.bandwidth_hz))
+    return move(rng, leg, np.linspace(0.0, leg.duration_s, count, endpoint=False), hand)
+
+
+def _intervals(
+    legs: list[Leg], paths: list[Path], stamp_ns: NDArray[np.int64], body: Rigid, world: Rigid
+) -> list[TruthInterval]:
+    """What held when. The pose between two legs holds both contacts: it counts as the more constrained."""
+    result = []
+    start = 0
+    frame = 0
+    for index, (leg, path) in enumerate(zip(legs, paths, strict=True)):
+        frame += len(path.touch_scene)
+        after = legs[index + 1].contact if index + 1 < len(legs) else Contact.FF
+        loses = index + 1 < len(legs) and after.codimension < leg.contact.codimension
+        end = frame + 1 if loses else frame
+        geometry = None
+        if leg.contact is not Contact.FREE:
+            touch = path.touch_object.mean(axis=0), path.touch_scene.mean(axis=0)
+            geometry = leg.chart.geometry(body, world, *touch)
+        row = TruthInterval(
+            int(stamp_ns[start]),
+            int(stamp_ns[end - 1]),
+            leg.contact,
+            leg.motion,
+            leg.motion != "normal",
+            geometry,
+        )
+        result.append(row)
+        start = end
+    return result
+
+
+def _random_frame(rng: np.random.Generator, spread_m: float) -> Rigid:
+    return Rigid(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-spread_m, spread_m, 3))
+
+
+def _moved(shape: Polyhedron, frame: Rigid) -> Array:
+    return np.asarray(shape.vertices @ frame.rotation.T + frame.translation, float)
+
+
+def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array) -> dict[str, str]:
+    noise = {
+        "rate": scenario.rate_hz,
+        "pos_std_m": scenario.sigma_position_m,
+        "rot_std_deg": float(np.degrees(scenario.sigma_rotation_rad)),
+        "outlier_p": scenario.outlier_probability,
+        "outlier_pos_m": OUTLIER_M,
+        "outlier_rot_deg": tuple(np.degrees(OUTLIER_RAD).tolist()),
+        "drop_p": scenario.drop_probability,
+        "hold_p": scenario.hold_probability,
+        "jitter_s": scenario.jitter_s,
+    }
+    return {
+        "scenario": scenario.name,
+        "seed": str(seed),
+        "generator": "contact_tracker.simulate",
+        "object": scenario.object,
+        "object_vertices_m": json.dumps(object.tolist()),
+        "surroundings": scenario.surroundings,
+        "surroundings_vertices_m": json.dumps(surroundings.tolist()),
+        "noise": json.dumps(noise),
+    }
