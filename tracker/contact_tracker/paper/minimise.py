@@ -138,4 +138,4 @@ def _onto_constraints(kind: Kind, e: Array) -> Array:
             e = e / np.linalg.norm(e[:3])
             return np.concatenate([e[:3], e[3:] - e[:3] * (e[:3] @ e[3:])])
         case "point":
-            return e / e[3]
+            return np.asarray(e / e[3])
