@@ -47,9 +47,11 @@ class Truth:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> "Truth":
-        """Parse ``truth.json``; raises NoTruth where it does not have the expected form."""
+        """Parse ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth where it is neither."""
         try:
-            return cls(tuple(_interval_from_dict(d) for d in json.loads(text)))
+            data = json.loads(text)
+            rows = data["intervals"] if isinstance(data, dict) else data
+            return cls(tuple(_interval_from_dict(row) for row in rows))
         except (KeyError, TypeError, ValueError) as error:
             raise NoTruth(f"truth.json is not a list of labelled intervals: {error}") from error
 

@@ -1,0 +1,22 @@
+"""Recordings: MCAP logs in and out. The only part of the package that knows mcap."""
+
+from contact_tracker.recording.annotations import read_metadata, read_truth
+from contact_tracker.recording.bytestream import Follow
+from contact_tracker.recording.log import PoseLog, list_sources, open_log
+from contact_tracker.recording.sources import PoseSource
+from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise
+from contact_tracker.recording.writing import write_recording
+
+__all__ = [
+    "Follow",
+    "PoseLog",
+    "PoseSource",
+    "RecordingSummary",
+    "SourceSummary",
+    "list_sources",
+    "open_log",
+    "read_metadata",
+    "read_truth",
+    "summarise",
+    "write_recording",
+]

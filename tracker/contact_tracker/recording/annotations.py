@@ -1,0 +1,116 @@
+"""What a recording says about itself besides poses: truth and metadata."""
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Final
+
+from mcap.summary import Summary
+
+from contact_tracker.errors import NoTruth
+from contact_tracker.recording.bytestream import is_regular, open_stream
+from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
+from contact_tracker.recording.reading import Reading, parts_of, summary_of
+from contact_tracker.recording.ros import RosDecoder, Undecodable
+from contact_tracker.truth import Truth
+
+TRUTH_ATTACHMENT: Final = "truth.json"
+TRUTH_TOPIC: Final = "/contact/truth"
+TRUTH_TYPE: Final = "std_msgs/msg/String"
+
+
+def read_truth(path: str) -> Truth | None:
+    """The truth of a recording: its attachment ``truth.json``, else its messages on ``/contact/truth``.
+
+    Of a damaged recording, what is readable. Of standard input or a FIFO, which can be read only once, None.
+
+    Raises
+    ------
+    UnreadableRecording
+        No such file, or not MCAP.
+    NoTruth
+        There is a truth, but it is not in the documented form.
+    """
+    if not _is_rereadable(path):
+        return None
+    stored = _stored(path)
+    attached = [i.data for i in stored if isinstance(i, Attachment) and i.name == TRUTH_ATTACHMENT]
+    if attached:
+        return Truth(tuple(i for text in attached for i in Truth.from_json(text).intervals))
+    return _from_messages(path)
+
+
+def read_metadata(path: str) -> dict[str, dict[str, str]]:
+    """The metadata records by name; of several with one name the last. Empty for a stream.
+
+    Raises
+    ------
+    UnreadableRecording
+        No such file, or not MCAP.
+    """
+    if not _is_rereadable(path):
+        return {}
+    return {item.name: item.values for item in _stored(path) if isinstance(item, Metadata)}
+
+
+def _is_rereadable(path: str) -> bool:
+    return all(map(is_regular, parts_of(path)))
+
+
+def _stored(path: str) -> list[Attachment | Metadata]:
+    """The truth attachment and the metadata: by the index, else by looking at everything."""
+    summaries = {part: summary_of(part) for part in parts_of(path)}
+    items: Iterable[Item]
+    if all(map(_indexes_all, summaries.values())):
+        items = (item for part, summary in summaries.items() for item in _indexed(part, summary))
+    else:
+        items = Reading(path, lambda channel: False)
+    return [item for item in items if isinstance(item, Attachment | Metadata)]
+
+
+def _indexes_all(summary: Summary | None) -> bool:
+    if summary is None or summary.statistics is None:
+        return False
+    counted = (summary.statistics.attachment_count, summary.statistics.metadata_count)
+    return counted == (len(summary.attachment_indexes), len(summary.metadata_indexes))
+
+
+def _indexed(part: str, summary: Summary | None) -> Iterator[Item]:
+    assert summary is not None
+    offsets = [a.offset for a in summary.attachment_indexes if a.name == TRUTH_ATTACHMENT]
+    for offset in (*offsets, *(m.offset for m in summary.metadata_indexes)):
+        with open_stream(part) as stream:
+            yield from islice(RecordLoop(stream, lambda channel: False, summary, offset), 1)
+
+
+def _from_messages(path: str) -> Truth | None:
+    if not any(map(_may_have_changes, parts_of(path))):
+        return None
+    changes: list[tuple[int, str]] = []
+    decoder = RosDecoder()
+    end_ns = 0
+    for item in Reading(path, lambda channel: True):
+        if isinstance(item, RawMessage):
+            end_ns = max(end_ns, item.log_time_ns)
+            if _is_truth(item.channel):
+                changes.append((item.log_time_ns, _label(decoder, item)))
+    if not changes:
+        return None
+    stamps, labels = zip(*sorted(changes), strict=True)
+    return Truth.from_changes(stamps, labels, end_ns)
+
+
+def _may_have_changes(part: str) -> bool:
+    summary = summary_of(part)
+    return summary is None or any(c.topic == TRUTH_TOPIC for c in summary.channels.values())
+
+
+def _is_truth(channel: Channel) -> bool:
+    return channel.topic == TRUTH_TOPIC and channel.type == TRUTH_TYPE
+
+
+def _label(decoder: RosDecoder, message: RawMessage) -> str:
+    try:
+        return str(decoder.decode(message).data)
+    except (Undecodable, AttributeError) as error:
+        raise NoTruth(f"a truth message cannot be decoded: {error}") from error

@@ -1,0 +1,191 @@
+"""The record loop: MCAP bytes in; messages, attachments and metadata out, in the order of the file.
+
+One loop serves files that are complete, truncated, without index, unchunked, still growing or piped. It
+holds one record at a time. A damaged chunk is left out; where the framing of records is lost, the loop
+goes on at the next chunk that the index knows, if there is one.
+"""
+
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from typing import Final
+
+from mcap import records
+from mcap.opcode import Opcode
+from mcap.summary import Summary
+
+from contact_tracker.errors import UnreadableRecording
+from contact_tracker.recording.bytestream import ByteStream
+from contact_tracker.recording.items import (
+    MESSAGE_HEAD,
+    PARSE_ERRORS,
+    RECORD_HEAD,
+    RECORD_LIMIT,
+    Channel,
+    Item,
+    Metadata,
+    RawMessage,
+    attachment_of,
+    channel_of,
+    inflate,
+    payload_stream,
+    split,
+)
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+_READ: Final = frozenset(
+    {
+        Opcode.HEADER,
+        Opcode.FOOTER,
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.MESSAGE,
+        Opcode.CHUNK,
+        Opcode.ATTACHMENT,
+        Opcode.METADATA,
+    }
+)
+
+
+class End(StrEnum):
+    """How the input ended: as it should, between records, inside a record, in garbage, or by the caller."""
+
+    FOOTER = "footer"
+    EOF = "eof"
+    TRUNCATED = "truncated"
+    DAMAGED = "damaged"
+    STOPPED = "stopped"
+
+
+class RecordLoop:
+    """Iterate once for the items of one MCAP stream; then ``end`` and ``damage`` tell how it went.
+
+    Parameters
+    ----------
+    stream : positioned at the start of the file.
+    wanted : messages of other channels are skipped unread.
+    summary : of the same file, where it is known: channels whose records are damaged, and chunk offsets.
+    start : offset of a record to begin at instead of the first; needs ``summary`` for the channels.
+
+    Raises
+    ------
+    UnreadableRecording
+        While iterating, when the input does not start as an MCAP file does.
+    """
+
+    def __init__(
+        self,
+        stream: ByteStream,
+        wanted: Callable[[Channel], bool],
+        summary: Summary | None = None,
+        start: int = 0,
+    ) -> None:
+        self.end: End | None = None
+        self.damage: list[str] = []
+        self._stream = stream
+        self._wanted = wanted
+        self._start = start
+        self._schemas: dict[int, records.Schema] = {}
+        self._channels: dict[int, Channel | None] = {}
+        self._chunk_starts: list[int] = []
+        self._orphans = 0
+        if summary is not None:
+            self._schemas.update(summary.schemas)
+            self._chunk_starts = sorted(c.chunk_start_offset for c in summary.chunk_indexes)
+            for channel in summary.channels.values():
+                self._add_channel(channel)
+
+    def __iter__(self) -> Iterator[Item]:
+        if self._start:
+            self._stream.seek(self._start)
+        elif (magic := self._stream.read(len(MAGIC))) != MAGIC:
+            reason = self._stream.error or ("it is not an MCAP file" if magic else "it is empty")
+            raise UnreadableRecording(reason)
+        for opcode, payload, start in self._frames():
+            try:
+                if opcode == Opcode.CHUNK:
+                    data = inflate(records.Chunk.read(payload_stream(payload)))
+                    for inner, first, last in split(data):
+                        yield from self._item(inner, data, first, last)
+                else:
+                    yield from self._item(opcode, payload, 0, len(payload))
+            except PARSE_ERRORS as error:
+                self.damage.append(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+        if self._orphans:
+            self.damage.append(f"{self._orphans} messages of channels whose description is missing")
+
+    def _frames(self) -> Iterator[tuple[int, bytes, int]]:
+        """Opcode, payload and offset of every record to be looked at, until the input ends."""
+        while True:
+            start = self._stream.position
+            head = self._stream.read(RECORD_HEAD.size)
+            if not head:
+                self._finish(End.EOF, "it ends without a footer: the recording was not finished")
+                return
+            opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
+            look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
+            if opcode == 0 or (look and length > RECORD_LIMIT):
+                complete, end, text = False, End.DAMAGED, f"no MCAP record at byte {start}"
+            else:
+                payload = self._stream.read(length) if look else b""
+                complete = opcode > 0 and (len(payload) == length if look else self._stream.skip(length))
+                end, text = End.TRUNCATED, f"it is cut off inside a record at byte {start}"
+            if complete and look:
+                yield opcode, payload, start
+            if complete and opcode == Opcode.FOOTER:
+                self._finish(End.FOOTER, None)
+                return
+            if not complete and not self._resume(start, text):
+                self._finish(end, text)
+                return
+
+    def _resume(self, start: int, text: str) -> bool:
+        """Go to the next chunk after a record that cannot be framed."""
+        following = next((offset for offset in self._chunk_starts if offset > start), None)
+        if following is None or not self._stream.seek(following):
+            return False
+        self.damage.append(text)
+        return True
+
+    def _finish(self, end: End, damage: str | None) -> None:
+        stream = self._stream
+        self.end = End.STOPPED if stream.stopped and end is not End.FOOTER else end
+        if self.end is End.FOOTER:
+            if stream.read(len(MAGIC)) != MAGIC:
+                self.damage.append("its last bytes are missing")
+            elif not stream.follows and stream.read(1):
+                self.damage.append("what follows its end is ignored")
+        elif self.end is not End.STOPPED and damage:
+            self.damage.append(f"{damage} ({stream.error})" if stream.error else damage)
+
+    def _item(self, opcode: int, data: bytes, first: int, last: int) -> Iterator[Item]:
+        if opcode == Opcode.MESSAGE:
+            channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, first)
+            try:
+                channel = self._channels[channel_id]
+            except KeyError:
+                self._orphans += 1
+                return
+            if channel is not None:
+                yield RawMessage(channel, log_time_ns, data[first + MESSAGE_HEAD.size : last])
+        elif opcode == Opcode.SCHEMA:
+            schema = records.Schema.read(payload_stream(data[first:last]))
+            self._schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            self._add_channel(records.Channel.read(payload_stream(data[first:last])))
+        elif opcode == Opcode.ATTACHMENT:
+            yield attachment_of(data[first:last])
+        elif opcode == Opcode.METADATA:
+            metadata = records.Metadata.read(payload_stream(data[first:last]))
+            yield Metadata(metadata.name, metadata.metadata)
+
+    def _add_channel(self, record: records.Channel) -> None:
+        channel = channel_of(record, self._schemas)
+        self._channels[record.id] = channel if self._wanted(channel) else None
+
+
+def _name(opcode: int) -> str:
+    return Opcode(opcode).name.lower()
+
+
+def _line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

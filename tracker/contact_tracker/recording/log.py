@@ -1,0 +1,169 @@
+"""A recording as a stream of validated poses of one source."""
+
+from collections import Counter
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import replace
+from itertools import chain
+from types import MappingProxyType
+
+from contact_tracker.errors import UnreadableRecording
+from contact_tracker.gate import PoseGate
+from contact_tracker.poses import Pose
+from contact_tracker.recording.bytestream import Follow
+from contact_tracker.recording.items import Item, RawMessage, channel_of
+from contact_tracker.recording.reading import Reading, parts_of, summary_of
+from contact_tracker.recording.ros import RosDecoder, Undecodable
+from contact_tracker.recording.sources import (
+    ChannelFilter,
+    PoseSource,
+    message_counts,
+    not_named,
+    only_one,
+    peek,
+    stamps_by_source,
+    take_prefix,
+)
+
+
+class PoseLog:
+    """Iterate once for the poses of one source, as they are read; memory is bounded.
+
+    Attributes
+    ----------
+    source : where the poses come from.
+    counts : what was dropped or repaired so far, by kind: those of ``contact_tracker.gate`` and
+        ``undecodable`` (messages), ``other_source`` (poses of sources that were neither chosen nor known
+        when this one was), ``log_time_as_stamp`` (poses without a header stamp, where all are so).
+    damage : one line if the recording turned out truncated or damaged; final after iteration.
+    """
+
+    def __init__(
+        self,
+        source: PoseSource,
+        reading: Reading,
+        items: Iterator[Item],
+        decoder: RosDecoder,
+        use_log_time: bool,
+        count_others: bool,
+    ) -> None:
+        self.source = source
+        self._counts: Counter[str] = Counter()
+        self._gate = PoseGate(self._counts)
+        self._reading = reading
+        self._decoder = decoder
+        self._use_log_time = use_log_time
+        self._count_others = count_others
+        self._poses = self._read(items)
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        return MappingProxyType(self._counts)
+
+    @property
+    def damage(self) -> str | None:
+        return self._reading.damage
+
+    def __iter__(self) -> Iterator[Pose]:
+        return self._poses
+
+    def close(self) -> None:
+        """Let go of the file before the end is reached."""
+        self._poses.close()
+
+    def _read(self, items: Iterator[Item]) -> Generator[Pose]:
+        source, counts, admit = self.source, self._counts, self._gate.admit
+        for item in items:
+            if not isinstance(item, RawMessage):
+                continue
+            if item.channel.topic != source.topic or item.channel.type != source.type:
+                self._other()
+                continue
+            try:
+                observations = self._decoder.observe(item)
+            except Undecodable:
+                counts["undecodable"] += 1
+                continue
+            for frame_id, child_frame_id, pose in observations:
+                if frame_id != source.frame_id or child_frame_id != source.child_frame_id:
+                    self._other()
+                    continue
+                if self._use_log_time:
+                    counts["log_time_as_stamp"] += 1
+                    pose = pose._replace(stamp_ns=item.log_time_ns)
+                admitted = admit(pose)
+                if admitted is not None:
+                    yield admitted
+
+    def _other(self) -> None:
+        if self._count_others:
+            self._counts["other_source"] += 1
+
+
+def open_log(
+    path: str, topic: str | None = None, frame: str | None = None, follow: Follow | None = None
+) -> PoseLog:
+    """Open the poses of a recording.
+
+    Parameters
+    ----------
+    path : MCAP file, folder of rosbag2 parts, or ``-`` for standard input.
+    topic : take poses from this topic only.
+    frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
+        header's frame.
+    follow : read on while the file grows, until it is finished or ``follow.stop()`` is called.
+
+    Raises
+    ------
+    UnreadableRecording
+        No such file, not MCAP, or damaged before the first pose.
+    NoPoses
+        Nothing in it is a pose of a known type and encoding, or nothing fits ``topic`` and ``frame``.
+    AmbiguousSource
+        Several sources fit.
+    """
+    wanted = ChannelFilter(topic)
+    decoder = RosDecoder()
+    reading = Reading(path, wanted, follow)
+    items = iter(reading)
+    known = {} if follow else stamps_by_source(peek(path, wanted), decoder)
+    met = set(known)
+    head: list[RawMessage] = []
+    while not (fitting := [s for s in known if frame is None or s.is_named(frame)]):
+        head = take_prefix(items)
+        if not head:
+            raise _explain(path, frame, met, wanted, reading.damage)
+        known = stamps_by_source(head, decoder)
+        met |= known.keys()
+    source = only_one(path, fitting)
+    unstamped = len(known[source]) > 1 and not any(known[source])
+    return PoseLog(source, reading, chain(head, items), decoder, unstamped, count_others=frame is None)
+
+
+def list_sources(path: str) -> list[PoseSource]:
+    """The pose sources of a recording, found as ``open_log`` finds them; of ``-`` this uses up the start.
+
+    Raises
+    ------
+    UnreadableRecording
+        No such file, or not MCAP.
+    """
+    wanted = ChannelFilter(None)
+    messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted)))
+    counts: Counter[str] = Counter()
+    for part in parts_of(path):
+        summary = summary_of(part)
+        for channel_id, count in message_counts(summary):
+            assert summary is not None
+            counts[channel_of(summary.channels[channel_id], summary.schemas).topic] += count
+    sources = sorted(stamps_by_source(messages, RosDecoder()))
+    return [replace(source, messages=counts.get(source.topic)) for source in sources]
+
+
+def _explain(
+    path: str, frame: str | None, met: set[PoseSource], wanted: ChannelFilter, damage: str | None
+) -> Exception:
+    if met and frame is not None:
+        return not_named(path, frame, met)
+    if damage is not None:
+        return UnreadableRecording(f"{path}: no pose can be read: {damage}")
+    return wanted.nothing_found(path)

@@ -1,0 +1,116 @@
+"""From ROS 2 messages to observed poses: where each message type keeps stamp, frames and pose."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+
+from contact_tracker.poses import Pose
+from contact_tracker.recording.bytestream import ZSTD_MAGIC
+from contact_tracker.recording.items import (
+    PARSE_ERRORS,
+    RECORD_LIMIT,
+    Channel,
+    RawMessage,
+    inflate_zstd,
+)
+
+
+class Observation(NamedTuple):
+    """One pose as published, before any validation; ``child_frame_id`` is empty where the type has none."""
+
+    frame_id: str
+    child_frame_id: str
+    pose: Pose
+
+
+class Undecodable(Exception):
+    """A message that is not what its schema promises."""
+
+
+class RosDecoder:
+    """Decodes CDR messages by their ros2msg schema; keeps one decoder per channel."""
+
+    def __init__(self) -> None:
+        self._decoders: dict[Channel, Callable[[bytes], Any]] = {}
+
+    def decode(self, message: RawMessage) -> Any:
+        """The message as an object with attributes; raises Undecodable."""
+        channel, _, data = message
+        try:
+            decoder = self._decoders.get(channel)
+            if decoder is None:
+                decoder = self._decoders[channel] = _decoder_of(channel)
+            if data.startswith(ZSTD_MAGIC):
+                data = inflate_zstd(data, RECORD_LIMIT)
+            return decoder(data)
+        except (*PARSE_ERRORS, TypeError, AttributeError) as error:
+            raise Undecodable(f"{channel.topic}: {error}") from error
+
+    def observe(self, message: RawMessage) -> list[Observation]:
+        """The poses in a message of one of POSE_TYPES; raises Undecodable."""
+        decoded = self.decode(message)
+        try:
+            return POSE_TYPES[message.channel.type](decoded)
+        except (AttributeError, TypeError, ValueError) as error:
+            raise Undecodable(f"{message.channel.topic}: {error}") from error
+
+
+def is_ros2(channel: Channel) -> bool:
+    return channel.encoding == "cdr" and channel.schema_encoding == "ros2msg"
+
+
+def _decoder_of(channel: Channel) -> Callable[[bytes], Any]:
+    schema = Schema(id=1, name=channel.type, encoding=channel.schema_encoding, data=channel.schema)
+    try:
+        decoder = DecoderFactory().decoder_for(channel.encoding, schema)
+    except Exception as error:  # the schema parser raises whatever the text leads it to
+        raise Undecodable(f"{channel.topic}: its schema cannot be parsed ({error})") from error
+    if decoder is None:
+        raise Undecodable(f"{channel.topic}: {channel.type} is not ros2msg in CDR")
+    return decoder
+
+
+def _pose(header: Any, position: Any, orientation: Any) -> Pose:
+    stamp = header.stamp
+    return Pose(
+        stamp.sec * 1_000_000_000 + stamp.nanosec,
+        (position.x, position.y, position.z),
+        (orientation.x, orientation.y, orientation.z, orientation.w),
+    )
+
+
+def _pose_stamped(m: Any) -> list[Observation]:
+    return [Observation(m.header.frame_id, "", _pose(m.header, m.pose.position, m.pose.orientation))]
+
+
+def _pose_with_covariance(m: Any) -> list[Observation]:
+    pose = m.pose.pose
+    return [Observation(m.header.frame_id, "", _pose(m.header, pose.position, pose.orientation))]
+
+
+def _odometry(m: Any) -> list[Observation]:
+    pose = _pose(m.header, m.pose.pose.position, m.pose.pose.orientation)
+    return [Observation(m.header.frame_id, m.child_frame_id, pose)]
+
+
+def _transform(m: Any) -> list[Observation]:
+    pose = _pose(m.header, m.transform.translation, m.transform.rotation)
+    return [Observation(m.header.frame_id, m.child_frame_id, pose)]
+
+
+def _transforms(m: Any) -> list[Observation]:
+    return [observation for transform in m.transforms for observation in _transform(transform)]
+
+
+POSE_TYPES: Final[Mapping[str, Callable[[Any], list[Observation]]]] = MappingProxyType(
+    {
+        "geometry_msgs/msg/PoseStamped": _pose_stamped,
+        "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
+        "geometry_msgs/msg/TransformStamped": _transform,
+        "nav_msgs/msg/Odometry": _odometry,
+        "tf2_msgs/msg/TFMessage": _transforms,
+    }
+)

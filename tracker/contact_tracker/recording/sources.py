@@ -1,0 +1,182 @@
+"""Which poses a recording holds, and which of them are meant.
+
+A source is a topic with its frames. Where a file has an index, its channels are known from there and their
+frames from a prefix that starts at the first chunk that holds each. Everything else (pipes, growing,
+truncated and index-less files) is judged by the prefix of the whole. A prefix is one second of log time from
+its first pose, and at most 2000 pose messages. A source that shows up only later is not taken, but counted.
+`/tf_static` does not move and counts as a source only when its topic is asked for.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from mcap.summary import Summary
+
+from contact_tracker.errors import AmbiguousSource, NoPoses
+from contact_tracker.recording.bytestream import open_stream
+from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
+from contact_tracker.recording.reading import parts_of, summary_of
+from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
+
+PREFIX_NS: Final = 1_000_000_000
+PREFIX_MESSAGES: Final = 2000
+_LISTED: Final = 8
+_POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage")
+
+
+@dataclass(frozen=True, order=True)
+class PoseSource:
+    """One stream of poses. ``messages`` on its topic, where the index tells."""
+
+    topic: str
+    type: str
+    frame_id: str
+    child_frame_id: str
+    messages: int | None = field(default=None, compare=False)
+
+    @property
+    def frames(self) -> str:
+        """``parent->child``, or the one frame of a type without child."""
+        return f"{self.frame_id}->{self.child_frame_id}" if self.child_frame_id else self.frame_id
+
+    def __str__(self) -> str:
+        return f"{self.topic} {self.frames or '(no frame)'} ({self.type})"
+
+    def is_named(self, frame: str) -> bool:
+        """Whether ``--frame`` means this: ``parent->child``, the child, or the frame of a childless type."""
+        return frame in (self.frames, self.child_frame_id or self.frame_id)
+
+
+class ChannelFilter:
+    """Whether a channel may carry the poses that are meant; remembers all channels it was asked about."""
+
+    def __init__(self, topic: str | None) -> None:
+        self._topic = topic
+        self.seen: dict[str, Channel] = {}
+
+    def __call__(self, channel: Channel) -> bool:
+        self.seen[channel.topic] = channel
+        if channel.type not in POSE_TYPES or not is_ros2(channel):
+            return False
+        if self._topic is None:
+            return not channel.topic.endswith("tf_static")
+        return channel.topic == self._topic
+
+    def nothing_found(self, path: str) -> NoPoses:
+        """The error that says what the recording holds instead of the poses that were asked for."""
+        asked = self.seen.get(self._topic) if self._topic is not None else None
+        if asked is not None and self(asked):
+            return NoPoses(f"{path}: no message on {asked.topic} can be decoded")
+        if asked is not None:
+            return NoPoses(f"{path}: {_unsuitable(asked)}")
+        poses = [c for c in self.seen.values() if c.type in POSE_TYPES and is_ros2(c)]
+        alike = [c for c in self.seen.values() if _POSE_LIKE.search(c.type) and not is_ros2(c)]
+        if self._topic is not None:
+            topics = _listing(c.topic for c in (poses or self.seen.values()))
+            return NoPoses(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
+        if poses:
+            return NoPoses(f"{path}: no pose on {_listing(c.topic for c in poses)} can be read")
+        if alike:
+            return NoPoses(f"{path}: {'; '.join(map(_unsuitable, alike[:_LISTED]))}")
+        return NoPoses(f"{path}: no pose topic among {_listing(self.seen) or 'no topics at all'}")
+
+
+def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
+    """The prefix of each wanted channel that an index knows; reads a few chunks of each and no more.
+
+    Raises
+    ------
+    NoPoses
+        If the indexes know all channels, and none is wanted.
+    """
+    messages: list[RawMessage] = []
+    met: set[Channel] = set()
+    indexed = True
+    for part in parts_of(path):
+        summary = summary_of(part)
+        indexed = indexed and summary is not None
+        for channel_id, count in message_counts(summary):
+            assert summary is not None
+            channel = channel_of(summary.channels[channel_id], summary.schemas)
+            if wanted(channel) and count and channel not in met:
+                found = _peek_channel(part, summary, channel_id, channel, count)
+                messages += found
+                met |= {channel} if found else set()
+    if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
+        raise wanted.nothing_found(path)
+    return messages
+
+
+def _peek_channel(
+    part: str, summary: Summary, channel_id: int, channel: Channel, count: int
+) -> list[RawMessage]:
+    starts = (c.chunk_start_offset for c in summary.chunk_indexes if channel_id in c.message_index_offsets)
+    start = min(starts, default=None)
+    if start is None:
+        return []
+    with open_stream(part) as stream:
+        loop = RecordLoop(stream, lambda c: c == channel, summary, start)
+        return take_prefix(iter(loop), min(count, PREFIX_MESSAGES))
+
+
+def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
+    """Channel ids with their number of messages, in the order of ids."""
+    if summary is None or summary.statistics is None:
+        return []
+    counts = summary.statistics.channel_message_counts
+    return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
+
+
+def take_prefix(items: Iterator[Item], limit: int = PREFIX_MESSAGES) -> list[RawMessage]:
+    """The next messages, up to one second of log time or ``limit``; empty at the end of the input."""
+    messages: list[RawMessage] = []
+    for item in items:
+        if isinstance(item, RawMessage):
+            messages.append(item)
+            if len(messages) >= limit or item.log_time_ns - messages[0].log_time_ns >= PREFIX_NS:
+                break
+    return messages
+
+
+def stamps_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dict[PoseSource, list[int]]:
+    """The sources in some messages, each with its header stamps; what cannot be decoded is passed over."""
+    stamps: dict[PoseSource, list[int]] = {}
+    for message in messages:
+        try:
+            observations = decoder.observe(message)
+        except Undecodable:
+            continue
+        for frame_id, child_frame_id, pose in observations:
+            source = PoseSource(message.channel.topic, message.channel.type, frame_id, child_frame_id)
+            stamps.setdefault(source, []).append(pose.stamp_ns)
+    return stamps
+
+
+def only_one(path: str, sources: Iterable[PoseSource]) -> PoseSource:
+    """The source, if it is one; raises AmbiguousSource, which lists them, if there are several."""
+    first, *others = sorted(sources)
+    if others:
+        listing = _listing(map(str, (first, *others)), "; ")
+        raise AmbiguousSource(f"{path} holds several pose sources, choose by --topic or --frame: {listing}")
+    return first
+
+
+def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> NoPoses:
+    listing = _listing(map(str, sorted(sources)), "; ")
+    return NoPoses(f"{path}: no pose source has the frame {frame}; there is {listing}")
+
+
+def _unsuitable(channel: Channel) -> str:
+    if not is_ros2(channel):
+        how = f"{channel.encoding or 'no encoding'} with {channel.schema_encoding or 'no schema'}"
+        return f"{channel.topic} is {channel.type or 'of no type'} in {how}; only cdr with ros2msg is read"
+    return f"{channel.topic} is {channel.type}, which is no pose"
+
+
+def _listing(texts: Iterable[str], separator: str = ", ") -> str:
+    all_texts = list(texts)
+    more = len(all_texts) - _LISTED
+    return separator.join(all_texts[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")

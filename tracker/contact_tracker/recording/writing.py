@@ -1,0 +1,125 @@
+"""Write labelled recordings that open everywhere: profile ros2, CDR, zstd chunks with indexes."""
+
+import os
+import struct
+from collections.abc import Iterator, Mapping
+from typing import IO, Final
+
+from mcap.writer import Writer
+
+from contact_tracker.poses import Pose, Poses
+from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
+from contact_tracker.truth import UNSCORED, Truth
+
+POSE_TOPIC: Final = "/object/pose"
+POSE_TYPE: Final = "geometry_msgs/msg/PoseStamped"
+METADATA_NAME: Final = "recording"
+WORLD_FRAME: Final = "world"
+_CHUNK_SIZE: Final = 128 * 1024
+_LIBRARY: Final = "contact-tracker"
+
+_RULE: Final = "=" * 80
+_POSE_SCHEMA: Final = f"""\
+std_msgs/Header header
+geometry_msgs/Pose pose
+{_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_RULE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+{_RULE}
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+{_RULE}
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+{_RULE}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+"""
+_CDR_LITTLE_ENDIAN: Final = b"\x00\x01\x00\x00"
+# CDR aligns to the size of each value, counted from after the 4-byte header: 18 bytes, then 6 of padding.
+_POSE_CDR: Final = struct.Struct("<4siII6s6x7d")
+_FRAME: Final = WORLD_FRAME.encode() + b"\0"
+
+
+def write_recording(path: str, poses: Poses, truth: Truth | None, metadata: Mapping[str, str]) -> None:
+    """Write a recording, whole or not at all; the same input gives the same bytes.
+
+    Parameters
+    ----------
+    path : replaced if it exists.
+    poses : to ``/object/pose``, log time = header stamp; stamps from 0 to 2^31 s.
+    truth : to ``/contact/truth`` at each change of contact, and as the attachment ``truth.json``.
+    metadata : the metadata record ``recording``.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    ValueError
+        If a stamp cannot be represented.
+    """
+    if len(poses) and not 0 <= int(poses.stamp_ns.min()) <= int(poses.stamp_ns.max()) < 2**31 * 10**9:
+        raise ValueError("stamps of a recording lie between 0 and 2^31 s")
+    unfinished = f"{path}.{os.getpid()}.unfinished"
+    try:
+        with open(unfinished, "xb") as file:
+            _write(file, poses, truth, metadata)
+        os.replace(unfinished, path)
+    except BaseException:
+        if os.path.exists(unfinished):
+            os.unlink(unfinished)
+        raise
+
+
+def _write(file: IO[bytes], poses: Poses, truth: Truth | None, metadata: Mapping[str, str]) -> None:
+    writer = Writer(file, chunk_size=_CHUNK_SIZE)
+    writer.start(profile="ros2", library=_LIBRARY)
+    writer.add_metadata(METADATA_NAME, dict(metadata))
+    pose_schema = writer.register_schema(POSE_TYPE, "ros2msg", _POSE_SCHEMA.encode())
+    pose_channel = writer.register_channel(POSE_TOPIC, "cdr", pose_schema)
+    changes: list[tuple[int, str]] = []
+    truth_channel = 0
+    if truth is not None:
+        # Before the messages: then a recording that is cut off or piped still has its truth.
+        writer.add_attachment(0, 0, TRUTH_ATTACHMENT, "application/json", truth.to_json().encode())
+        truth_schema = writer.register_schema(TRUTH_TYPE, "ros2msg", b"string data\n")
+        truth_channel = writer.register_channel(TRUTH_TOPIC, "cdr", truth_schema)
+        changes = list(_changes(truth))
+    messages = [(stamp, truth_channel, _string_cdr(label)) for stamp, label in changes]
+    messages += ((pose.stamp_ns, pose_channel, _pose_cdr(pose)) for pose in poses)
+    messages.sort(key=lambda message: message[0])
+    for stamp_ns, channel, data in messages:
+        writer.add_message(channel, stamp_ns, data, stamp_ns)
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _changes(truth: Truth) -> Iterator[tuple[int, str]]:
+    """Stamp and label wherever the label changes."""
+    before = None
+    for interval in truth.intervals:
+        label = interval.contact.value if interval.contact else UNSCORED
+        if label != before:
+            yield interval.start_ns, label
+        before = label
+
+
+def _pose_cdr(pose: Pose) -> bytes:
+    sec, nanosec = divmod(pose.stamp_ns, 1_000_000_000)
+    numbers = (*pose.position_m, *pose.quat_xyzw)
+    return _POSE_CDR.pack(_CDR_LITTLE_ENDIAN, sec, nanosec, len(_FRAME), _FRAME, *numbers)
+
+
+def _string_cdr(text: str) -> bytes:
+    data = text.encode() + b"\0"
+    return _CDR_LITTLE_ENDIAN + struct.pack("<I", len(data)) + data
