@@ -25,7 +25,7 @@ LAYERS = (
     ("belief",),
     ("model",),
     ("tracker", "segmenter", "windows"),
-    ("recording", "simulate", "evaluation", "viewer"),
+    ("whole_file", "recording", "simulate", "evaluation", "viewer"),
     ("outputs",),
     ("cli",),
 )

@@ -12,9 +12,7 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
     """``LOG`` and which of its poses to take."""
     parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
     parser.add_argument("--topic", help="take the poses of this topic")
-    parser.add_argument(
-        "--frame", help="take the poses of this frame: CHILD, or PARENT:CHILD where parents differ"
-    )
+    parser.add_argument("--frame", help="take the poses of this frame: CHILD or 'PARENT->CHILD'")
     parser.add_argument(
         "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
     )

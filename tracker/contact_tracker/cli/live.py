@@ -36,11 +36,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.model import load_model
-    from contact_tracker.recording import open_log
+    from contact_tracker.recording import Follow, open_log
     from contact_tracker.tracker import finish, start, step
 
     state = start(load_model(args.model), lag_s=args.lag)
-    source = Source(open_log(args.log, topic=args.topic, frame=args.frame, follow=args.follow), args)
+    log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
+    source = Source(log, args)
     begin_s = time.monotonic()
     interrupted = False
     with StatusLine() as status:
@@ -60,22 +61,21 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _shower(as_json: bool, source: "Source", status: StatusLine) -> "Callable[[Belief], None]":
-    """What to do with each belief: a JSON line, or a line where the contact changed."""
+    """What to do with each belief: a JSON line, or a line where the contact changed; and the status."""
     from contact_tracker.outputs.rows import json_line
     from contact_tracker.outputs.words import CHANGES_HEADER, change_line, status_text
 
     previous = None
 
-    def show_json(belief: "Belief") -> None:
-        status.print(json_line(belief))
-
-    def show_change(belief: "Belief") -> None:
+    def show(belief: "Belief") -> None:
         nonlocal previous
-        if previous is None:
-            status.print(CHANGES_HEADER)
-        if belief.contact is not previous:
+        if as_json:
+            status.print(json_line(belief))
+        elif belief.contact is not previous:
+            if previous is None:
+                status.print(CHANGES_HEADER)
             status.print(change_line(belief, source.origin_ns))
         previous = belief.contact
         status.show(lambda: status_text(belief, source.origin_ns))
 
-    return show_json if as_json else show_change
+    return show

@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.segmenter import segment
 
     model = load_model(args.model)
-    source = Source(open_log(args.log, topic=args.topic, frame=args.frame), args)
+    source = Source(open_log(args.log, args.topic, args.frame), args)
     with progress("segment", "poses") as set_done:
         found = segment(source, model, set_done)
     if args.output is None:
@@ -62,7 +62,7 @@ def _print(found: "Segmentation", origin_ns: int) -> None:
 
 def _write(found: "Segmentation", path: Path) -> None:
     from contact_tracker.outputs.rows import write_csv, write_jsonl
-    from contact_tracker.outputs.whole_file import whole_file
+    from contact_tracker.whole_file import whole_file
 
     with whole_file(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         if path.suffix == ".csv":

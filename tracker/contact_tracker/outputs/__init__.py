@@ -1,1 +1,1 @@
-"""What is written: pure formatting, and files that appear whole or not at all."""
+"""How beliefs, segments and summaries are written: pure formatting."""

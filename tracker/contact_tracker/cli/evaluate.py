@@ -1,0 +1,83 @@
+"""``contact-tracker evaluate``: how right the tracker is, on recordings that carry their truth."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker.cli.arguments import add_model
+from contact_tracker.cli.status import DAMAGED, DONE, INPUT
+from contact_tracker.cli.terminal import fail, progress, warn
+from contact_tracker.errors import InputError, NoPoses, NoTruth, UnreadableRecording, UsageError
+
+if TYPE_CHECKING:
+    from contact_tracker.evaluation.evaluate import Evaluation
+    from contact_tracker.model import Model
+
+HELP: Final = "compare with the truth that recordings carry"
+DESCRIPTION: Final = """\
+Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
+F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total."""
+EXAMPLE: Final = "contact-tracker evaluate recordings/"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
+    add_model(parser)
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    from contact_tracker.evaluation.report import Report
+    from contact_tracker.model import load_model
+
+    model = load_model(args.model)
+    evaluations = {}
+    code = DONE
+    for name in _recordings(args.logs):
+        try:
+            evaluations[name], damage = _evaluate(name, model)
+        except InputError as error:  # the others are still worth their figures
+            fail(str(error))
+            code = INPUT
+            continue
+        if damage is not None:
+            warn(f"{name}: {damage}")
+            code = code or DAMAGED
+    if evaluations:
+        report = Report(evaluations)
+        print(report.to_json() if args.json else report.to_text())
+    return code
+
+
+def _recordings(logs: list[str]) -> list[str]:
+    """Files as given, folders replaced by the recordings in them; each once."""
+    names: dict[str, None] = {}
+    for log in logs:
+        if log == "-":
+            raise UsageError("evaluate reads a recording twice: name a file, not -")
+        if not Path(log).is_dir():
+            names[log] = None
+            continue
+        inside = sorted(map(str, Path(log).rglob("*.mcap")))
+        if not inside:
+            raise UnreadableRecording(f"{log}: this folder holds no .mcap file")
+        names.update(dict.fromkeys(inside))
+    return list(names)
+
+
+def _evaluate(name: str, model: "Model") -> "tuple[Evaluation, str | None]":
+    from contact_tracker.evaluation.evaluate import evaluate
+    from contact_tracker.poses import Poses
+    from contact_tracker.recording import open_log, read_truth
+    from contact_tracker.segmenter import segment
+
+    truth = read_truth(name)
+    if truth is None:
+        raise NoTruth(f"{name}: no truth in it, neither truth.json nor /contact/truth")
+    log = open_log(name)
+    poses = Poses.collect(log)
+    if not len(poses):
+        raise NoPoses(f"{name}: no pose that can be used")
+    with progress(name, "poses") as set_done:
+        found = segment(poses, model, set_done)
+    return evaluate(poses, truth, found), log.damage

@@ -1,0 +1,49 @@
+"""``contact-tracker info``: which poses a recording holds, and how good they are."""
+
+import argparse
+import json
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker.cli.status import DAMAGED, DONE
+from contact_tracker.cli.terminal import warn
+from contact_tracker.errors import NoPoses
+
+if TYPE_CHECKING:
+    from contact_tracker.recording import SourceSummary
+
+HELP: Final = "which poses are in a recording, and how good they are"
+DESCRIPTION: Final = """\
+List the sources of poses in a recording with their topics, frames, rates, gaps and estimated
+noise, and whatever else the recording holds."""
+EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
+NOISE_POSES: Final = 20_000
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
+
+
+def run(args: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from contact_tracker.outputs.summary import summary_json, summary_lines
+    from contact_tracker.recording import summarise
+
+    summary = summarise(args.log)
+    if args.log != "-":  # stdin cannot be read again for its noise
+        summary = replace(summary, sources=tuple(_with_noise(args.log, s) for s in summary.sources))
+    if args.json:
+        print(json.dumps(summary_json(summary), indent=1, allow_nan=False))
+    else:
+        print("\n".join(summary_lines(summary)))
+    if summary.damage is not None:
+        warn(f"{args.log}: {summary.damage}")
+    if not any(source.poses for source in summary.sources):
+        raise NoPoses(f"{args.log}: no pose in it that can be used")
+    return DONE if summary.damage is None else DAMAGED
+
+
+def _with_noise(path: str, summary: "SourceSummary") -> "SourceSummary":
+    """``summary`` with the sensor noise, estimated from the source's first poses."""
+    raise NotImplementedError

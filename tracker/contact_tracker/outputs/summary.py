@@ -1,0 +1,84 @@
+"""What a recording holds, for people and for programs."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from contact_tracker.outputs.printable import printable
+from contact_tracker.recording import RecordingSummary, SourceSummary
+
+
+def summary_lines(summary: RecordingSummary) -> Iterator[str]:
+    """A block per pose source, then the other topics, metadata and attachments."""
+    for source in summary.sources:
+        yield printable(str(source.source))
+        for name, text in _source_rows(source):
+            yield f"  {name:<10}{text}"
+    poses = {source.source.topic for source in summary.sources}
+    for (topic, type_name, encoding), count in sorted(summary.topics.items()):
+        if topic not in poses:
+            yield printable(f"{topic} ({type_name or 'no type'}, {encoding or 'no encoding'}): {count} messages")
+    if summary.undecodable:
+        yield f"{summary.undecodable} messages of pose topics cannot be decoded"
+    for name, values in summary.metadata.items():
+        yield printable(f"metadata {name}: {', '.join(values) or 'empty'}")
+    for name in summary.attachments:
+        yield printable(f"attachment {name}")
+
+
+def summary_json(summary: RecordingSummary) -> dict[str, Any]:
+    """The same as one object; null where a figure could not be had."""
+    return {
+        "sources": [_source_json(source) for source in summary.sources],
+        "topics": [
+            {"topic": topic, "type": type_name, "encoding": encoding, "messages": count}
+            for (topic, type_name, encoding), count in sorted(summary.topics.items())
+        ],
+        "metadata": {name: dict(values) for name, values in summary.metadata.items()},
+        "attachments": list(summary.attachments),
+        "undecodable": summary.undecodable,
+        "damage": summary.damage,
+    }
+
+
+def _source_rows(source: SourceSummary) -> Iterator[tuple[str, str]]:
+    usable = "" if source.poses == source.observed else f" of {source.observed} published"
+    yield "poses", f"{source.poses}{usable}"
+    if source.poses > 1:
+        rate, jitter_ms = source.median_rate_hz, source.jitter_s * 1e3
+        yield "time", f"{source.duration_s:.2f} s at {rate:.1f} Hz, jitter {jitter_ms:.2f} ms"
+        extent = " x ".join(f"{metres:.2f}" for metres in source.extent_m)
+        yield "motion", f"{source.path_m:.2f} m of path within {extent} m"
+    if source.sigma_position_m is not None and source.sigma_rotation_rad is not None:
+        position_mm, rotation_deg = source.sigma_position_m * 1e3, math.degrees(source.sigma_rotation_rad)
+        yield "noise", f"about {position_mm:.3f} mm and {rotation_deg:.3f} deg per axis"
+    if source.counts:
+        yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
+
+
+def _source_json(source: SourceSummary) -> dict[str, Any]:
+    return {
+        "topic": source.source.topic,
+        "type": source.source.type,
+        "frame_id": source.source.frame_id,
+        "child_frame_id": source.source.child_frame_id,
+        "poses": source.poses,
+        "published": source.observed,
+        "first_ns": source.first_ns,
+        "last_ns": source.last_ns,
+        "duration_s": _finite(source.duration_s),
+        "rate_hz": _finite(source.median_rate_hz),
+        "jitter_s": _finite(source.jitter_s),
+        "log_offset_s": _finite(source.log_offset_s),
+        "path_m": _finite(source.path_m),
+        "extent_m": [_finite(metres) for metres in source.extent_m],
+        "noise": {
+            "sigma_position_m": source.sigma_position_m,
+            "sigma_rotation_rad": source.sigma_rotation_rad,
+        },
+        "counts": dict(source.counts),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
