@@ -1,13 +1,12 @@
 """``contact-tracker live``: what holds now, from the data up to now."""
 
 import argparse
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, positive, seconds
 from contact_tracker.cli.status import INTERRUPTED
-from contact_tracker.cli.terminal import StatusLine, say
+from contact_tracker.cli.terminal import StatusLine
 
 if TYPE_CHECKING:
     from contact_tracker.belief import Belief
@@ -42,7 +41,6 @@ def run(args: argparse.Namespace) -> int:
     state = start(load_model(args.model), lag_s=args.lag)
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
-    begin_s = time.monotonic()
     interrupted = False
     with StatusLine() as status:
         show = _shower(args.json, source, status)
@@ -56,7 +54,6 @@ def run(args: argparse.Namespace) -> int:
         for belief in finish(state)[1]:
             show(belief)
     code = source.finish()
-    say(f"took {time.monotonic() - begin_s:.2f} s")
     return INTERRUPTED if interrupted else code
 
 

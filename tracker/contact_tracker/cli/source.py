@@ -22,6 +22,7 @@ class Source:
         self._name: str = args.log
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
+        self._begin_s = time.monotonic()
         self.origin_ns = 0
         self.first_ns = 0
         self.last_ns = 0
@@ -49,7 +50,8 @@ class Source:
 
     def finish(self) -> int:
         """Say what was read and what was not; returns the exit code."""
-        say(f"{self.used} poses, {(self.last_ns - self.first_ns) * 1e-9:.2f} s{self._dropped()}")
+        motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
+        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._dropped()}")
         if self._log.damage is None:
             return DONE
         warn(f"{self._name}: {self._log.damage}")

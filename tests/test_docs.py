@@ -1,0 +1,95 @@
+"""The documentation says what is so: the tutorial runs, and the tables name what the code does."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from itertools import takewhile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "tracker" / "contact_tracker"
+CONVENTIONS = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
+TUTORIAL = (ROOT / "docs" / "tutorial_first_segmentation.md").read_text(encoding="utf-8")
+FENCED = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+SETUP = "$ source .venv/bin/activate"  # the reader's; here, the package is at hand already
+
+
+class Step(NamedTuple):
+    """A command or a piece of Python, and the output that the tutorial shows."""
+
+    language: str
+    code: str
+    shown: str
+
+
+def steps(text: str) -> Iterator[Step]:
+    for language, block in FENCED.findall(text):
+        if language == "python":
+            yield Step(language, block, "")
+            continue
+        lines = block.splitlines()
+        assert lines[0].startswith("$ "), f"a console block starts with a command: {lines[0]}"
+        for i, line in enumerate(lines):
+            if line.startswith("$ ") and line != SETUP:
+                shown = takewhile(lambda following: not following.startswith("$ "), lines[i + 1 :])
+                yield Step(language, line[2:], "\n".join(shown))
+
+
+def loosely(output: str) -> list[str]:
+    """Lines with numbers masked and spaces joined: figures may differ from machine to machine."""
+    return [" ".join(NUMBER.sub("N", line).split()) for line in output.splitlines() if line.strip()]
+
+
+def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "PYTHON": sys.executable}
+    program = 'contact-tracker() { "$PYTHON" -m contact_tracker "$@"; }\n'
+    ran = 0
+    for step in steps(TUTORIAL):
+        shell = ["bash", "-c", program + step.code]
+        command = shell if step.language == "console" else [sys.executable, "-c", step.code]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, f"{step.code}\n{done.stderr}"
+        if step.shown:
+            assert_shown(step, done.stdout)
+        ran += 1
+    assert ran >= 6
+
+
+def assert_shown(step: Step, output: str) -> None:
+    """Lines agree one by one; a line ``...`` in the tutorial stands for all that follow it."""
+    expected, got = loosely(step.shown), loosely(output)
+    if expected[-1] == "...":
+        expected.pop()
+        got = got[: len(expected)]
+    assert got == expected, f"$ {step.code}"
+
+
+def counted_kinds() -> set[str]:
+    """The names under which the gate and the reader count what they drop or repair."""
+    kinds: set[str] = set()
+    for path in (PACKAGE / "gate.py", PACKAGE / "recording" / "log.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case (
+                    ast.Subscript(value=ast.Name("counts"), slice=ast.Constant(kind))
+                    | ast.Subscript(value=ast.Attribute(attr="_counts"), slice=ast.Constant(kind))
+                    | ast.Call(func=ast.Attribute(attr="_drop"), args=[ast.Constant(kind)])
+                ):
+                    kinds.add(str(kind))
+    return kinds
+
+
+def test_the_conventions_name_every_count() -> None:
+    table = CONVENTIONS.partition("| kind |")[2]
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == counted_kinds()
+
+
+def test_links_lead_somewhere() -> None:
+    for path in [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]:
+        for target in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")):
+            assert "://" in target or (path.parent / target).exists(), f"{path.name} links to {target}"
