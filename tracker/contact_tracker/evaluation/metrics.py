@@ -169,11 +169,11 @@ def _calibration(seconds: Array, top_p: Array, right: NDArray[np.bool_]) -> Arra
 def _boundary_error(scoring: Scoring, frame_label: Ints, change: Change) -> float | None:
     """Seconds from the true change to the nearest found one into the same state; None where there is none.
 
-    Looked for from the begin of the old phase to the end of the new one.
+    Looked for from the begin of the old phase to the end of the new one, both within what is judged: a
+    label that was there for all of the old phase has not changed.
     """
     is_new = frame_label[change.begin : change.end] == change.into
-    before = change.begin > 0 and bool(frame_label[change.begin - 1] == change.into)
-    turned = change.begin + np.flatnonzero(is_new & ~np.append(before, is_new[:-1]))
+    turned = change.begin + 1 + np.flatnonzero(is_new[1:] & ~is_new[:-1])
     if len(turned) == 0:
         return None
     found = scoring.stamp_ns[turned]
