@@ -6,6 +6,7 @@ Levenberg-Marquardt in the free directions of x: with residuals ``c(x) . zeta`` 
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from contact_tracker.contacts.base import Family
 
 Array = NDArray[np.float64]
+
+_LEAST_CURVATURE: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,9 @@ def minimise(
         tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
         curvature = hessian + held
         diagonal = np.einsum("bii->bi", curvature)
-        damped = curvature + np.eye(curvature.shape[-1]) * (damping[:, None] * diagonal)[:, None, :]
+        # a direction without any curvature, as in an empty window, must not make the whole batch singular
+        ridge = damping[:, None] * diagonal + _LEAST_CURVATURE
+        damped = curvature + np.eye(curvature.shape[-1]) * ridge[:, None, :]
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         proposal = family.normalise(x + np.einsum("bsp,bp->bs", tangent, step), anchors)
         proposed_cost = _cost(family, moments, row_weight, prior, proposal)
