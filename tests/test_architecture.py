@@ -25,11 +25,13 @@ LAYERS = (
     ("belief",),
     ("model",),
     ("tracker", "segmenter", "windows"),
-    ("whole_file", "recording", "simulate", "evaluation", "viewer"),
+    ("whole_file",),
+    ("recording", "simulate", "evaluation"),
     ("outputs",),
+    ("viewer",),
     ("cli",),
 )
-FIRST_EDGE_LAYER = next(i for i, row in enumerate(LAYERS) if "recording" in row)
+FIRST_EDGE_LAYER = LAYERS.index(("whole_file",))
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 READS_ITS_PRESETS = {"model"}  # of the core, only the model reads files: its own
 ALONE = {"hmm"}  # sees arrays only: imports numpy, and nothing else of ours

@@ -78,7 +78,6 @@ def counted_kinds() -> set[str]:
                 case (
                     ast.Subscript(value=ast.Name("counts"), slice=ast.Constant(kind))
                     | ast.Subscript(value=ast.Attribute(attr="_counts"), slice=ast.Constant(kind))
-                    | ast.Call(func=ast.Attribute(attr="_drop"), args=[ast.Constant(kind)])
                 ):
                     kinds.add(str(kind))
     return kinds
