@@ -1,0 +1,142 @@
+"""From poses to ticks: short spans of time whose frames are averaged in the lift, outliers left out."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker import free_motion, noise
+from contact_tracker.free_motion import Excess, FreeMotion
+from contact_tracker.lift import R, T, lift
+from contact_tracker.model import Model
+from contact_tracker.noise import NoiseEstimate
+from contact_tracker.poses import Pose, Poses
+
+Array = NDArray[np.float64]
+
+LONGEST_GAP_S: Final = 5.0
+"""A gap in the stream is followed tick by tick up to this time; what is longer passes as one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """The frames of one tick.
+
+    ``stamp_ns`` of its last frame; ``zeta`` (25,) mean lift with the world's origin at the first pose;
+    ``count`` of frames used (0: a gap), ``outliers`` left out; ``excess`` of free motion.
+    """
+
+    stamp_ns: int
+    zeta: Array
+    count: int
+    outliers: int
+    excess: Excess
+
+
+@dataclass(frozen=True, eq=False)
+class TickState:
+    """Where the averaging stands: frames of the tick under way, and what earlier ones have taught."""
+
+    origin_ns: int
+    origin_m: Array
+    index: int
+    frames: tuple[Pose, ...]
+    noise: NoiseEstimate
+    motion: FreeMotion | None
+    last: Tick | None
+
+
+def begin(model: Model, first: Pose) -> TickState:
+    """The grid of ticks and the world's origin start at the first pose."""
+    estimate = noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
+    return TickState(first.stamp_ns, np.array(first.position_m), 0, (first,), estimate, None, None)
+
+
+def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list[Tick]]:
+    """Take in one pose; returns the ticks that it closes (usually none or one, more after a gap)."""
+    index = int((pose.stamp_ns - state.origin_ns) / 1e9 / model.tick_s)
+    if index == state.index:
+        return replace(state, frames=(*state.frames, pose)), []
+    state, tick = close(state, model)
+    missed = min(index - state.index, int(LONGEST_GAP_S / model.tick_s)) - 1
+    empty = replace(tick, count=0, outliers=0, excess=Excess(0.0, 0.0))
+    step_ns = round(model.tick_s * 1e9)
+    gaps = [replace(empty, stamp_ns=tick.stamp_ns + (i + 1) * step_ns) for i in range(missed)]
+    if index - state.index - 1 > missed:  # the grid jumps over the rest of a long gap
+        state = replace(state, origin_ns=pose.stamp_ns - (state.index + 1 + missed) * step_ns)
+        index = state.index + 1 + missed
+    if missed:
+        state = replace(state, motion=None)
+    return replace(state, index=index, frames=(pose,)), [tick, *gaps]
+
+
+def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
+    """Finish the tick under way."""
+    frames = Poses.collect(state.frames)
+    fresh = np.ones(len(frames), bool)
+    fresh[1:] = np.any(np.diff(frames.position_m, axis=0) != 0, axis=1)  # held poses say nothing new
+    frames = frames[fresh]
+    estimate = noise.advance(
+        state.noise, frames, (model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
+    )
+    rotation, position = frames.rotation, frames.position_m - state.origin_m
+    good = _plausible(state, frames, rotation, position, estimate, model)
+    zeta = lift(rotation[good], position[good]).mean(axis=0)
+    count = int(good.sum())
+    variances = tick_variances(estimate, count, model)
+    turn = _nearest_rotation(zeta[R].reshape(3, 3))
+    if state.motion is None:
+        motion, excess = free_motion.begin(turn, zeta[T]), Excess(0.0, 0.0)
+    else:
+        motion, excess = free_motion.advance(
+            state.motion, turn, zeta[T], variances, model.tick_s, model.motion.memory_s
+        )
+    stamp_ns = state.frames[-1].stamp_ns
+    tick = Tick(stamp_ns, zeta, count, len(frames) - count, excess)
+    return replace(state, frames=(), noise=estimate, motion=motion, last=tick), tick
+
+
+def tick_variances(estimate: NoiseEstimate, count: float, model: Model) -> tuple[float, float]:
+    """Noise variances (m^2, rad^2) per axis of a tick's mean over ``count`` frames."""
+    frames = max(count, 1)
+    return (
+        estimate.sigma_position_m**2 / frames + model.noise.floor_position_m**2,
+        estimate.sigma_rotation_rad**2 / frames + model.noise.floor_rotation_rad**2,
+    )
+
+
+def _plausible(
+    state: TickState, frames: Poses, rotation: Array, position: Array, estimate: NoiseEstimate, model: Model
+) -> NDArray[np.bool_]:
+    """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far.
+
+    With all frames implausible the object has jumped: they are taken, and the filter follows.
+    """
+    everything = np.ones(len(frames), bool)
+    if state.motion is None or state.motion.position.weight == 0:
+        return everything
+    middle_s = (state.index - 0.5) * model.tick_s
+    ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - middle_s
+    off_position = position - free_motion.predicted_position(state.motion, ahead)
+    predicted = free_motion.predicted_rotation(state.motion, ahead)
+    off_rotation = Rotation.from_matrix(np.swapaxes(predicted, -1, -2) @ rotation).as_rotvec()
+    good = everything
+    rows = (
+        (off_position, estimate.sigma_position_m, state.motion.position),
+        (off_rotation, estimate.sigma_rotation_rad, state.motion.turn),
+    )
+    for off, sigma, motion in rows:
+        moved = free_motion.spread(motion)
+        if len(frames) >= 3:
+            off, moved = off - np.median(off, axis=0), 0.25 * moved
+        distance = np.linalg.norm(off, axis=1)
+        good = good & (distance < model.noise.outlier_sigmas * np.sqrt(sigma**2 + moved))
+    return good if good.any() else everything
+
+
+def _nearest_rotation(mean: Array) -> Array:
+    left, _, right = np.linalg.svd(mean)
+    sign = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    return np.asarray(left @ sign @ right)
