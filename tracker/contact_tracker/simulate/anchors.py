@@ -17,6 +17,7 @@ _CROSSING = (np.radians(50.0), np.radians(130.0))  # edges cross well where cont
 _SPEED_M_S = 0.06
 _TURN_RAD_S = np.radians(20.0)
 _ROOM_M = 0.07  # to move in, from the touching point to the rim
+_ROOM_RAD = np.radians(20.0)  # and from the normal to the sides of its cone
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +80,8 @@ def meet(rng: np.random.Generator, before: Anchor | None, leaving: Chart | None,
     charts = (leaving or arriving, arriving)
     lower = min(charts, key=lambda chart: chart.contact.codimension)
     higher = max(charts, key=lambda chart: chart.contact.codimension)
-    normal = sample_normal(rng, higher.environment)
-    object_normal = sample_normal(rng, higher.object)
+    normal = sample_normal(rng, higher.environment, before.normal if before else None)
+    object_normal = sample_normal(rng, higher.object, before.object_normal if before else None)
     if before is None:
         spin = rng.uniform(-np.pi, np.pi)
     elif leaving is None:
@@ -105,10 +106,15 @@ def meet(rng: np.random.Generator, before: Anchor | None, leaving: Chart | None,
     )
 
 
-def sample_normal(rng: np.random.Generator, feature: Feature) -> Array:
-    """A normal well within the feature's cone."""
-    weights = rng.dirichlet(np.full(len(feature.normals), 1.5), 6)
-    return max(unit(weights @ feature.normals), key=feature.normal_clearance)
+def sample_normal(rng: np.random.Generator, feature: Feature, near: Array | None) -> Array:
+    """A normal of the feature's cone with room to turn around it, rather ``near`` than far."""
+    normals = unit(rng.dirichlet(np.full(len(feature.normals), 1.5), 8) @ feature.normals)
+
+    def effort(normal: Array) -> float:
+        angle = 0.0 if near is None else float(np.arccos(np.clip(normal @ near, -1.0, 1.0)))
+        return angle + 4.0 * max(0.0, float(_ROOM_RAD) - feature.normal_clearance(normal))
+
+    return min(normals, key=effort)
 
 
 def sample_point(rng: np.random.Generator, feature: Feature, near: Array | None) -> Array:

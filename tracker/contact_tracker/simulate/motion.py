@@ -16,7 +16,8 @@ from contact_tracker.simulate.signals import band_limited, blend, drift, smooth_
 Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]
 
-_TILT_RAMP_S = 0.5  # a gained or lost constraint shows soon
+_TILT_RAMP_S = 0.6  # a gained or lost constraint shows soon
+_TURN_RAD_S = 1.2
 _SLIDE_RAMP_S = 1.0
 _LIFT_RAMP_S = 0.8
 _MARGIN = 0.8  # share of the room up to a feature's rim that the motion uses
@@ -54,13 +55,14 @@ def move(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
 def _touch(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
     """Every coordinate of the chart moves: from the start into random motion and on to the end."""
     chart, start, end = leg.chart, leg.start, leg.end
-    tilt = blend(time_s, leg.duration_s, _TILT_RAMP_S)
     slide = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)
     drifts = drift(time_s, SETTLE_S)[:, None], drift(time_s - leg.duration_s, SETTLE_S)[:, None]
 
     def turned(feature: Feature, first: Array, last: Array) -> Array:
-        middle = _turn(rng, feature, sample_normal(rng, feature), time_s, hand)
-        return unit(_mix(tilt, first, middle, last))
+        centre = sample_normal(rng, feature, unit(first + last))
+        farthest = np.arccos(np.clip(min(first @ centre, last @ centre), -1.0, 1.0))
+        tilt = blend(time_s, leg.duration_s, max(_TILT_RAMP_S, farthest / _TURN_RAD_S))
+        return unit(_mix(tilt, first, _turn(rng, feature, centre, time_s, hand), last))
 
     def moved(feature: Feature, ends: Array, rates: Array) -> Array:
         middle = _slide(rng, feature, sample_point(rng, feature, ends.mean(axis=0)), time_s, hand)

@@ -15,6 +15,8 @@ from contact_tracker.simulate.scenarios import Phase
 Array = NDArray[np.float64]
 
 _LEAD_S = 0.8  # to reach, or to leave, a pose of rest or of singular motion
+_TRAVEL_M_S = 0.25
+_TURN_RAD_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +117,14 @@ def _effort(distance_m: float, angle_rad: float) -> float:
 def _leg(
     phase: Phase | None, start: Anchor, end: Anchor, chart: Chart, following: Chart, radius: float
 ) -> Leg:
-    if phase and phase.contact is not Contact.FREE:
-        return Leg(phase.contact, phase.motion, phase.duration_s, start, end, chart, chart)
     distance, angle = start.far_from(end)
+    unhurried = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
+    if phase and phase.contact is not Contact.FREE:
+        seconds = max(phase.duration_s, unhurried)
+        return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)
     lift = 0.03 + 0.4 * (distance + angle * radius)
     if phase:
-        return Leg(Contact.FREE, phase.motion, phase.duration_s, start, end, chart, following, lift + 0.15)
-    seconds = max(0.6, 6.5 * lift, distance / 0.3, angle / 1.2)
+        seconds = max(phase.duration_s, unhurried)
+        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift + 0.15)
+    seconds = max(0.6, 6.5 * lift, unhurried)
     return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift, wander=0.0)

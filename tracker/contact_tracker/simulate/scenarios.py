@@ -15,7 +15,10 @@ MOTIONS: Final = ("normal", "rest", "translation", "one-axis")
 
 
 class Phase(NamedTuple):
-    """``contact`` for ``duration_s``; ``motion`` is normal, rest, translation or one-axis."""
+    """``contact`` for ``duration_s``, or longer where a hand needs longer to the next one.
+
+    ``motion`` is normal, rest, translation (rotation stands still) or one-axis (rotation about one).
+    """
 
     contact: Contact
     duration_s: float
