@@ -7,6 +7,7 @@
     |   |-- UnreadableRecording   not a recording, or nothing in it can be read
     |   |-- NoPoses               a recording without a pose source that we know
     |   `-- NoTruth               evaluation was asked of a recording without truth
+    |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
         |-- AmbiguousSource       several pose sources: choose with --topic / --frame
         `-- ModelError            a model file with a missing or impossible value
@@ -34,6 +35,10 @@ class NoPoses(InputError):
 
 class NoTruth(InputError):
     """The recording carries no truth to evaluate against."""
+
+
+class ViewerError(ContactTrackerError):
+    """The viewer does not start, or does not take the data."""
 
 
 class UsageError(ContactTrackerError):

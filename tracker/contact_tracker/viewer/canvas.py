@@ -1,0 +1,174 @@
+"""What is drawn under which name: rows for rerun, many at once offline and one at a time live."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Final
+from uuid import uuid4
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from contact_tracker.geometry import Array
+from contact_tracker.labels import CONTACTS, STATES, Contact
+from contact_tracker.poses import Pose, Poses
+from contact_tracker.viewer.hull import Hull
+from contact_tracker.viewer.palette import COLOUR, COLOURS, GREY
+from contact_tracker.viewer.scene import Drawing
+from contact_tracker.viewer.shapes import EMPTY, Mesh
+
+Stamps = NDArray[np.int64]
+
+APPLICATION: Final = "contact-tracker"
+TIMELINE: Final = "t"
+STAMP: Final = "stamp"
+BODY: Final = "world/body"
+TRAIL: Final = "world/trail"
+LABEL: Final = "world/label"
+MESHES: Final = (
+    "world/body/element",
+    "world/body/element/uncertainty",
+    "world/surroundings/element",
+    "world/surroundings/element/uncertainty",
+)
+OPACITY: Final = (0.95, 0.3, 0.55, 0.25)
+TRUTH: Final = "state/truth"
+SMOOTHED: Final = "state/smoothed"
+FILTERED: Final = "state/filtered"
+P_SMOOTHED: Final = "probability/smoothed"
+P_FILTERED: Final = "probability/filtered"
+RESIDUAL: Final = "minima/residual"
+PAPER: Final = "minima/paper"
+EVENTS: Final = "events"
+
+_ROWS: Final = 1000
+Columns = Iterable[rr.ComponentColumn]
+
+
+def new_recording() -> rr.RecordingStream:
+    """A stream with the timelines of the data only."""
+    recording = rr.RecordingStream(APPLICATION, recording_id=uuid4())
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    return recording
+
+
+class Canvas:
+    """Puts rows into ``recording``; times count from ``origin_ns``, the first pose.
+
+    Data that rerun cannot take raise, instead of being dropped with a warning.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, origin_ns: int, hull: Hull | None, axes_m: float) -> None:
+        self._recording = recording
+        self._origin_ns = origin_ns
+        self._static(BODY, rr.TransformAxes3D(axes_m))
+        for entity in (TRUTH, SMOOTHED, FILTERED):
+            names = [state.value for state in STATES]
+            self._static(entity, rr.StateConfiguration(values=names, labels=names, colors=COLOURS))
+        for entity in (P_SMOOTHED, P_FILTERED):
+            self._lines(entity, STATES)
+        for entity in (RESIDUAL, PAPER):
+            self._lines(entity, CONTACTS)
+        if hull is not None:
+            self._hull(hull)
+
+    def pose(self, pose: Pose) -> None:
+        """One pose, by the path that costs least per row."""
+        since_ns = np.timedelta64(pose.stamp_ns - self._origin_ns, "ns")
+        self._recording.set_time(TIMELINE, duration=since_ns)
+        self._recording.set_time(STAMP, timestamp=np.datetime64(pose.stamp_ns, "ns"))
+        quaternion = rr.Quaternion(xyzw=pose.quat_xyzw)
+        placed = rr.Transform3D(translation=pose.position_m, quaternion=quaternion)
+        self._recording.log(BODY, placed, strict=True)
+
+    def poses(self, poses: Poses) -> None:
+        def columns(rows: slice) -> Columns:
+            return rr.Transform3D.columns(
+                translation=poses.position_m[rows], quaternion=poses.quat_xyzw[rows]
+            )
+
+        self._send(BODY, poses.stamp_ns, columns)
+
+    def trail(self, stamp_ns: Stamps, strips: Sequence[Array], contacts: Sequence[Contact]) -> None:
+        """The way (N, 3) of the body's origin up to each stamp, coloured by what held."""
+
+        def columns(rows: slice) -> Columns:
+            colours = [COLOUR[contact] for contact in contacts[rows]]
+            return rr.LineStrips3D.columns(strips=strips[rows], colors=colours)
+
+        self._send(TRAIL, stamp_ns, columns)
+
+    def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
+        """What holds from each stamp on; None for nothing known."""
+        names = [None if contact is None else contact.value for contact in contacts]
+        self._send(entity, stamp_ns, lambda rows: rr.StateChange.columns(state=_texts(names[rows])))
+
+    def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
+        """Values (N, K) of the K series of an entity; nan leaves a gap."""
+        self._send(entity, stamp_ns, lambda rows: rr.Scalars.columns(scalars=values[rows]))
+
+    def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None]) -> None:
+        """What is drawn from each stamp on; None clears it."""
+        for index, entity in enumerate(MESHES):
+            meshes = [EMPTY if d is None else d[index] for d in drawings]
+            self._send(entity, stamp_ns, lambda rows, meshes=meshes: _mesh_columns(meshes[rows]))
+
+    def fade(self, stamp_ns: Stamps, contacts: Sequence[Contact], probability: Array) -> None:
+        """Colour and opacity of what is drawn from each stamp on."""
+        for entity, opacity in zip(MESHES, OPACITY, strict=True):
+            colours = np.empty((len(stamp_ns), 4), np.uint8)
+            colours[:, :3] = [COLOUR[contact] for contact in contacts]
+            colours[:, 3] = np.round(255 * opacity * np.clip(probability, 0.0, 1.0))
+            self._send(entity, stamp_ns, lambda rows, c=colours: rr.Mesh3D.columns(albedo_factor=c[rows]))
+
+    def events(self, stamp_ns: Stamps, contacts: Sequence[Contact], texts: Sequence[str]) -> None:
+        colours = [COLOUR[contact] for contact in contacts]
+        levels = [contact.value for contact in contacts]
+        self._send(
+            EVENTS,
+            stamp_ns,
+            lambda rows: rr.TextLog.columns(text=texts[rows], level=levels[rows], color=colours[rows]),
+        )
+
+    def _hull(self, hull: Hull) -> None:
+        faint = (*GREY, 40)
+        faces = rr.Mesh3D(
+            vertex_positions=hull.vertices, triangle_indices=hull.triangles, albedo_factor=faint
+        )
+        self._static(f"{BODY}/hull", faces)
+        edges = rr.LineStrips3D(hull.edges, colors=GREY, radii=rr.Radius.ui_points(0.8))
+        self._static(f"{BODY}/hull/edges", edges)
+
+    def _lines(self, entity: str, contacts: Sequence[Contact]) -> None:
+        names = [contact.value for contact in contacts]
+        colours = [COLOUR[contact] for contact in contacts]
+        self._static(entity, rr.SeriesLines(colors=colours, names=names, widths=[1.6] * len(names)))
+
+    def _static(self, entity: str, what: rr.AsComponents) -> None:
+        self._recording.log(entity, what, static=True, strict=True)
+
+    def _send(self, entity: str, stamp_ns: Stamps, columns: Callable[[slice], Columns]) -> None:
+        for rows in _chunks(len(stamp_ns)):
+            since = (stamp_ns[rows] - self._origin_ns).astype("timedelta64[ns]")
+            times = [
+                rr.TimeColumn(TIMELINE, duration=since),
+                rr.TimeColumn(STAMP, timestamp=stamp_ns[rows].astype("datetime64[ns]")),
+            ]
+            self._recording.send_columns(entity, times, columns(rows), strict=True)
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    """A thousand rows to a chunk: small chunks double the file, huge ones are slow to show."""
+    return (slice(start, min(start + _ROWS, count)) for start in range(0, count, _ROWS))
+
+
+def _mesh_columns(meshes: Sequence[Mesh]) -> Columns:
+    vertices, triangles, normals = (np.concatenate(part) for part in zip(*meshes, strict=True))
+    per_vertex, per_triangle = ([len(m[i]) for m in meshes] for i in (0, 1))
+    yield from rr.Mesh3D.columns(vertex_positions=vertices, vertex_normals=normals).partition(per_vertex)
+    yield from rr.Mesh3D.columns(triangle_indices=triangles).partition(per_triangle)
+
+
+def _texts(names: Sequence[str | None]) -> list[str]:
+    """rerun takes an empty text for the end of a state."""
+    return [name or "" for name in names]

@@ -1,0 +1,97 @@
+"""What is believed while it is believed, streamed to the viewer."""
+
+from collections import deque
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import rerun as rr
+
+from contact_tracker.belief import Belief
+from contact_tracker.geometry import Array, ContactGeometry
+from contact_tracker.labels import Contact
+from contact_tracker.poses import Pose, Poses
+from contact_tracker.viewer import canvas, layout
+from contact_tracker.viewer.canvas import Canvas
+from contact_tracker.viewer.events import event
+from contact_tracker.viewer.hull import hull
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.sinks import Sink, close, to_viewer
+
+_CLOSE_S = 5.0
+
+
+class LiveViewer:
+    """A ``LiveView`` in the rerun viewer: a row per pose, and all else once per belief.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3) of the object in the body frame, where known.
+    sink : where it goes; by default a viewer on this machine, started where none runs.
+
+    Raises
+    ------
+    ViewerError : the viewer does not start.
+    """
+
+    def __init__(self, vertices_m: Array | None = None, sink: Sink | None = None) -> None:
+        self._hull = None if vertices_m is None else hull(vertices_m)
+        self._extent = UNKNOWN_EXTENT if self._hull is None else self._hull.extent
+        self._recording = canvas.new_recording()
+        self._sheet: Canvas | None = None
+        self._waiting: deque[Pose] = deque()
+        self._last: Pose | None = None
+        self._contact: Contact | None = None
+        self._drawn: ContactGeometry | None = None
+        self._near: Poses | None = None
+        (sink or to_viewer())(self._recording, layout.live())
+
+    def pose(self, pose: Pose) -> None:
+        if self._sheet is None:
+            self._sheet = Canvas(self._recording, pose.stamp_ns, self._hull, self._extent.radius_m)
+        self._sheet.pose(pose)
+        self._waiting.append(pose)
+
+    def belief(self, belief: Belief) -> None:
+        """Draw a belief about poses that have been shown."""
+        tick = self._take(belief.stamp_ns)
+        if self._sheet is None or tick is None:
+            return
+        stamp = np.array([belief.stamp_ns], np.int64)
+        sheet, contact, p = self._sheet, belief.contact, belief.probability[belief.contact.column]
+        sheet.trail(stamp, [tick.position_m], [contact])
+        sheet.scalars(canvas.P_FILTERED, stamp, belief.probability[None])
+        sheet.scalars(canvas.RESIDUAL, stamp, belief.residual[None])
+        if contact is not self._contact:
+            self._near = tick
+            sheet.states(canvas.FILTERED, stamp, [contact])
+            sheet.events(stamp, [contact], [event(p, belief.geometry)])
+        if belief.geometry is not self._drawn or contact is not self._contact:
+            near = self._near or tick
+            drawing = None if belief.geometry is None else draw(belief.geometry, near, self._extent)
+            sheet.drawings(stamp, [drawing])
+        sheet.fade(stamp, [contact], np.array([p]))
+        self._contact, self._drawn = contact, belief.geometry
+
+    def close(self) -> None:
+        """See the rest delivered; the viewer stays open."""
+        close(self._recording, _CLOSE_S)
+
+    def _take(self, until_ns: int) -> Poses | None:
+        """The poses up to ``until_ns`` that no belief has taken, joined to those before."""
+        rows = [] if self._last is None else [self._last]
+        while self._waiting and self._waiting[0].stamp_ns <= until_ns:
+            rows.append(self._waiting.popleft())
+        self._last = rows[-1] if rows else None
+        return Poses.collect(rows) if rows else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

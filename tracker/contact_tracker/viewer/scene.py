@@ -1,0 +1,116 @@
+"""Where things stand: which part of an endless plane or line is worth drawing, and from where to look."""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.belief import Segmentation
+from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane
+from contact_tracker.poses import Poses
+from contact_tracker.viewer.shapes import Mesh, body, uncertainty
+
+_ENOUGH_POSES: Final = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Extent:
+    """How large the object is: ``centre_m`` (3,) in the body frame, ``radius_m`` about it."""
+
+    centre_m: Array
+    radius_m: float
+
+
+UNKNOWN_EXTENT: Final = Extent(np.zeros(3), 0.1)
+
+
+class Drawing(NamedTuple):
+    """A touching pair: the object's element in the body frame, the environment's in the world frame."""
+
+    object: Mesh
+    object_uncertainty: Mesh
+    environment: Mesh
+    environment_uncertainty: Mesh
+    label_m: Array
+
+
+class Viewpoint(NamedTuple):
+    eye_m: Array
+    target_m: Array
+    up: Array
+
+
+def draw(geometry: ContactGeometry, poses: Poses, extent: Extent) -> Drawing:
+    """Draw the pair where ``poses`` bring it together: as large as the object, and all of the way it slid.
+
+    Parameters
+    ----------
+    poses : of the time in which the contact was seen, at least one.
+    """
+    poses = poses[:: 1 + len(poses) // _ENOUGH_POSES]
+    rotation, position = poses.rotation, poses.position_m
+    of_object, of_environment = _place(geometry.object), _place(geometry.environment)
+    on_object = extent.centre_m if of_object is None else of_object
+    touched = rotation @ on_object + position
+    touching = on_object[None] if of_environment is None else _into_body(rotation, position, of_environment)
+    return Drawing(
+        *_meshes(geometry.object, touching, extent.radius_m),
+        *_meshes(geometry.environment, touched, extent.radius_m),
+        _centre(geometry.environment, touched),
+    )
+
+
+def _place(element: Element) -> Array | None:
+    """Where an element touches, if it says so itself."""
+    return None if isinstance(element, Plane) else element.point_m
+
+
+def _into_body(rotation: Array, position: Array, point: Array) -> Array:
+    inside: Array = np.einsum("nij,ni->nj", rotation, point - position)
+    return inside
+
+
+def _meshes(element: Element, partner: Array, radius_m: float) -> tuple[Mesh, Mesh]:
+    centre = _centre(element, partner)
+    reach = float(np.max(np.linalg.norm(partner - centre, axis=1))) if isinstance(element, Plane) else 0.0
+    half_m = radius_m + min(reach, 3.0 * radius_m)
+    return body(element, centre, half_m), uncertainty(element, centre, half_m)
+
+
+def _centre(element: Element, partner: Array) -> Array:
+    """The middle of what is drawn, for a ``partner`` that was at (N, 3) in the element's frame."""
+    if not isinstance(element, Plane):
+        return element.point_m
+    middle = partner.mean(axis=0)
+    centre: Array = middle + (element.offset_m - middle @ element.normal) * element.normal
+    return centre
+
+
+def viewpoint(poses: Poses, segmentation: Segmentation, extent: Extent) -> Viewpoint:
+    """Look from the side on the whole motion, upright on the plane that was touched longest."""
+    centres = poses.rotation @ extent.centre_m + poses.position_m
+    target = np.median(centres, axis=0)
+    spread = centres - target
+    up = _up(segmentation, target)
+    level = spread - np.outer(spread @ up, up)
+    narrow = np.linalg.svd(np.vstack([level, 1e-6 * _level_axes(up)]), full_matrices=False)[2][1]
+    distance = 2.6 * (extent.radius_m + float(np.quantile(np.linalg.norm(spread, axis=1), 0.95)))
+    return Viewpoint(target + distance * (0.87 * narrow + 0.5 * up), target, up)
+
+
+def _level_axes(up: Array) -> Array:
+    return np.eye(3) - np.outer(up, up)
+
+
+def _up(segmentation: Segmentation, target: Array) -> Array:
+    """The normal of the surroundings' plane that was touched longest, towards the object; else z."""
+    touched = [
+        (s.end_ns - s.start_ns, s.geometry.environment)
+        for s in segmentation.segments
+        if s.geometry is not None and isinstance(s.geometry.environment, Plane)
+    ]
+    if not touched:
+        return np.array([0.0, 0.0, 1.0])
+    plane = max(touched, key=lambda pair: pair[0])[1]
+    up: Array = plane.normal * (1.0 if target @ plane.normal >= plane.offset_m else -1.0)
+    return up
