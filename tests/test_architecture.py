@@ -24,6 +24,7 @@ LAYERS = (
     ("hmm",),
     ("belief",),
     ("model",),
+    ("ticks",),
     ("tracker", "segmenter", "windows"),
     ("whole_file",),
     ("recording", "simulate", "evaluation"),

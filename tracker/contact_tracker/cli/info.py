@@ -32,7 +32,8 @@ def run(args: argparse.Namespace) -> int:
 
     summary = summarise(args.log)
     if args.log != "-":  # stdin cannot be read again for its noise
-        summary = replace(summary, sources=tuple(_with_noise(args.log, s) for s in summary.sources))
+        sources = (_with_noise(args.log, s) if s.poses else s for s in summary.sources)
+        summary = replace(summary, sources=tuple(sources))
     if args.json:
         print(json.dumps(summary_json(summary), indent=1, allow_nan=False))
     else:
@@ -45,5 +46,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _with_noise(path: str, summary: "SourceSummary") -> "SourceSummary":
-    """``summary`` with the sensor noise, estimated from the source's first poses."""
-    raise NotImplementedError
+    """``summary`` with the sensor noise, estimated from the source's first valid poses."""
+    from dataclasses import replace
+    from itertools import islice
+
+    from contact_tracker.noise import estimate_noise
+    from contact_tracker.poses import Poses
+    from contact_tracker.recording import open_log
+
+    log = open_log(path, summary.source.topic, summary.source.frames)
+    position_m, rotation_rad = estimate_noise(Poses.collect(islice(log, NOISE_POSES)))
+    log.close()
+    return replace(summary, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)

@@ -11,6 +11,7 @@ from contact_tracker.cli.terminal import StatusLine
 if TYPE_CHECKING:
     from contact_tracker.belief import Belief
     from contact_tracker.cli.source import Source
+    from contact_tracker.viewer.absent import LiveView
 
 HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
@@ -42,19 +43,34 @@ def run(args: argparse.Namespace) -> int:
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False
-    with StatusLine() as status:
+    with _viewer(args) as viewer, StatusLine() as status:
         show = _shower(args.json, source, status)
         try:
             for pose in paced(source, args.rate) if args.rate else source:
+                viewer.pose(pose)
                 state, belief = step(state, pose)
                 if belief is not None:
                     show(belief)
+                    viewer.belief(belief)
         except KeyboardInterrupt:
             interrupted = True
         for belief in finish(state)[1]:
             show(belief)
+            viewer.belief(belief)
     code = source.finish()
     return INTERRUPTED if interrupted else code
+
+
+def _viewer(args: argparse.Namespace) -> "LiveView":
+    from contact_tracker.viewer.absent import NoViewer
+
+    if not args.rerun:
+        return NoViewer()
+    from contact_tracker.recording import read_metadata
+    from contact_tracker.viewer.hull import vertices_from_metadata
+    from contact_tracker.viewer.live import LiveViewer
+
+    return LiveViewer(vertices_from_metadata(read_metadata(args.log)))
 
 
 def _shower(as_json: bool, source: "Source", status: StatusLine) -> "Callable[[Belief], None]":

@@ -4,21 +4,46 @@ import argparse
 from typing import Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, output_file
+from contact_tracker.cli.terminal import progress
 
 HELP: Final = "see a recording in the rerun viewer"
 DESCRIPTION: Final = """\
 Show a recording in rerun: the moving body with the touching plane, line or point, labels and
 probabilities over time (online and smoothed, beside the truth where it is known), and the paper's
 objective functions."""
-EXAMPLE: Final = "contact-tracker view recordings/all_states.mcap --save all_states.rrd --no-open"
+EXAMPLE: Final = "contact-tracker view recordings/all_states.mcap"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     add_model(parser)
-    parser.add_argument("--save", type=output_file(".rrd"), metavar="FILE", help="write FILE.rrd")
-    parser.add_argument("--no-open", action="store_true", help="do not open the viewer")
+    parser.add_argument(
+        "--save",
+        type=output_file(".rrd"),
+        metavar="FILE",
+        help="write FILE.rrd, which rerun opens later, instead of opening the viewer",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    raise NotImplementedError
+    from contact_tracker.cli.source import Source
+    from contact_tracker.model import load_model
+    from contact_tracker.poses import Poses
+    from contact_tracker.recording import open_log, read_metadata, read_truth
+    from contact_tracker.segmenter import segment
+    from contact_tracker.viewer.hull import vertices_from_metadata
+    from contact_tracker.viewer.offline import open_viewer, write_rrd
+    from contact_tracker.windows import curves
+
+    model = load_model(args.model)
+    source = Source(open_log(args.log, args.topic, args.frame), args)
+    poses = Poses.collect(source)
+    with progress("segment", "poses") as set_done:
+        found = segment(poses, model, set_done)
+    vertices_m = vertices_from_metadata(read_metadata(args.log))
+    shown = (poses, found, read_truth(args.log), curves(poses), vertices_m)
+    if args.save is None:
+        open_viewer(*shown)
+    else:
+        write_rrd(args.save, *shown)
+    return source.finish()

@@ -17,7 +17,9 @@ def summary_lines(summary: RecordingSummary) -> Iterator[str]:
     poses = {source.source.topic for source in summary.sources}
     for (topic, type_name, encoding), count in sorted(summary.topics.items()):
         if topic not in poses:
-            yield printable(f"{topic} ({type_name or 'no type'}, {encoding or 'no encoding'}): {count} messages")
+            yield printable(
+                f"{topic} ({type_name or 'no type'}, {encoding or 'no encoding'}): {count} messages"
+            )
     if summary.undecodable:
         yield f"{summary.undecodable} messages of pose topics cannot be decoded"
     for name, values in summary.metadata.items():
@@ -49,9 +51,9 @@ def _source_rows(source: SourceSummary) -> Iterator[tuple[str, str]]:
         yield "time", f"{source.duration_s:.2f} s at {rate:.1f} Hz, jitter {jitter_ms:.2f} ms"
         extent = " x ".join(f"{metres:.2f}" for metres in source.extent_m)
         yield "motion", f"{source.path_m:.2f} m of path within {extent} m"
-    if source.sigma_position_m is not None and source.sigma_rotation_rad is not None:
-        position_mm, rotation_deg = source.sigma_position_m * 1e3, math.degrees(source.sigma_rotation_rad)
-        yield "noise", f"about {position_mm:.3f} mm and {rotation_deg:.3f} deg per axis"
+    position_m, rotation_rad = _finite(source.sigma_position_m), _finite(source.sigma_rotation_rad)
+    if position_m is not None and rotation_rad is not None:
+        yield "noise", f"about {position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
     if source.counts:
         yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
 
@@ -73,12 +75,12 @@ def _source_json(source: SourceSummary) -> dict[str, Any]:
         "path_m": _finite(source.path_m),
         "extent_m": [_finite(metres) for metres in source.extent_m],
         "noise": {
-            "sigma_position_m": source.sigma_position_m,
-            "sigma_rotation_rad": source.sigma_rotation_rad,
+            "sigma_position_m": _finite(source.sigma_position_m),
+            "sigma_rotation_rad": _finite(source.sigma_rotation_rad),
         },
         "counts": dict(source.counts),
     }
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
