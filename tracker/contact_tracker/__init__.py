@@ -3,6 +3,4 @@
 Nothing is imported here, so that the command line starts quickly; see the README for the functions to use.
 """
 
-from typing import Final
-
-__version__: Final = "0.1.0"
+__version__ = "0.1.0"
