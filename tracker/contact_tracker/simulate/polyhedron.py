@@ -58,9 +58,13 @@ class Feature:
 
     def tangents(self, normal: Array) -> Array:
         """(2 - d, 3) orthonormal directions in which ``normal`` can turn within the cone."""
-        taken = np.vstack([self.span, normal])
-        basis: Array = np.linalg.svd(taken)[2]
-        return basis[len(taken) :]
+        if self.kind == "f":
+            return np.empty((0, 3))
+        if self.kind == "e":
+            return np.cross(self.span, normal)
+        helper = np.eye(3)[0 if abs(normal[0]) < 0.9 else 1]
+        first = unit(np.cross(normal, helper))
+        return np.array([first, np.cross(normal, first)])
 
     def point_clearance(self, point: Array) -> float:
         """How far (m) a point of the feature is from the feature's rim."""
@@ -118,7 +122,7 @@ def convex(vertices: Array) -> Polyhedron:
     planes: dict[tuple[float, ...], set[int]] = {}
     for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
         planes.setdefault(tuple(np.round(equation, 6) + 0.0), set()).update(map(int, simplex))
-    loops = [_ordered(vertices, members, np.array(key[:3])) for key, members in planes.items()]
+    loops = [_ordered(vertices, members, np.array(key[:3])) for key, members in sorted(planes.items())]
     normals = [_loop_normal(vertices[loop]) for loop in loops]
     faces = [
         Feature(frozenset(loop), vertices[loop], normal[None], np.empty((0, 3)))
@@ -150,7 +154,7 @@ def _ordered(vertices: Array, members: set[int], normal: Array) -> list[int]:
     relative = vertices[indices] - vertices[indices].mean(axis=0)
     x = relative[0]
     angles = np.arctan2(relative @ np.cross(normal, x), relative @ x)
-    return [indices[i] for i in np.argsort(angles)]
+    return [indices[i] for i in np.argsort((angles + 1e-6) % (2.0 * np.pi))]  # the first one first
 
 
 def _loop_normal(loop: Array) -> Array:

@@ -104,7 +104,7 @@ def _intervals(
 
 
 def _random_frame(rng: np.random.Generator, spread_m: float) -> Rigid:
-    return Rigid(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-spread_m, spread_m, 3))
+    return Rigid(Rotation.from_quat(rng.normal(size=4)).as_matrix(), rng.uniform(-spread_m, spread_m, 3))
 
 
 def _moved(shape: Polyhedron, frame: Rigid) -> Array:

@@ -1,0 +1,75 @@
+"""The recordings in the repository are what the commands in their README make."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_tracker.cli.main import run
+from contact_tracker.poses import Poses
+from contact_tracker.recording import open_log, read_metadata, read_truth
+from contact_tracker.truth import Truth
+
+FOLDER = Path(__file__).resolve().parent.parent / "recordings"
+COMMAND = re.compile(r"^contact-tracker (simulate (\w+) +--seed \d+ -o) recordings/(\w+\.mcap)$", re.M)
+COMMANDS = {name: words.split() for words, _, name in COMMAND.findall((FOLDER / "README.md").read_text())}
+MEGABYTE = 1_000_000
+
+
+def poses_of(path: Path) -> Poses:
+    return Poses.collect(open_log(str(path)))
+
+
+def truth_of(path: Path) -> Truth:
+    truth = read_truth(str(path))
+    assert truth
+    return truth
+
+
+def numbers(value: object) -> list[float]:
+    """All numbers of nested lists and dictionaries, in order."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        return [number for item in value for number in numbers(item)]
+    return [float(value)] if isinstance(value, int | float) else []
+
+
+def test_readme_names_every_recording() -> None:
+    assert set(COMMANDS) == {path.name for path in FOLDER.glob("*.mcap")}
+    assert len(COMMANDS) == 4
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_committed_recording_is_what_its_command_makes(name: str, tmp_path: Path) -> None:
+    made = tmp_path / name
+    assert run([*COMMANDS[name], str(made)]) == 0
+    committed = FOLDER / name
+    assert committed.stat().st_size <= MEGABYTE
+    ours, theirs = poses_of(made), poses_of(committed)
+    assert len(theirs) > 1000
+    np.testing.assert_array_equal(ours.stamp_ns, theirs.stamp_ns)
+    np.testing.assert_allclose(ours.position_m, theirs.position_m, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(ours.quat_xyzw, theirs.quat_xyzw, atol=1e-9, rtol=0)
+    mine, yours = truth_of(made).intervals, truth_of(committed).intervals
+    assert [(i.start_ns, i.end_ns, i.contact, i.motion, i.singular) for i in mine] == [
+        (i.start_ns, i.end_ns, i.contact, i.motion, i.singular) for i in yours
+    ]
+    for a, b in zip(mine, yours, strict=True):
+        assert (a.geometry is None) == (b.geometry is None)
+        if a.geometry and b.geometry:
+            np.testing.assert_allclose(
+                numbers(a.geometry.to_json()), numbers(b.geometry.to_json()), atol=1e-9, rtol=0
+            )
+    described = read_metadata(str(committed))["recording"]
+    assert described["scenario"] == name.removesuffix(".mcap")
+    assert set(described) == set(read_metadata(str(made))["recording"])
+
+
+def test_another_seed_makes_another_recording(tmp_path: Path) -> None:
+    made = tmp_path / "vision.mcap"
+    assert run(["simulate", "vision_30hz", "--seed", "2", "-o", str(made)]) == 0
+    ours, committed = poses_of(made), poses_of(FOLDER / "vision_30hz.mcap")
+    common = min(len(ours), len(committed))
+    assert np.abs(ours.position_m[:common] - committed.position_m[:common]).max() > 0.01
