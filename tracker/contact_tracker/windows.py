@@ -21,6 +21,7 @@ STARTS: Final = 3
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
 _SPREAD_M: Final = 0.3
 _CHUNK: Final = 1024
+_COARSE: Final = (1e-4, 30)  # relative gain at which to stop, and iterations at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +65,8 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
         rotation, p = motion(poses.rotation, poses.position_m - poses.position_m.mean(axis=0))
         for column, contact in enumerate(CONTACTS):
             for windows in _chunks(len(first)):
-                k = _window_matrices(contact, rotation, p, first[windows], frames, step)
-                found = _minimise(contact, k)
+                k = window_matrices(contact, rotation, p, first[windows], frames, step)
+                found = minimise_windows(contact, k)
                 minimum[windows, column], converged[windows, column] = found.value, found.converged
     return WindowCurves(poses.stamp_ns[first + frames - 1], minimum, converged)
 
@@ -76,7 +77,7 @@ def _chunks(count: int) -> Iterator[slice]:
         yield slice(start, min(start + _CHUNK, count))
 
 
-def _window_matrices(
+def window_matrices(
     contact: Contact, rotation: Array, p: Array, first: NDArray[np.int64], frames: int, step: int
 ) -> Array:
     """K (W, n, n) of windows that begin at ``first``, from sums over blocks that windows share."""
@@ -90,17 +91,18 @@ def _window_matrices(
     return k
 
 
-def _minimise(contact: Contact, k: Array) -> Batch:
-    """The lowest minimum of each window: random starts, then the neighbours' minima."""
-    rng = np.random.default_rng(0)
-    x, y = random_starts(contact, STARTS, rng, _SPREAD_M)
+def minimise_windows(contact: Contact, k: Array) -> Batch:
+    """The lowest minimum of each window: random starts, then the neighbours' minima, then with care."""
+    starts = random_starts(contact, STARTS, np.random.default_rng(0), _SPREAD_M)
     windows = len(k)
-    tried = [
-        minimise_batched(contact, k, np.tile(a, (windows, 1)), np.tile(b, (windows, 1)), 1e-4, 30)
-        for a, b in zip(x, y, strict=True)
-    ]
-    best = reduce(Batch.better, tried)
+    best = reduce(
+        Batch.better,
+        (
+            minimise_batched(contact, k, np.tile(x, (windows, 1)), np.tile(y, (windows, 1)), *_COARSE)
+            for x, y in zip(*starts, strict=True)
+        ),
+    )
     for shift in SHIFTS:
         source = np.clip(np.arange(windows) + shift, 0, windows - 1)
-        best = best.better(minimise_batched(contact, k, best.x[source], best.y[source]))
-    return best
+        best = best.better(minimise_batched(contact, k, best.x[source], best.y[source], *_COARSE))
+    return minimise_batched(contact, k, best.x, best.y)
