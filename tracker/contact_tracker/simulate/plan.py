@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.labels import Contact
 from contact_tracker.simulate.anchors import Anchor, choose_chart, meet
@@ -12,7 +11,6 @@ from contact_tracker.simulate.chart import Chart
 from contact_tracker.simulate.polyhedron import Polyhedron
 from contact_tracker.simulate.scenarios import Phase
 
-Array = NDArray[np.float64]
 
 _LEAD_S = 0.8  # to reach, or to leave, a pose of rest or of singular motion
 _TRAVEL_M_S = 0.25
