@@ -11,7 +11,6 @@ from contact_tracker.simulate.chart import Chart
 from contact_tracker.simulate.polyhedron import Polyhedron
 from contact_tracker.simulate.scenarios import Phase
 
-
 _LEAD_S = 0.8  # to reach, or to leave, a pose of rest or of singular motion
 _TRAVEL_M_S = 0.25
 _TURN_RAD_S = 1.0
