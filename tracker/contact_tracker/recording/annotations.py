@@ -1,7 +1,6 @@
 """What a recording says about itself besides poses: truth and metadata."""
 
-from collections.abc import Iterable, Iterator
-from itertools import islice
+from collections.abc import Iterable
 from typing import Final
 
 from mcap.summary import Summary
@@ -59,28 +58,33 @@ def _is_rereadable(path: str) -> bool:
 
 def _stored(path: str) -> list[Attachment | Metadata]:
     """The truth attachment and the metadata: by the index, else by looking at everything."""
-    summaries = {part: summary_of(part) for part in parts_of(path)}
+    indexed = [_indexed(part) for part in parts_of(path)]
     items: Iterable[Item]
-    if all(map(_indexes_all, summaries.values())):
-        items = (item for part, summary in summaries.items() for item in _indexed(part, summary))
-    else:
+    if None in indexed:
         items = Reading(path, lambda channel: False)
+    else:
+        items = (item for part_items in indexed for item in part_items or ())
     return [item for item in items if isinstance(item, Attachment | Metadata)]
 
 
-def _indexes_all(summary: Summary | None) -> bool:
+def _indexed(part: str) -> list[Item] | None:
+    """What the index of a file points at; None where that is not all, or not what it should be."""
+    summary = summary_of(part)
     if summary is None or summary.statistics is None:
-        return False
+        return None
     counted = (summary.statistics.attachment_count, summary.statistics.metadata_count)
-    return counted == (len(summary.attachment_indexes), len(summary.metadata_indexes))
+    if counted != (len(summary.attachment_indexes), len(summary.metadata_indexes)):
+        return None
+    places = [(a.offset, a.name) for a in summary.attachment_indexes if a.name == TRUTH_ATTACHMENT]
+    places += [(m.offset, m.name) for m in summary.metadata_indexes]
+    items = [_item_at(part, summary, offset) for offset, _ in places]
+    found = [item.name for item in items if isinstance(item, Attachment | Metadata)]
+    return [i for i in items if i is not None] if found == [name for _, name in places] else None
 
 
-def _indexed(part: str, summary: Summary | None) -> Iterator[Item]:
-    assert summary is not None
-    offsets = [a.offset for a in summary.attachment_indexes if a.name == TRUTH_ATTACHMENT]
-    for offset in (*offsets, *(m.offset for m in summary.metadata_indexes)):
-        with open_stream(part) as stream:
-            yield from islice(RecordLoop(stream, lambda channel: False, summary, offset), 1)
+def _item_at(part: str, summary: Summary, offset: int) -> Item | None:
+    with open_stream(part) as stream:
+        return next(iter(RecordLoop(stream, lambda channel: False, summary, offset)), None)
 
 
 def _from_messages(path: str) -> Truth | None:

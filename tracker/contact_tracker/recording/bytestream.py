@@ -76,9 +76,10 @@ class ByteStream:
 
     def seek(self, position: int) -> bool:
         """Go to ``position`` where the input allows it."""
-        if not self._file.seekable():
+        try:
+            self.position = self._file.seek(position)
+        except (OSError, ValueError, OverflowError):  # a pipe, or a position from a damaged index
             return False
-        self.position = self._file.seek(position)
         return True
 
     def _read_some(self, count: int) -> bytes:

@@ -15,6 +15,7 @@ from mcap.summary import Summary
 
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.bytestream import ByteStream
+from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.items import (
     MESSAGE_HEAD,
     PARSE_ERRORS,
@@ -80,7 +81,7 @@ class RecordLoop:
         start: int = 0,
     ) -> None:
         self.end: End | None = None
-        self.damage: list[str] = []
+        self.damage = DamageReport()
         self._stream = stream
         self._wanted = wanted
         self._start = start
@@ -96,7 +97,9 @@ class RecordLoop:
 
     def __iter__(self) -> Iterator[Item]:
         if self._start:
-            self._stream.seek(self._start)
+            if not self._stream.seek(self._start):
+                self._finish(End.DAMAGED, f"nothing is at byte {self._start}")
+                return
         elif (magic := self._stream.read(len(MAGIC))) != MAGIC:
             reason = self._stream.error or ("it is not an MCAP file" if magic else "it is empty")
             raise UnreadableRecording(reason)
@@ -109,9 +112,9 @@ class RecordLoop:
                 else:
                     yield from self._item(opcode, payload, 0, len(payload))
             except PARSE_ERRORS as error:
-                self.damage.append(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+                self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
         if self._orphans:
-            self.damage.append(f"{self._orphans} messages of channels whose description is missing")
+            self.damage.add(f"{self._orphans} messages of channels whose description is missing")
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
         """Opcode, payload and offset of every record to be looked at, until the input ends."""
@@ -143,7 +146,7 @@ class RecordLoop:
         following = next((offset for offset in self._chunk_starts if offset > start), None)
         if following is None or not self._stream.seek(following):
             return False
-        self.damage.append(text)
+        self.damage.add(text)
         return True
 
     def _finish(self, end: End, damage: str | None) -> None:
@@ -151,11 +154,11 @@ class RecordLoop:
         self.end = End.STOPPED if stream.stopped and end is not End.FOOTER else end
         if self.end is End.FOOTER:
             if stream.read(len(MAGIC)) != MAGIC:
-                self.damage.append("its last bytes are missing")
+                self.damage.add("its last bytes are missing")
             elif not stream.follows and stream.read(1):
-                self.damage.append("what follows its end is ignored")
+                self.damage.add("what follows its end is ignored")
         elif self.end is not End.STOPPED and damage:
-            self.damage.append(f"{damage} ({stream.error})" if stream.error else damage)
+            self.damage.add(f"{damage} ({stream.error})" if stream.error else damage)
 
     def _item(self, opcode: int, data: bytes, first: int, last: int) -> Iterator[Item]:
         if opcode == Opcode.MESSAGE:

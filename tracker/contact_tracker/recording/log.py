@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import chain
 from types import MappingProxyType
 
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.gate import PoseGate
 from contact_tracker.poses import Pose
 from contact_tracker.recording.bytestream import Follow
@@ -148,7 +148,10 @@ def list_sources(path: str) -> list[PoseSource]:
         No such file, or not MCAP.
     """
     wanted = ChannelFilter(None)
-    messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted)))
+    try:
+        messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted)))
+    except NoPoses:
+        return []
     counts: Counter[str] = Counter()
     for part in parts_of(path):
         summary = summary_of(part)

@@ -11,11 +11,11 @@ from mcap.summary import Summary
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.bytestream import Follow, is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.items import PARSE_ERRORS, RECORD_LIMIT, Channel, Item
 
 STDIN: Final = "-"
 _ENDINGS: Final = (".mcap", ".mcap.zstd")
-_DAMAGE_SHOWN: Final = 3
 
 
 def parts_of(path: str) -> list[str]:
@@ -77,15 +77,12 @@ class Reading:
         self.path = path
         self._wanted = wanted
         self._follow = follow
-        self._damage: list[str] = []
+        self._damage = DamageReport()
 
     @property
     def damage(self) -> str | None:
         """One line, or None as long as all is well."""
-        if not self._damage:
-            return None
-        more = len(self._damage) - _DAMAGE_SHOWN
-        return "; ".join(self._damage[:_DAMAGE_SHOWN]) + (f"; and {more} more" if more > 0 else "")
+        return self._damage.text
 
     def __iter__(self) -> Iterator[Item]:
         readable = False
@@ -97,7 +94,7 @@ class Reading:
             except UnreadableRecording as error:
                 named = UnreadableRecording(f"{_shown(part)}: {error}")
                 errors.append(named)
-                self._damage.append(str(named))
+                self._damage.add(str(named))
         if errors and not readable:
             raise errors[0]
 
@@ -107,8 +104,7 @@ class Reading:
             try:
                 yield from loop
             finally:
-                prefix = "" if single else f"{os.path.basename(part)}: "
-                self._damage += [prefix + text for text in loop.damage]
+                self._damage.add_all(loop.damage, "" if single else f"{os.path.basename(part)}: ")
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether there is only the one; when following, those to come too."""

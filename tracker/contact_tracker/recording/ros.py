@@ -1,6 +1,8 @@
 """From ROS 2 messages to observed poses: where each message type keeps stamp, frames and pose."""
 
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr
+from io import StringIO
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -11,11 +13,12 @@ from contact_tracker.poses import Pose
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
 from contact_tracker.recording.items import (
     PARSE_ERRORS,
-    RECORD_LIMIT,
     Channel,
     RawMessage,
     inflate_zstd,
 )
+
+MESSAGE_LIMIT: Final = 2**22
 
 
 class Observation(NamedTuple):
@@ -34,17 +37,19 @@ class RosDecoder:
     """Decodes CDR messages by their ros2msg schema; keeps one decoder per channel."""
 
     def __init__(self) -> None:
-        self._decoders: dict[Channel, Callable[[bytes], Any]] = {}
+        self._decoders: dict[Channel, Callable[[bytes], Any] | None] = {}
 
     def decode(self, message: RawMessage) -> Any:
         """The message as an object with attributes; raises Undecodable."""
         channel, _, data = message
         try:
-            decoder = self._decoders.get(channel)
+            if channel not in self._decoders:
+                self._decoders[channel] = _decoder_of(channel)
+            decoder = self._decoders[channel]
             if decoder is None:
-                decoder = self._decoders[channel] = _decoder_of(channel)
+                raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
             if data.startswith(ZSTD_MAGIC):
-                data = inflate_zstd(data, RECORD_LIMIT)
+                data = inflate_zstd(data, MESSAGE_LIMIT)
             return decoder(data)
         except (*PARSE_ERRORS, TypeError, AttributeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
@@ -62,15 +67,14 @@ def is_ros2(channel: Channel) -> bool:
     return channel.encoding == "cdr" and channel.schema_encoding == "ros2msg"
 
 
-def _decoder_of(channel: Channel) -> Callable[[bytes], Any]:
+def _decoder_of(channel: Channel) -> Callable[[bytes], Any] | None:
+    """The decoder for a channel; None if its schema is unusable."""
     schema = Schema(id=1, name=channel.type, encoding=channel.schema_encoding, data=channel.schema)
     try:
-        decoder = DecoderFactory().decoder_for(channel.encoding, schema)
-    except Exception as error:  # the schema parser raises whatever the text leads it to
-        raise Undecodable(f"{channel.topic}: its schema cannot be parsed ({error})") from error
-    if decoder is None:
-        raise Undecodable(f"{channel.topic}: {channel.type} is not ros2msg in CDR")
-    return decoder
+        with redirect_stderr(StringIO()):  # the parser prints what it then raises
+            return DecoderFactory().decoder_for(channel.encoding, schema)
+    except Exception:  # it raises whatever the text leads it to
+        return None
 
 
 def _pose(header: Any, position: Any, orientation: Any) -> Pose:

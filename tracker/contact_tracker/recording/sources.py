@@ -24,6 +24,7 @@ from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, i
 PREFIX_NS: Final = 1_000_000_000
 PREFIX_MESSAGES: Final = 2000
 _LISTED: Final = 8
+_TEXT_SHOWN: Final = 120
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage")
 
 
@@ -172,11 +173,17 @@ def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> NoPoses:
 def _unsuitable(channel: Channel) -> str:
     if not is_ros2(channel):
         how = f"{channel.encoding or 'no encoding'} with {channel.schema_encoding or 'no schema'}"
-        return f"{channel.topic} is {channel.type or 'of no type'} in {how}; only cdr with ros2msg is read"
-    return f"{channel.topic} is {channel.type}, which is no pose"
+        kind = channel.type or "of no type"
+        return _printable(f"{channel.topic} is {kind} in {how}") + "; only cdr with ros2msg is read"
+    return _printable(f"{channel.topic} is {channel.type}, which is no pose")
+
+
+def _printable(text: str) -> str:
+    """Names come from the file: no line breaks, no control of the terminal, no endless lines."""
+    return "".join(c if c.isprintable() else "?" for c in text[:_TEXT_SHOWN])
 
 
 def _listing(texts: Iterable[str], separator: str = ", ") -> str:
-    all_texts = list(texts)
+    all_texts = [_printable(text) for text in texts]
     more = len(all_texts) - _LISTED
     return separator.join(all_texts[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
