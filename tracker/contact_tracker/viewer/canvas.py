@@ -23,14 +23,15 @@ TIMELINE: Final = "t"
 STAMP: Final = "stamp"
 BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
-LABEL: Final = "world/label"
+LABEL: Final = "world/surroundings/label"
 MESHES: Final = (
     "world/body/element",
     "world/body/element/uncertainty",
     "world/surroundings/element",
     "world/surroundings/element/uncertainty",
 )
-OPACITY: Final = (0.95, 0.3, 0.55, 0.25)
+PALER: Final = MESHES[:2]
+OPACITY: Final = (1.0, 0.35, 0.75, 0.25)
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
 FILTERED: Final = "state/filtered"
@@ -40,6 +41,7 @@ RESIDUAL: Final = "minima/residual"
 PAPER: Final = "minima/paper"
 EVENTS: Final = "events"
 
+NOTHING: Final = (EMPTY,) * 4
 _ROWS: Final = 1000
 Columns = Iterable[rr.ComponentColumn]
 
@@ -58,7 +60,9 @@ class Canvas:
     Data that rerun cannot take raise, instead of being dropped with a warning.
     """
 
-    def __init__(self, recording: rr.RecordingStream, origin_ns: int, hull: Hull | None, axes_m: float) -> None:
+    def __init__(
+        self, recording: rr.RecordingStream, origin_ns: int, hull: Hull | None, axes_m: float
+    ) -> None:
         self._recording = recording
         self._origin_ns = origin_ns
         self._static(BODY, rr.TransformAxes3D(axes_m))
@@ -69,6 +73,7 @@ class Canvas:
             self._lines(entity, STATES)
         for entity in (RESIDUAL, PAPER):
             self._lines(entity, CONTACTS)
+        self._static(LABEL, rr.Points3D.from_fields(radii=rr.Radius.ui_points(0.0), show_labels=True))
         if hull is not None:
             self._hull(hull)
 
@@ -109,17 +114,22 @@ class Canvas:
 
     def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None]) -> None:
         """What is drawn from each stamp on; None clears it."""
-        for index, entity in enumerate(MESHES):
-            meshes = [EMPTY if d is None else d[index] for d in drawings]
-            self._send(entity, stamp_ns, lambda rows, meshes=meshes: _mesh_columns(meshes[rows]))
+        meshes = [NOTHING if d is None else d.meshes for d in drawings]
+        for entity, of_entity in zip(MESHES, zip(*meshes, strict=True), strict=True):
+            self._meshes(entity, stamp_ns, of_entity)
+        places = [np.zeros((0, 3)) if d is None else d.label_m[None] for d in drawings]
+        self._send(LABEL, stamp_ns, lambda rows: _place_columns(places[rows]))
 
     def fade(self, stamp_ns: Stamps, contacts: Sequence[Contact], probability: Array) -> None:
-        """Colour and opacity of what is drawn from each stamp on."""
+        """Colour, opacity and caption of what is drawn from each stamp on; the object's element is paler."""
+        colours = np.array([COLOUR[contact] for contact in contacts], float)
         for entity, opacity in zip(MESHES, OPACITY, strict=True):
-            colours = np.empty((len(stamp_ns), 4), np.uint8)
-            colours[:, :3] = [COLOUR[contact] for contact in contacts]
-            colours[:, 3] = np.round(255 * opacity * np.clip(probability, 0.0, 1.0))
-            self._send(entity, stamp_ns, lambda rows, c=colours: rr.Mesh3D.columns(albedo_factor=c[rows]))
+            shade = colours if entity not in PALER else 255.0 - 0.5 * (255.0 - colours)
+            alpha = 255.0 * opacity * np.clip(probability, 0.0, 1.0)
+            self._shade(entity, stamp_ns, np.round(np.column_stack([shade, alpha])).astype(np.uint8))
+        captions = [f"{c.value}  {p:.2f}" for c, p in zip(contacts, probability, strict=True)]
+        rgb = colours.astype(np.uint8)
+        self._send(LABEL, stamp_ns, lambda rows: rr.Points3D.columns(labels=captions[rows], colors=rgb[rows]))
 
     def events(self, stamp_ns: Stamps, contacts: Sequence[Contact], texts: Sequence[str]) -> None:
         colours = [COLOUR[contact] for contact in contacts]
@@ -130,8 +140,14 @@ class Canvas:
             lambda rows: rr.TextLog.columns(text=texts[rows], level=levels[rows], color=colours[rows]),
         )
 
+    def _meshes(self, entity: str, stamp_ns: Stamps, meshes: Sequence[Mesh]) -> None:
+        self._send(entity, stamp_ns, lambda rows: _mesh_columns(meshes[rows]))
+
+    def _shade(self, entity: str, stamp_ns: Stamps, rgba: NDArray[np.uint8]) -> None:
+        self._send(entity, stamp_ns, lambda rows: rr.Mesh3D.columns(albedo_factor=rgba[rows]))
+
     def _hull(self, hull: Hull) -> None:
-        faint = (*GREY, 40)
+        faint = (*GREY, 12)
         faces = rr.Mesh3D(
             vertex_positions=hull.vertices, triangle_indices=hull.triangles, albedo_factor=faint
         )
@@ -167,6 +183,11 @@ def _mesh_columns(meshes: Sequence[Mesh]) -> Columns:
     per_vertex, per_triangle = ([len(m[i]) for m in meshes] for i in (0, 1))
     yield from rr.Mesh3D.columns(vertex_positions=vertices, vertex_normals=normals).partition(per_vertex)
     yield from rr.Mesh3D.columns(triangle_indices=triangles).partition(per_triangle)
+
+
+def _place_columns(places: Sequence[Array]) -> Columns:
+    found = np.concatenate(places)
+    return rr.Points3D.columns(positions=found).partition([len(p) for p in places])
 
 
 def _texts(names: Sequence[str | None]) -> list[str]:

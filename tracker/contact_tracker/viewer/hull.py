@@ -24,7 +24,7 @@ class Hull(NamedTuple):
 
 
 def vertices_from_metadata(metadata: Mapping[str, Mapping[str, str]]) -> Array | None:
-    """The object's vertices (V, 3) in the body frame; None where no metadata record gives a list of points."""
+    """The object's vertices (V, 3) in the body frame; None where no record gives a list of points."""
     for record in metadata.values():
         try:
             vertices = np.asarray(json.loads(record[KEY]), float)

@@ -22,13 +22,15 @@ def offline(viewpoint: Viewpoint, paper: bool) -> rrb.Blueprint:
         look_target=viewpoint.target_m,
         eye_up=viewpoint.up,
     )
-    smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, top=1.0)
-    filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, top=1.0)
+    smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, top=1.05, legend=True)
+    filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, top=1.05)
     minima = [_plot(canvas.RESIDUAL, "Residual of the best hypothesis (1 = noise)", everything, top=4.0)]
     if paper:
-        minima.append(_plot(canvas.PAPER, "Paper's objectives, fixed window (normalised)", everything, top=1.0))
+        minima.append(
+            _plot(canvas.PAPER, "Paper's objectives, fixed window (normalised)", everything, top=1.0)
+        )
     over_time = rrb.Vertical(
-        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[3, 3, 3, 3]
+        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[10, 14, 10, 10]
     )
     return _blueprint(_space(eye), over_time, rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE))
 
@@ -41,7 +43,7 @@ def live() -> rrb.Blueprint:
     )
     over_time = rrb.Vertical(
         _states(recent),
-        _plot(canvas.P_FILTERED, "Probability", recent, top=1.0),
+        _plot(canvas.P_FILTERED, "Probability", recent, top=1.05, legend=True),
         _plot(canvas.RESIDUAL, "Residual of the best hypothesis (1 = noise)", recent, top=4.0),
         row_shares=[2, 3, 3],
     )
@@ -54,7 +56,7 @@ def _blueprint(space: rrb.View, over_time: rrb.Container, panel: rrb.TimePanel) 
         origin=canvas.EVENTS,
         name="Changes of contact",
         columns=rrb.TextLogColumns(
-            timeline_columns=[canvas.TIMELINE],
+            timeline_columns=[_no_column(canvas.TIMELINE), _no_column(canvas.STAMP)],
             text_log_columns=["LogLevel", "Body"],
         ),
     )
@@ -66,6 +68,11 @@ def _blueprint(space: rrb.View, over_time: rrb.Container, panel: rrb.TimePanel) 
         panel,
         auto_views=False,
     )
+
+
+def _no_column(timeline: str) -> rrb.encodings.TimelineColumn:
+    """The text says the time: the viewer's own column is too narrow to read."""
+    return rrb.encodings.TimelineColumn(timeline, visible=False)
 
 
 def _space(eye: rrb.EyeControls3D | None) -> rrb.View:
@@ -91,11 +98,11 @@ def _states(time_range: rr.TimeRange) -> rrb.View:
     return rrb.StateTimelineView(origin="state", name="Contact", **options)
 
 
-def _plot(entity: str, name: str, time_range: rr.TimeRange, top: float) -> rrb.View:
+def _plot(entity: str, name: str, time_range: rr.TimeRange, top: float, legend: bool = False) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=entity,
         name=name,
         axis_x=rrb.TimeAxis(view_range=time_range),
         axis_y=rrb.ScalarAxis(range=(0.0, top)),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
     )

@@ -1,13 +1,14 @@
 """What is believed while it is believed, streamed to the viewer."""
 
 from collections import deque
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
 import numpy as np
-import rerun as rr
 
 from contact_tracker.belief import Belief
+from contact_tracker.errors import ViewerError
 from contact_tracker.geometry import Array, ContactGeometry
 from contact_tracker.labels import Contact
 from contact_tracker.poses import Pose, Poses
@@ -39,6 +40,7 @@ class LiveViewer:
         self._extent = UNKNOWN_EXTENT if self._hull is None else self._hull.extent
         self._recording = canvas.new_recording()
         self._sheet: Canvas | None = None
+        self._origin_ns = 0
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
         self._contact: Contact | None = None
@@ -48,6 +50,7 @@ class LiveViewer:
 
     def pose(self, pose: Pose) -> None:
         if self._sheet is None:
+            self._origin_ns = pose.stamp_ns
             self._sheet = Canvas(self._recording, pose.stamp_ns, self._hull, self._extent.radius_m)
         self._sheet.pose(pose)
         self._waiting.append(pose)
@@ -65,9 +68,9 @@ class LiveViewer:
         if contact is not self._contact:
             self._near = tick
             sheet.states(canvas.FILTERED, stamp, [contact])
-            sheet.events(stamp, [contact], [event(p, belief.geometry)])
+            sheet.events(stamp, [contact], [event(belief.stamp_ns - self._origin_ns, p, belief.geometry)])
         if belief.geometry is not self._drawn or contact is not self._contact:
-            near = self._near or tick
+            near = tick if self._near is None else self._near
             drawing = None if belief.geometry is None else draw(belief.geometry, near, self._extent)
             sheet.drawings(stamp, [drawing])
         sheet.fade(stamp, [contact], np.array([p]))
@@ -75,7 +78,8 @@ class LiveViewer:
 
     def close(self) -> None:
         """See the rest delivered; the viewer stays open."""
-        close(self._recording, _CLOSE_S)
+        with suppress(ViewerError):  # whoever closes the window early has seen enough
+            close(self._recording, _CLOSE_S)
 
     def _take(self, until_ns: int) -> Poses | None:
         """The poses up to ``until_ns`` that no belief has taken, joined to those before."""

@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from contact_tracker.belief import Belief, Segmentation
 from contact_tracker.geometry import Array
 from contact_tracker.labels import Contact
-from contact_tracker.whole_file import whole_file
 from contact_tracker.poses import Poses
 from contact_tracker.truth import Truth
 from contact_tracker.viewer import canvas, layout
@@ -111,8 +109,10 @@ def _segments(sheet: Canvas, poses: Poses, segmentation: Segmentation, extent: E
         within = poses[first : max(last, first + 1)]
         drawings.append(None if segment.geometry is None else draw(segment.geometry, within, extent))
     sheet.drawings(starts, drawings)
-    sheet.events(starts, [s.contact for s in segments], [event(s.probability, s.geometry) for s in segments])
-    _changes(sheet, canvas.SMOOTHED, starts, [s.contact for s in segments])
+    origin, contacts = int(poses.stamp_ns[0]), [s.contact for s in segments]
+    texts = [event(s.start_ns - origin, s.probability, s.geometry) for s in segments]
+    sheet.events(starts, contacts, texts)
+    _changes(sheet, canvas.SMOOTHED, starts, contacts)
 
 
 def _fade(sheet: Canvas, segmentation: Segmentation) -> None:
@@ -132,7 +132,9 @@ def _fade(sheet: Canvas, segmentation: Segmentation) -> None:
 def _beliefs(sheet: Canvas, segmentation: Segmentation) -> None:
     filtered = segmentation.filtered
     stamps = _stamps(filtered)
-    sheet.scalars(canvas.P_SMOOTHED, segmentation.stamp_ns, _rows([b.probability for b in segmentation.beliefs]))
+    sheet.scalars(
+        canvas.P_SMOOTHED, segmentation.stamp_ns, _rows([b.probability for b in segmentation.beliefs])
+    )
     sheet.scalars(canvas.P_FILTERED, stamps, _rows([b.probability for b in filtered]))
     sheet.scalars(canvas.RESIDUAL, stamps, _rows([b.residual for b in filtered]))
     _changes(sheet, canvas.FILTERED, stamps, [b.contact for b in filtered])

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.belief import Segmentation
-from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane
+from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
 from contact_tracker.poses import Poses
 from contact_tracker.viewer.shapes import Mesh, body, uncertainty
 
@@ -25,12 +25,15 @@ UNKNOWN_EXTENT: Final = Extent(np.zeros(3), 0.1)
 
 
 class Drawing(NamedTuple):
-    """A touching pair: the object's element in the body frame, the environment's in the world frame."""
+    """A touching pair.
 
-    object: Mesh
-    object_uncertainty: Mesh
-    environment: Mesh
-    environment_uncertainty: Mesh
+    Parameters
+    ----------
+    meshes : the object's element and its uncertainty in the body frame, the surroundings' in the world frame.
+    label_m : (3,) where to name it, in the world frame.
+    """
+
+    meshes: tuple[Mesh, Mesh, Mesh, Mesh]
     label_m: Array
 
 
@@ -54,8 +57,10 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent) -> Drawing:
     touched = rotation @ on_object + position
     touching = on_object[None] if of_environment is None else _into_body(rotation, position, of_environment)
     return Drawing(
-        *_meshes(geometry.object, touching, extent.radius_m),
-        *_meshes(geometry.environment, touched, extent.radius_m),
+        (
+            *_meshes(geometry.object, touching, extent.radius_m),
+            *_meshes(geometry.environment, touched, extent.radius_m),
+        ),
         _centre(geometry.environment, touched),
     )
 
@@ -94,7 +99,7 @@ def viewpoint(poses: Poses, segmentation: Segmentation, extent: Extent) -> Viewp
     up = _up(segmentation, target)
     level = spread - np.outer(spread @ up, up)
     narrow = np.linalg.svd(np.vstack([level, 1e-6 * _level_axes(up)]), full_matrices=False)[2][1]
-    distance = 2.6 * (extent.radius_m + float(np.quantile(np.linalg.norm(spread, axis=1), 0.95)))
+    distance = 2.1 * (extent.radius_m + float(np.quantile(np.linalg.norm(spread, axis=1), 0.95)))
     return Viewpoint(target + distance * (0.87 * narrow + 0.5 * up), target, up)
 
 

@@ -17,6 +17,10 @@ HOST: Final = "127.0.0.1"
 PORT: Final = 9876
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
+_ANSWER_S: Final = 2.0
+# RFC 9113, 3.4: a client begins with this text and a SETTINGS frame, a server answers with one.
+_SETTINGS: Final = b"\x04"
+_PREFACE: Final = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + _SETTINGS + bytes(5)
 
 Sink = Callable[[rr.RecordingStream, rrb.Blueprint], None]
 
@@ -30,29 +34,48 @@ def to_viewer(port: int = PORT) -> Sink:
     """A sink that shows it in the viewer at ``port``; a viewer is started where nothing listens there."""
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
-        if not _listens(port):
+        speaks = _answers(port)
+        if speaks is None:
             _start(port)
+        elif not speaks:
+            raise ViewerError(f"port {port} is taken, and not by a rerun viewer")
         recording.connect_grpc(f"rerun+http://{HOST}:{port}/proxy", default_blueprint=blueprint)
 
     return connect
 
 
-def _listens(port: int) -> bool:
-    """Connecting to a viewer that is not there would block for seconds: knock first."""
+def _answers(port: int) -> bool | None:
+    """Whether HTTP/2, which viewers speak, is answered at ``port``; None where nothing listens.
+
+    rerun connects to anything, and finds out when it is too late: knock first.
+    """
     try:
-        socket.create_connection((HOST, port), timeout=1.0).close()
+        with socket.create_connection((HOST, port), timeout=_ANSWER_S) as connection:
+            try:
+                connection.sendall(_PREFACE)
+                return connection.recv(9)[3:4] == _SETTINGS
+            except OSError:
+                return False
     except OSError:
-        return False
-    return True
+        return None
 
 
 def _start(port: int) -> None:
     """Start a viewer that outlives this process and is reached from this machine only."""
-    command = [sys.executable, "-m", "rerun_cli", "--bind", HOST, "--port", str(port), "--hide-welcome-screen"]
+    command = [
+        sys.executable,
+        "-m",
+        "rerun_cli",
+        "--bind",
+        HOST,
+        "--port",
+        str(port),
+        "--hide-welcome-screen",
+    ]
     quiet = subprocess.DEVNULL
     viewer = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
     give_up = time.monotonic() + _START_S
-    while not _listens(port):
+    while not _answers(port):
         if viewer.poll() is not None or time.monotonic() > give_up:
             raise ViewerError("the rerun viewer did not start: is there a screen? view --save writes a file")
         time.sleep(_POLL_S)
