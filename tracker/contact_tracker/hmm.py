@@ -1,9 +1,9 @@
 """Hidden Markov inference with explicit onsets; it sees arrays only.
 
-A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and
-may end at any later boundary. ``log_likelihood[h]`` at boundary b is that of all data between its onset and b.
+A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may
+end at any later boundary. ``log_likelihood[h]`` at boundary b is that of all data between its onset and b.
 A state is left with ``log_transition[i, j]``; staying costs nothing here (it belongs to the likelihood). See
-docs/theory.md, section on the HMM.
+docs/theory.md, T19.
 """
 
 from collections.abc import Sequence

@@ -24,10 +24,11 @@ LONGEST_GAP_S: Final = 5.0
 class Tick:
     """The frames of one tick.
 
-    ``stamp_ns`` of its last frame; ``zeta`` (25,) mean lift with the world's origin at the first pose;
+    ``start_ns``, ``stamp_ns`` of its first and last frame; ``zeta`` (25,) mean lift with the world's origin at the first pose;
     ``count`` of frames used (0: a gap), ``outliers`` left out; ``excess`` of free motion.
     """
 
+    start_ns: int
     stamp_ns: int
     zeta: Array
     count: int
@@ -63,7 +64,8 @@ def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list
     missed = min(index - state.index, int(LONGEST_GAP_S / model.tick_s)) - 1
     empty = replace(tick, count=0, outliers=0, excess=Excess(0.0, 0.0))
     step_ns = round(model.tick_s * 1e9)
-    gaps = [replace(empty, stamp_ns=tick.stamp_ns + (i + 1) * step_ns) for i in range(missed)]
+    stamps = [tick.stamp_ns + (i + 1) * step_ns for i in range(missed)]
+    gaps = [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
     if index - state.index - 1 > missed:  # the grid jumps over the rest of a long gap
         state = replace(state, origin_ns=pose.stamp_ns - (state.index + 1 + missed) * step_ns)
         index = state.index + 1 + missed
@@ -85,22 +87,27 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     good = _plausible(state, frames, rotation, position, estimate, model)
     zeta = lift(rotation[good], position[good]).mean(axis=0)
     count = int(good.sum())
-    variances = tick_variances(estimate, count, model)
+    variances = tick_variances(estimate, np.asarray(float(count)), model)
     turn = _nearest_rotation(zeta[R].reshape(3, 3))
     if state.motion is None:
         motion, excess = free_motion.begin(turn, zeta[T]), Excess(0.0, 0.0)
     else:
         motion, excess = free_motion.advance(
-            state.motion, turn, zeta[T], variances, model.tick_s, model.motion.memory_s
+            state.motion,
+            turn,
+            zeta[T],
+            (float(variances[0]), float(variances[1])),
+            model.tick_s,
+            model.motion.memory_s,
         )
     stamp_ns = state.frames[-1].stamp_ns
-    tick = Tick(stamp_ns, zeta, count, len(frames) - count, excess)
+    tick = Tick(state.frames[0].stamp_ns, stamp_ns, zeta, count, len(frames) - count, excess)
     return replace(state, frames=(), noise=estimate, motion=motion, last=tick), tick
 
 
-def tick_variances(estimate: NoiseEstimate, count: float, model: Model) -> tuple[float, float]:
-    """Noise variances (m^2, rad^2) per axis of a tick's mean over ``count`` frames."""
-    frames = max(count, 1)
+def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple[Array, Array]:
+    """Noise variances (m^2, rad^2) per axis of the means of ticks with ``count`` frames."""
+    frames = np.maximum(count, 1.0)
     return (
         estimate.sigma_position_m**2 / frames + model.noise.floor_position_m**2,
         estimate.sigma_rotation_rad**2 / frames + model.noise.floor_rotation_rad**2,

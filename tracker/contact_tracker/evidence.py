@@ -1,0 +1,119 @@
+"""How much better than free motion does a contact explain a window? (docs/theory.md, section on the evidence)
+
+Per tick and constraint, a residual r is N(0, V) if the contact holds and N(0, S) under free motion, where
+V is the noise of the residual and S - V the unpredictable motion in its direction. The log-likelihood ratio
+
+    1/2 log(S / V) - 1/2 r^2 (1 / V - 1 / S)
+
+is the gain minus the misfit: zero at rest, where S = V. What is left is the price of geometry fitted to the
+window: the Laplace approximation of the integral over it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.base import Family
+from contact_tracker.fit import Prior
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The last W ticks, oldest first: what evidence is computed on.
+
+    ``index`` (W,) of the ticks, ``zeta`` (W, 25), ``variance`` (W, 2) noise of position (m^2) and rotation
+    (rad^2), ``excess`` (W, 2) of free motion, zero where the tick has no frames.
+    """
+
+    index: NDArray[np.int64]
+    zeta: Array
+    variance: Array
+    excess: Array
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def cut(self, first: int, end: int | None) -> "Window":
+        """The ticks in rows ``first`` to ``end``."""
+        return Window(
+            self.index[first:end], self.zeta[first:end], self.variance[first:end], self.excess[first:end]
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence["Window"]) -> "Window":
+        """Windows one after the other."""
+        return cls(
+            np.concatenate([p.index for p in parts]),
+            np.concatenate([p.zeta for p in parts]),
+            np.concatenate([p.variance for p in parts]),
+            np.concatenate([p.excess for p in parts]),
+        )
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Lengths of the weak priors (m), the tick (s), and the log probability of staying for one tick."""
+
+    reach_m: float
+    body_radius_m: float
+    tick_s: float
+    log_stay: float
+
+
+@dataclass(frozen=True, eq=False)
+class Ratio:
+    """Log-likelihood ratios (B, W) of B hypotheses against free motion, tick by tick, and what the fit needs.
+
+    ``chi_sq`` (B, W, K) squared residuals over their noise; ``row_weight`` (B, W, K) precisions of the rows.
+    """
+
+    log_ratio: Array
+    chi_sq: Array
+    row_weight: Array
+
+
+def log_ratio(model: ContactModel, x: Array, window: Window, scales: Scales) -> Ratio:
+    """Evaluate hypotheses x (B, S) exactly on each tick of the window."""
+    seen = model.measure(x, window.zeta)
+    noise = np.empty((len(x), model.family.ROWS, len(window)))
+    excess = np.empty_like(noise)
+    position, rotation = window.variance.T
+    free_position, free_rotation = window.excess.T
+    noise[:, :-1], excess[:, :-1] = rotation, free_rotation
+    noise[:, -1] = position + rotation * seen.lever_sq
+    excess[:, -1] = free_position + free_rotation * (seen.lever_sq + scales.body_radius_m**2)
+    square = seen.residual**2
+    ratio = excess / noise
+    gain = 0.5 * np.log1p(ratio)
+    misfit = 0.5 * square / noise * (ratio / (1.0 + ratio))
+    # the touching point is a point of the body: one look per second, since it hardly moves within a tick
+    strayed = 0.5 * seen.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
+    row_weight = 1.0 / noise
+    row_weight[:, -1] /= seen.scale_sq
+    return Ratio(
+        (gain - misfit).sum(axis=1) - np.where(free_position > 0, strayed, 0.0),
+        np.swapaxes(square / noise, 1, 2),
+        np.swapaxes(row_weight, 1, 2),
+    )
+
+
+def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:
+    """Touching points lie within reach of the body (anchors (B, 6)); directions are anything."""
+    pull = np.diag(family.SPREAD / reach_m**2)
+    precision = np.broadcast_to(pull, (len(anchors), *pull.shape))
+    return Prior(family.place(anchors), precision, 1.0 - family.SPREAD)
+
+
+def complexity(family: Family, x: Array, anchors: Array, hessian: Array, prior: Prior) -> Array:
+    """Price (B,) in nats of geometry that was fitted: Laplace's volume ratio and the distance from the prior."""
+    tangent = family.tangent(x, anchors)
+    along = np.swapaxes(tangent, -1, -2)
+    before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
+    volume = np.linalg.slogdet(hessian + before)[1] - np.linalg.slogdet(before)[1]
+    off = x - prior.mean
+    return np.asarray(0.5 * volume + 0.5 * np.einsum("bs,bst,bt->b", off, prior.precision, off))

@@ -1,0 +1,271 @@
+"""All living hypotheses of one contact: each has its own onset, its own window and its own geometry.
+
+``advance`` takes in one tick: windows grow, geometry is refined from where it was, evidence is summed anew.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import fit
+from contact_tracker.contacts import ContactModel
+from contact_tracker.evidence import Scales, Window, complexity, log_ratio, weak_prior
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SEARCH_AGES: Final = (3, 5, 8, 12, 18, 27, 40, 60, 90)
+"""Ages in ticks at which a hypothesis searches for its minimum from scratch, not only from where it was."""
+SEARCH_STEPS: Final = 8
+REFINE_STEPS: Final = 2
+RANDOM_STARTS: Final = 4
+YOUNG: Final = 10
+"""Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """H hypotheses of one contact, by onset (first tick); C, S, K, P as in ``contacts.base``.
+
+    ``number`` tells hypotheses apart over the whole recording, ``entry`` log weight at the onset, ``moments`` (H, C, C) and ``place_sum`` (H, 3) over the window, ``weight``
+    (H,) of the moments, ``x`` (H, S), ``row_weight`` (H, K), ``hessian`` (H, P, P), ``settled`` log-ratio of
+    ticks that have left the window, ``log_likelihood`` (H,) of all data since the onset, against free motion,
+    ``rms`` (H,) of the whitened residual.
+    """
+
+    onset: Index
+    onset_ns: Index
+    number: Index
+    entry: Array
+    moments: Array
+    place_sum: Array
+    weight: Array
+    x: Array
+    row_weight: Array
+    hessian: Array
+    settled: Array
+    log_likelihood: Array
+    rms: Array
+
+    def __len__(self) -> int:
+        return len(self.onset)
+
+    @property
+    def joint(self) -> Array:
+        """log weight (H,) of a hypothesis with all that led to it."""
+        return self.entry + self.log_likelihood
+
+    def pick(self, rows: NDArray[np.generic]) -> "Bank":
+        return Bank(**{name: value[rows] for name, value in vars(self).items()})
+
+
+def empty(model: ContactModel) -> Bank:
+    """No hypotheses yet."""
+    family = model.family
+    c, s, k, p = len(family.COLUMNS), family.SIZE, family.ROWS, family.PARAMETERS
+    none = np.zeros(0)
+    index = np.zeros(0, np.int64)
+    return Bank(
+        index,
+        index,
+        index,
+        none,
+        np.zeros((0, c, c)),
+        np.zeros((0, 3)),
+        none,
+        np.zeros((0, s)),
+        np.zeros((0, k)),
+        np.zeros((0, p, p)),
+        none,
+        none,
+        none,
+    )
+
+
+def add(bank: Bank, model: ContactModel, onset: int, onset_ns: int, number: int, entry: float) -> Bank:
+    """A new hypothesis that begins with tick ``onset``; it starts from the geometry of the best one so far."""
+    family = model.family
+    if len(bank):
+        best = int(np.argmax(bank.joint))
+        x, row_weight = bank.x[best], bank.row_weight[best]
+    else:
+        x = family.normalise(np.ones(family.SIZE) + np.arange(family.SIZE) % 2, np.zeros(6))
+        row_weight = np.ones(family.ROWS)
+    c, p = len(family.COLUMNS), family.PARAMETERS
+    one = Bank(
+        np.array([onset]),
+        np.array([onset_ns]),
+        np.array([number]),
+        np.array([entry]),
+        np.zeros((1, c, c)),
+        np.zeros((1, 3)),
+        np.zeros(1),
+        x[None],
+        row_weight[None],
+        np.zeros((1, p, p)),
+        np.zeros(1),
+        np.zeros(1),
+        np.ones(1),
+    )
+    return Bank(**{name: np.concatenate([vars(bank)[name], vars(one)[name]]) for name in vars(one)})
+
+
+def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """Take in the newest tick of the window."""
+    if not len(bank):
+        return bank
+    bank = _grow(bank, model, window)
+    if window.excess[-1].any():
+        age = int(window.index[-1]) + 1 - bank.onset
+        bank = _refine(_adopt(bank, model), model, scales)
+        bank = _search(bank, model, window, scales, np.flatnonzero(np.isin(age, SEARCH_AGES)))
+    return _evaluate(bank, model, window, scales)
+
+
+def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
+    """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise."""
+    zeta = window.zeta[-1]
+    lifted = model.lifted(zeta)
+    activity = window.excess[-1] / (window.excess[-1] + window.variance[-1])
+    weight = float(activity.max() / window.variance[-1, 0])
+    share = weight + 1e-9 / window.variance[-1, 0]
+    bank = replace(
+        bank,
+        moments=bank.moments + weight * np.outer(lifted, lifted),
+        place_sum=bank.place_sum + share * zeta[9:12],
+        weight=bank.weight + share,
+    )
+    return replace(bank, x=model.family.normalise(bank.x, _anchors(bank, model)))
+
+
+def fit_stretch(model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """A bank of one hypothesis, fitted from scratch to all ticks of the window."""
+    bank = add(empty(model), model, int(window.index[0]), 0, 0, 0.0)
+    for last in range(1, len(window) + 1):
+        bank = _grow(bank, model, window.cut(0, last))
+    bank = _search(bank, model, window, scales, np.zeros(1, np.int64))
+    return _evaluate(_refine(bank, model, scales), model, window, scales)
+
+
+def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:
+    """Sum up the oldest ``ticks`` of the window, which is about to lose them."""
+    if not len(bank) or ticks <= 0:
+        return bank
+    oldest = window.cut(0, ticks)
+    ratio = log_ratio(model, bank.x, oldest, scales).log_ratio
+    mine = oldest.index >= bank.onset[:, None]
+    return replace(bank, settled=bank.settled + np.where(mine, ratio, 0.0).sum(axis=1))
+
+
+def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
+    """Drop what is hopeless against ``best``, and thin out onsets the more the older they are."""
+    if not len(bank):
+        return bank
+    joint = bank.joint
+    age = now + 1 - bank.onset
+    span = 2 ** np.maximum(np.floor(np.log2(np.maximum(age, 1) / YOUNG)) + 1, 0).astype(np.int64)
+    group = np.where(age <= YOUNG, -bank.onset - 1, bank.onset // span + (span << 40))
+    order = np.lexsort((-joint, group))
+    first = np.ones(len(order), bool)
+    first[1:] = group[order][1:] != group[order][:-1]
+    keep = np.zeros(len(bank), bool)
+    keep[order[first]] = True
+    keep &= joint > best - margin
+    return bank if keep.all() else bank.pick(keep)
+
+
+def _anchors(bank: Bank, model: ContactModel) -> Array:
+    return model.anchors(bank.place_sum / bank.weight[:, None])
+
+
+def _problem(bank: Bank, model: ContactModel, scales: Scales) -> tuple[Array, fit.Prior, Array]:
+    """Relative row weights (the moments carry 1/m^2), prior and anchors of each hypothesis."""
+    anchors = _anchors(bank, model)
+    return bank.row_weight, weak_prior(model.family, anchors, scales.reach_m), anchors
+
+
+def _adopt(bank: Bank, model: ContactModel) -> Bank:
+    """Let each hypothesis take the geometry of a neighbour in onset where that fits its own window better."""
+    x = bank.x
+    c = model.family.rows(x)
+    best = _own_cost(c, bank)
+    for shift in (1, -1):
+        other = np.roll(x, shift, axis=0)
+        cost = _own_cost(model.family.rows(other), bank)
+        better = cost < best - 1.0
+        x = np.where(better[:, None], other, x)
+        best = np.where(better, cost, best)
+    return replace(bank, x=x)
+
+
+def _own_cost(c: Array, bank: Bank) -> Array:
+    return np.asarray(0.5 * np.einsum("bkc,bkc,bk->b", c @ bank.moments, c, bank.row_weight))
+
+
+def _refine(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
+    row_weight, prior, anchors = _problem(bank, model, scales)
+    found = fit.minimise(model.family, bank.moments, row_weight, prior, anchors, bank.x, REFINE_STEPS)
+    return replace(bank, x=found.x, hessian=found.hessian)
+
+
+def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, rows: Index) -> Bank:
+    """Search from scratch for the hypotheses in ``rows``, and keep what is better."""
+    if not len(rows):
+        return bank
+    some = bank.pick(rows)
+    starts = _starts(some, model)
+    count = starts.shape[1]
+    many = some.pick(np.repeat(np.arange(len(rows)), count))
+    row_weight, prior, anchors = _problem(many, model, scales)
+    x = model.family.normalise(starts.reshape(-1, starts.shape[-1]), anchors)
+    found = fit.minimise(model.family, many.moments, row_weight, prior, anchors, x, SEARCH_STEPS)
+    tried = replace(many, x=found.x, hessian=found.hessian)
+    tried = _evaluate(tried, model, window, scales)
+    tried = _evaluate(_refine(tried, model, scales), model, window, scales)
+    best = np.argmax(tried.log_likelihood.reshape(len(rows), count), axis=1)
+    won = tried.pick(np.arange(len(rows)) * count + best)
+    held = _evaluate(some, model, window, scales)
+    better = won.log_likelihood > held.log_likelihood
+    names = ("x", "hessian", "row_weight")
+    changed = {name: vars(bank)[name].copy() for name in names}
+    for name in names:
+        changed[name][rows[better]] = vars(won)[name][better]
+    return replace(bank, **changed)
+
+
+def _starts(bank: Bank, model: ContactModel) -> Array:
+    family = model.family
+    regular = bank.moments + 1e-12 * np.trace(bank.moments, axis1=1, axis2=2)[:, None, None] * np.eye(
+        bank.moments.shape[-1]
+    )
+    relaxed = family.starts(regular)
+    rng = np.random.default_rng(0)  # the same directions each time: the answer depends on the data only
+    raw = rng.normal(size=(RANDOM_STARTS, family.SIZE))
+    anchors = np.repeat(_anchors(bank, model)[:, None], RANDOM_STARTS, axis=1)
+    spread = family.normalise(np.broadcast_to(raw, (len(bank), *raw.shape)), anchors)
+    return np.concatenate([relaxed, family.complete(spread, regular[:, None])], axis=1)
+
+
+def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    seen = log_ratio(model, bank.x, window, scales)
+    mine = window.index >= bank.onset[:, None]
+    age = window.index[-1] + 1 - bank.onset
+    summed = np.where(mine, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
+    anchors = _anchors(bank, model)
+    prior = weak_prior(model.family, anchors, scales.reach_m)
+    price = complexity(model.family, bank.x, anchors, bank.hessian, prior)
+    # relative to the moments' own weight, one over the noise variance of position
+    relative = seen.row_weight * window.variance[:, :1]
+    count = np.maximum(mine.sum(axis=1), 1)[:, None]
+    row_weight = np.where(mine[..., None], relative, 0.0).sum(axis=1) / count
+    chi_sq = np.where(mine[..., None], seen.chi_sq, 0.0).sum(axis=(1, 2)) / (
+        count[:, 0] * seen.chi_sq.shape[2]
+    )
+    return replace(
+        bank,
+        log_likelihood=summed - price + age * scales.log_stay,
+        row_weight=row_weight,
+        rms=np.sqrt(chi_sq),
+    )

@@ -1,0 +1,126 @@
+"""The tracker, offline: the online pass once forward, then Viterbi and smoothing over what it met."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm, hypotheses, tracker
+from contact_tracker.belief import Belief, Segment, Segmentation
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evidence import Window
+from contact_tracker.geometry import ContactGeometry
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.model import Model
+from contact_tracker.poses import Pose
+from contact_tracker.readout import geometry_of
+from contact_tracker.ticks import Tick
+from contact_tracker.tracker import FREE, TrackerState
+from contact_tracker.transitions import log_initial, log_transition
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class _Pass:
+    """What the forward pass leaves behind, tick by tick."""
+
+    beliefs: list[Belief] = field(default_factory=list)
+    start_ns: list[int] = field(default_factory=list)
+    newest: list[Window] = field(default_factory=list)
+    alive: list[NDArray[np.int64]] = field(default_factory=list)
+    log_likelihood: list[Array] = field(default_factory=list)
+
+    def follow(self, state: TrackerState, closed: list[Tick]) -> TrackerState:
+        for tick in closed:
+            state, belief = tracker.observe(state, tick)
+            self._note(state, tick, belief)
+        return state
+
+    def _note(self, state: TrackerState, tick: Tick, belief: Belief) -> None:
+        free = np.array([state.numbers - len(STATES) + FREE])
+        self.beliefs.append(belief)
+        self.start_ns.append(tick.start_ns)
+        self.newest.append(state.window.cut(-1, None))
+        self.alive.append(np.concatenate([*(b.number for b in state.banks), free]))
+        self.log_likelihood.append(np.concatenate([*(b.log_likelihood for b in state.banks), np.zeros(1)]))
+
+
+def segment(
+    poses: Iterable[Pose], model: Model, progress: Callable[[int], None] | None = None
+) -> Segmentation:
+    """Segment a whole recording.
+
+    Parameters
+    ----------
+    poses : validated poses in order of time.
+    progress : called now and then with the number of poses read so far.
+
+    Returns
+    -------
+    Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
+    """
+    seen, state = _Pass(), tracker.start(model)
+    for count, pose in enumerate(poses, start=1):
+        state, closed = tracker.gather(state, pose)
+        state = seen.follow(state, closed)
+        if progress is not None and closed:
+            progress(count)
+    state = seen.follow(*tracker.gather_rest(state))
+    return _conclude(seen, state) if seen.beliefs else Segmentation((), (), ())
+
+
+def _conclude(seen: _Pass, state: TrackerState) -> Segmentation:
+    ticks = len(seen.beliefs)
+    count = state.numbers
+    trellis = hmm.Trellis(
+        np.arange(count) % len(STATES), np.arange(count) // len(STATES), seen.alive, seen.log_likelihood
+    )
+    initial, transition = log_initial(state.model), log_transition(state.model)
+    posterior, _ = hmm.smooth(trellis, initial, transition)
+    stretches = _merge_free(
+        [(h % len(STATES), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
+    )
+    window = Window.join(seen.newest)
+    segments, beliefs = [], []
+    for column, first, end in stretches:
+        contact = STATES[column]
+        geometry = _geometry(window, first, end, column, state)
+        probability = float(posterior[first:end, column].mean())
+        stop_ns = seen.start_ns[end] - 1 if end < ticks else seen.beliefs[-1].stamp_ns
+        segments.append(Segment(seen.start_ns[first], stop_ns, contact, probability, geometry))
+        for tick in range(first, end):
+            online = seen.beliefs[tick]
+            beliefs.append(
+                Belief(
+                    online.stamp_ns,
+                    contact,
+                    posterior[tick],
+                    seen.start_ns[first],
+                    geometry,
+                    online.residual,
+                )
+            )
+    return Segmentation(tuple(segments), tuple(beliefs), tuple(seen.beliefs))
+
+
+def _merge_free(stretches: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
+    """Free motion is remembered tick by tick; a run of free ticks is one stretch."""
+    starts = [
+        i for i, s in enumerate(stretches) if i == 0 or not (s[0] == FREE and stretches[i - 1][0] == FREE)
+    ]
+    bounds = [*starts, len(stretches)]
+    return [(stretches[i][0], stretches[i][1], stretches[j - 1][2]) for i, j in pairwise(bounds)]
+
+
+def _geometry(
+    window: Window, first: int, end: int, column: int, state: TrackerState
+) -> ContactGeometry | None:
+    """Elements of a contact fitted to ticks ``first`` to ``end``, with the final estimate of the noise."""
+    if STATES[column] is Contact.FREE or state.averaging is None:
+        return None
+    contact, scales = CONTACT_MODELS[column], tracker.scales_of(state.model)
+    bank = hypotheses.fit_stretch(contact, window.cut(first, end), scales)
+    return geometry_of(bank, 0, contact, scales, state.averaging.origin_m)

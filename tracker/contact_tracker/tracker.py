@@ -1,0 +1,162 @@
+"""The tracker, online: ``step(state, pose) -> (state, belief)``. It reads like the figure in docs/theory.md.
+
+pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states -> belief
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm, hypotheses, ticks
+from contact_tracker.belief import Belief
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evidence import Scales, Window
+from contact_tracker.hypotheses import Bank
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.model import Model
+from contact_tracker.poses import Pose
+from contact_tracker.readout import geometry_of
+from contact_tracker.ticks import Tick, TickState
+from contact_tracker.transitions import log_initial, log_stay, log_transition
+
+Array = NDArray[np.float64]
+
+FREE: Final = Contact.FREE.column
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerState:
+    """Everything the tracker knows; bounded in size however long the stream.
+
+    ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each; ``banks`` of
+    hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a constant;
+    ``ticks`` seen, ``numbers`` of hypotheses given out; the label and since when it has been free.
+    """
+
+    model: Model
+    averaging: TickState | None
+    window: Window
+    frames: Array
+    banks: tuple[Bank, ...]
+    log_left: Array
+    ticks: int
+    numbers: int
+    label: Contact | None
+    free_since_ns: int
+
+
+def start(model: Model) -> TrackerState:
+    """A tracker that has seen nothing."""
+    nothing = Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2)))
+    banks = tuple(hypotheses.empty(contact) for contact in CONTACT_MODELS)
+    return TrackerState(model, None, nothing, np.zeros(0), banks, log_initial(model), 0, 0, None, 0)
+
+
+def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
+    """Take in one pose; a belief comes out when the pose closes a tick, from data up to that tick only."""
+    state, closed = gather(state, pose)
+    belief = None
+    for tick in closed:
+        state, belief = observe(state, tick)
+    return state, belief
+
+
+def finish(state: TrackerState) -> tuple[TrackerState, Belief | None]:
+    """The stream has ended: the last, partial tick."""
+    state, closed = gather_rest(state)
+    belief = None
+    for tick in closed:
+        state, belief = observe(state, tick)
+    return state, belief
+
+
+def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
+    """Average poses into ticks; returns the ticks that this pose closes (several after a gap)."""
+    if state.averaging is None:
+        return replace(state, averaging=ticks.begin(state.model, pose)), []
+    averaging, closed = ticks.advance(state.averaging, pose, state.model)
+    return replace(state, averaging=averaging), closed
+
+
+def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
+    """Close the tick under way."""
+    if state.averaging is None or not state.averaging.frames:
+        return state, []
+    averaging, tick = ticks.close(state.averaging, state.model)
+    return replace(state, averaging=averaging), [tick]
+
+
+def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
+    """Take in one tick: the window moves on, hypotheses begin, grow and are weighed."""
+    model, scales = state.model, scales_of(state.model)
+    banks = _settle_oldest(state, scales)
+    window, frames = _append(state, tick)
+    entry = state.log_left if state.ticks == 0 else hmm.enter(state.log_left, log_transition(model))
+    grown = []
+    for column, (bank, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
+        number = state.numbers + column
+        bank = hypotheses.add(bank, contact, state.ticks, tick.start_ns, number, float(entry[column]))
+        grown.append(hypotheses.advance(bank, contact, window, scales))
+    log_left = np.array([*(hmm.log_sum_exp(bank.joint) for bank in grown), entry[FREE]])
+    label = STATES[int(np.argmax(log_left))]
+    best = max(float(entry[FREE]), *(float(bank.joint.max()) for bank in grown))
+    kept = [hypotheses.prune(bank, state.ticks, best, model.search.margin_nats) for bank in grown]
+    state = replace(
+        state,
+        window=window,
+        frames=frames,
+        banks=tuple(replace(bank, entry=bank.entry - best) for bank in kept),
+        log_left=log_left - best,
+        ticks=state.ticks + 1,
+        numbers=state.numbers + len(STATES),
+        label=label,
+        free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
+    )
+    return state, believe(state, tick.stamp_ns)
+
+
+def believe(state: TrackerState, stamp_ns: int) -> Belief:
+    """What the weights say: posterior of the states, and the best hypothesis of the most probable one."""
+    probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
+    label = STATES[int(np.argmax(probability))]
+    best = [int(np.argmax(bank.joint)) if len(bank) else -1 for bank in state.banks]
+    residual = np.array([b.rms[i] if i >= 0 else np.nan for b, i in zip(state.banks, best, strict=True)])
+    if label is Contact.FREE:
+        return Belief(stamp_ns, label, probability, state.free_since_ns, None, residual)
+    bank, row, contact = state.banks[label.column], best[label.column], CONTACT_MODELS[label.column]
+    assert state.averaging is not None
+    geometry = geometry_of(bank, row, contact, scales_of(state.model), state.averaging.origin_m)
+    return Belief(stamp_ns, label, probability, int(bank.onset_ns[row]), geometry, residual)
+
+
+def scales_of(model: Model) -> Scales:
+    """What evidence needs of the model."""
+    return Scales(model.geometry.reach_m, model.motion.body_radius_m, model.tick_s, log_stay(model))
+
+
+def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
+    """Sum up what the window is about to lose, and forget hypotheses' share in it."""
+    surplus = len(state.window) + 1 - round(state.model.search.window_s / state.model.tick_s)
+    pairs = zip(state.banks, CONTACT_MODELS, strict=True)
+    return tuple(hypotheses.settle(b, contact, state.window, scales, surplus) for b, contact in pairs)
+
+
+def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
+    """The window with the tick, with the variances that today's noise estimate gives all its ticks."""
+    assert state.averaging is not None
+    keep = round(state.model.search.window_s / state.model.tick_s)
+    old = state.window
+    frames = np.append(state.frames, float(tick.count))[-keep:]
+    variance = np.array(ticks.tick_variances(state.averaging.noise, frames, state.model)).T
+    excess = np.array([tick.excess.position_m2, tick.excess.rotation_rad2])
+    return (
+        Window(
+            np.append(old.index, state.ticks)[-keep:],
+            np.concatenate([old.zeta, tick.zeta[None]])[-keep:],
+            variance,
+            np.concatenate([old.excess, excess[None]])[-keep:],
+        ),
+        frames,
+    )
