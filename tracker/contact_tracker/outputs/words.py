@@ -54,34 +54,42 @@ def describe(geometry: ContactGeometry | None) -> str:
 def _element(element: Element) -> str:
     match element:
         case Plane(normal, offset_m, covariance):
-            normal_sd, offset_sd = _worst(covariance, slice(0, 3)), _worst(covariance, slice(3, 4))
-            return (
-                f"face normal {_vector(normal, 2)}{_angle(normal_sd)} at {offset_m:.3f}{_length(offset_sd)} m"
-            )
+            tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
+            offset = f"{_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
+            return f"face normal {tilt} at {offset}"
         case Line(direction, point_m, covariance):
             along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
-            through = f"{_vector(point_m, 3)}{_length(_worst(covariance, slice(3, 6)))}"
-            return f"edge along {along} through {through} m"
+            through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
+            return f"edge along {along} through {through}"
         case Point(point_m, covariance):
-            return f"vertex {_vector(point_m, 3)}{_length(_worst(covariance, slice(0, 3)))} m"
+            return f"vertex {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
 
 
 def _worst(covariance: Array | None, block: slice) -> float | None:
-    if covariance is None:
+    if covariance is None or not np.isfinite(covariance).all():
         return None
     return float(np.sqrt(max(np.linalg.eigvalsh(covariance[block, block])[-1], 0.0)))
 
 
 def _angle(sd: float | None) -> str:
-    return "" if sd is None else f" +/- {np.degrees(sd):.1f} deg"
+    return "" if sd is None else f" +/- {_two_figures(np.degrees(sd))} deg"
 
 
 def _length(sd: float | None) -> str:
-    return "" if sd is None else f" +/- {sd:.3f}"
+    return "" if sd is None else f" +/- {_two_figures(sd * 1e3)} mm"
+
+
+def _two_figures(value: float) -> str:
+    return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-")
 
 
 def _vector(values: Array, digits: int) -> str:
-    return "(" + " ".join(f"{v + 0.0:.{digits}f}" for v in np.round(values, digits)) + ")"
+    return f"({' '.join(_fixed(v, digits) for v in values)})"
+
+
+def _fixed(value: float, digits: int) -> str:
+    """Fixed decimals, without the sign of a negative zero."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def _seconds(stamp_ns: int, origin_ns: int) -> float:
