@@ -216,3 +216,21 @@ def test_batched_minima_keep_the_constraints(contact):
             np.testing.assert_allclose(np.linalg.norm(e[:, :3], axis=1), 1.0, atol=1e-12)
         if kind == "line":
             np.testing.assert_allclose(np.einsum("bi,bi->b", e[:, :3], e[:, 3:]), 0.0, atol=1e-12)
+
+
+@each_contact
+def test_which_minima_depend_on_the_origins(contact):
+    """Moving the world's origin matters to f-e only, the body's to e-f and, through its offset, to f-f."""
+    rng = np.random.default_rng(8)
+    paper_rotation, p = noisy_window(Contact.VF, rng)
+    rotation, t = motion(paper_rotation, p)
+    x, y = random_starts(contact, 24, rng, 0.3)
+
+    def lowest(position):
+        k = matrix(contact, *motion(rotation, position))
+        return minimise_batched(contact, np.broadcast_to(k, (24, *k.shape)), x, y, 1e-9, 300).value.min()
+
+    here = lowest(t)
+    world, body = lowest(t + np.array([0.4, -0.3, 0.5])), lowest(t + rotation @ np.array([0.4, -0.3, 0.5]))
+    assert (world == pytest.approx(here, rel=1e-3)) == (contact is not Contact.FE)
+    assert (body == pytest.approx(here, rel=1e-3)) == (contact not in (Contact.EF, Contact.FF))

@@ -2,7 +2,7 @@
 
 Levenberg-Marquardt in the free directions of x: with residuals ``c(x) . zeta`` the cost of a window is
 ``1/2 sum_k w_k c_k M c_k^T``, its gradient and its Gauss-Newton Hessian come from the same moments M
-(docs/theory.md), so a step costs the same however long the window is.
+(docs/theory.md, T15), so a step costs the same however long the window is.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The lifted pose: 25 numbers in which every contact residual is linear (docs/theory.md).
+"""The lifted pose: 25 numbers in which every contact residual is linear (docs/theory.md, T12).
 
 ``zeta = [vec R (9), t (3), u = R.T t (3), vec([t]x R) (9), 1]``, row-major ``vec``, of ``T_world_body``.
 Because residuals are linear in zeta, they are linear in its mean over a tick as well: averaging frames

@@ -49,11 +49,11 @@ class WindowCurves:
 def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
     """Minimise the paper's six objective functions on windows of ``frames`` poses, every ``step`` poses.
 
-    What is minimised are the paper's own functions (5), (10), (15), (19) and their swapped forms (corrected,
-    docs/theory.md) through their Kronecker forms, with batched Levenberg-Marquardt in place of SLSQP: random
-    starts as in the paper, then each window tries its neighbours' minima. The body frame is the recording's;
-    the world's origin is set amid the positions, which matters to f-f and f-e only: their values depend, as
-    the paper's do, on where the frames are (docs/theory.md).
+    What is minimised are the paper's own functions (5), (10), (15), (19) and their swapped forms, corrected,
+    in their Kronecker forms (docs/theory.md, T7), with batched Levenberg-Marquardt in place of SLSQP: random
+    starts as in the paper, then each window tries its neighbours' minima. The world's origin is set amid the
+    positions; of the minima, only that of f-e depends on it. Those of f-f and e-f depend on where the body
+    frame is, which is the recording's (docs/theory.md, T9, T10).
 
     A recording shorter than a window has no windows. The result is the same for the same poses.
     """

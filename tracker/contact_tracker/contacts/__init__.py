@@ -38,7 +38,7 @@ class ContactModel:
         return np.asarray(zeta[..., index] * sign)
 
     def anchors(self, position_m: Array) -> Array:
-        """Where the body is in frames 1 and 2, (..., 6): its origin, and ``position_m`` (..., 3) in the world."""
+        """Where the body is in frames 1 and 2, (..., 6); in the world it is at ``position_m`` (..., 3)."""
         pair = [np.zeros_like(position_m), position_m]
         return np.concatenate(pair if self.body_in_1 else pair[::-1], axis=-1)
 

@@ -3,7 +3,7 @@
 x = [d1, q1, d2, q2] with d . q = 0, residual ``d2 . R m1 + m2 . R d1 + d2 . [t]x R d1`` with m = q x d: the
 paper's volume (18). ``rows`` are those of the volume; ``measure`` divides by the sine of the crossing angle,
 pose by pose, and so gives the metric distance of the two lines, which near-parallel lines cannot fake
-(docs/theory.md).
+(docs/theory.md, T6).
 """
 
 from typing import Final

@@ -1,7 +1,7 @@
 """e-f: an edge (d, q) of frame 1 stays on a face (n, h) of frame 2. f-e is its mirror.
 
 x = [d, q, n, h] with d . q = 0 (q is the foot of the line), residuals ``n . R d`` and ``n . (R q + t) - h``
-(docs/theory.md). They vanish together with the paper's eq. (10).
+(docs/theory.md, T4). They vanish together with the paper's eq. (10), which weights the angle (T9).
 """
 
 from typing import Final

@@ -1,8 +1,8 @@
 """f-f: a face with normal m in frame 1 stays in a face (n, h) of frame 2.
 
-x = [m, n, h], residuals ``n . R b1``, ``n . R b2`` (b1, b2 span the face) and ``n . t - h`` (docs/theory.md).
-They vanish together with the paper's eq. (5). Where along the normal the faces lie cannot be told: h is the
-height of the body's origin over the world's, the difference of the two offsets.
+x = [m, n, h], residuals ``n . R b1``, ``n . R b2`` (b1, b2 span the face) and ``n . t - h`` (docs/theory.md,
+T5). They vanish together with the paper's eq. (5). Where along the normal the faces lie cannot be told: h is
+the height of the body's origin over the world's, the difference of the two offsets.
 """
 
 from typing import Final

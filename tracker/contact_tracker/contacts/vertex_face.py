@@ -1,6 +1,6 @@
 """v-f: a vertex q of frame 1 stays on a face (n, h) of frame 2. f-v is its mirror.
 
-x = [q, n, h], residual ``n . (R q + t) - h`` (docs/theory.md; the paper's eq. (15) with the sign corrected).
+x = [q, n, h], residual ``n . (R q + t) - h`` (docs/theory.md, T3; the paper's eq. (15), its sign corrected).
 """
 
 from typing import Final

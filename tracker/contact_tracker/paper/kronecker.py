@@ -1,7 +1,7 @@
 """The same objectives with the elements outside the sum: ``F = (x (x) y).T K (x (x) y)``.
 
 K sums over frames once, so that a minimiser's steps cost nothing per frame. Equations (6)-(8), (11)-(13),
-(16)-(17) and (20)-(21) with (7), (13) and (21) corrected (docs/theory.md, errata).
+(16)-(17) and (20)-(21) with (7), (13) and (21) corrected (docs/theory.md, T7 and errata).
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Minimisation as the paper does it: SLSQP from random starts, on the Kronecker form, with unit constraints.
 
-It is slow (docs/theory.md) and serves as the oracle of tests and benchmarks.
+It is slow (docs/theory.md, fixed windows) and serves as the oracle of tests and benchmarks.
 """
 
 from collections.abc import Callable

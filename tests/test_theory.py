@@ -1,0 +1,58 @@
+"""docs/theory.md keeps its promises: equations are numbered once, in order; what it cites exists."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "tracker" / "contact_tracker"
+THEORY = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+NUMBERS = [int(n) for n in re.findall(r"\\text\{\(T(\d+)\)\}", THEORY)]
+CITED = re.compile(r"\(T(\d+)\)|\bT(\d+)\b(?=[,;.)\s-])")
+
+
+def cited(text: str) -> set[int]:
+    return {int(a or b) for a, b in CITED.findall(text)}
+
+
+def test_equations_are_numbered_once_and_in_order() -> None:
+    assert list(range(1, len(NUMBERS) + 1)) == NUMBERS
+    assert len(NUMBERS) > 10
+
+
+def test_what_the_text_cites_is_an_equation() -> None:
+    assert cited(THEORY) <= set(NUMBERS)
+
+
+def test_what_docstrings_cite_is_an_equation() -> None:
+    wrong = {
+        path.name: unknown
+        for path in PACKAGE.rglob("*.py")
+        if (
+            unknown := {int(n) for n in re.findall(r"theory\.md,? \(?T(\d+)", path.read_text("utf-8"))}
+            - set(NUMBERS)
+        )
+    }
+    assert not wrong
+
+
+def test_every_file_that_is_named_exists() -> None:
+    table = THEORY.partition("Where in the code")[2]
+    named = re.findall(r"`([\w/]+(?:\.py|/))`", table)
+    assert len(named) > 12
+    missing = [name for name in named if not any((base / name).exists() for base in (PACKAGE, ROOT))]
+    assert not missing
+
+
+def test_every_equation_has_its_place_in_the_code() -> None:
+    table = THEORY.partition("Where in the code")[2].partition("## References")[0]
+    placed = {int(n) for n in re.findall(r"\bT(\d+)", table)}
+    for first, last in re.findall(r"T(\d+)-T(\d+)", table):
+        placed |= set(range(int(first), int(last) + 1))
+    assert placed == set(NUMBERS)
+
+
+def test_errata_name_what_the_tests_show() -> None:
+    """Each row of the errata table has its test, and the other way round."""
+    rows = re.findall(r"^\| \((\d+)\)", THEORY.partition("### Errata")[2].partition("###")[0], re.MULTILINE)
+    tests = re.findall(r"def test_erratum_(\d+)_", (ROOT / "tests" / "test_paper.py").read_text("utf-8"))
+    assert rows == tests
