@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType
+from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from contact_tracker.errors import AmbiguousSource, NoPoses, NoTruth, UnreadableRecording
@@ -251,6 +251,13 @@ def test_of_several_objects_on_one_topic_one_has_to_be_chosen(tmp_path: Path) ->
         open_log(path, frame="cup")
 
 
+def test_static_transforms_are_no_rivals(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    log = open_log(tf_log(tmp_path / "x.mcap", {("world", "box"): poses}))
+    assert log.source.topic == "/tf"
+    assert_same(Poses.collect(log), poses)
+
+
 def test_a_child_of_two_parents_has_to_be_named_with_its_parent(tmp_path: Path) -> None:
     a, b = smooth_poses(seed=1), smooth_poses(seed=2)
     path = tf_log(tmp_path / "x.mcap", {("camera", "box"): a, ("world", "box"): b})
@@ -358,8 +365,31 @@ def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> No
 def test_truth_may_be_a_list_or_an_object_with_intervals() -> None:
     rows = [{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]
     assert Truth.from_json(json.dumps(rows)) == Truth.from_json(json.dumps({"intervals": rows}))
-    with pytest.raises(NoTruth):
-        Truth.from_json(json.dumps({"segments": rows}))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "7",
+        "[" * 100_000,
+        '{"segments": []}',
+        '[{"start_ns": 0, "end_ns": 5}]',
+        '[{"start_ns": 0, "end_ns": Infinity, "contact": "v-f"}]',
+        '[{"start_ns": 0, "end_ns": 5, "contact": "sliding"}]',
+        '[{"start_ns": 6, "end_ns": 9, "contact": "v-f"}, {"start_ns": 0, "end_ns": 5, "contact": "e-f"}]',
+    ],
+)
+def test_a_truth_in_another_form_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_attachment(0, 0, "truth.json", "application/json", text.encode())
+        writer.finish()
+    with pytest.raises(NoTruth, match=r"^truth\.json") as caught:
+        read_truth(str(path))
+    assert "\n" not in str(caught.value)
 
 
 def test_a_folder_of_parts_is_one_recording_in_natural_order(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -51,9 +52,12 @@ class Truth:
         try:
             data = json.loads(text)
             rows = data["intervals"] if isinstance(data, dict) else data
-            return cls(tuple(_interval_from_dict(row) for row in rows))
-        except (KeyError, TypeError, ValueError) as error:
+            intervals = tuple(_interval_from_dict(row) for row in rows)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
             raise NoTruth(f"truth.json is not a list of labelled intervals: {error}") from error
+        if any(a.start_ns > b.start_ns for a, b in pairwise(intervals)):
+            raise NoTruth("truth.json: its intervals are not in the order of time")
+        return cls(intervals)
 
     @classmethod
     def from_changes(cls, stamp_ns: Sequence[int], labels: Sequence[str], end_ns: int) -> "Truth":
