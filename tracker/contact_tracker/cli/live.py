@@ -4,13 +4,15 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recording, positive, seconds
+from contact_tracker.cli.arguments import add_model, add_recording, positive
 from contact_tracker.cli.status import INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine
 
 if TYPE_CHECKING:
     from contact_tracker.belief import Belief
     from contact_tracker.cli.source import Source
+    from contact_tracker.ticks import Tick
+    from contact_tracker.tracker import TrackerState
     from contact_tracker.viewer.absent import LiveView
 
 HELP: Final = "what holds now: a line per change while poses stream in"
@@ -25,38 +27,38 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     add_model(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
-    parser.add_argument(
-        "--lag", type=seconds, default=0.0, metavar="S", help="answer S seconds late, and surer (default: 0)"
-    )
     parser.add_argument("--rate", type=positive, metavar="X", help="replay at X times the recorded speed")
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
 
 
 def run(args: argparse.Namespace) -> int:
+    from contact_tracker import tracker
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.model import load_model
     from contact_tracker.recording import Follow, open_log
-    from contact_tracker.tracker import finish, start, step
 
-    state = start(load_model(args.model), lag_s=args.lag)
+    state = tracker.start(load_model(args.model))
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False
     with _viewer(args) as viewer, StatusLine() as status:
         show = _shower(args.json, source, status)
+
+        def observe(state: "TrackerState", closed: "list[Tick]") -> "TrackerState":
+            for tick in closed:  # several after a gap: each is shown
+                state, belief = tracker.observe(state, tick)
+                show(belief)
+                viewer.belief(belief)
+            return state
+
         try:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
-                state, belief = step(state, pose)
-                if belief is not None:
-                    show(belief)
-                    viewer.belief(belief)
+                state = observe(*tracker.gather(state, pose))
         except KeyboardInterrupt:
             interrupted = True
-        for belief in finish(state)[1]:
-            show(belief)
-            viewer.belief(belief)
+        observe(*tracker.gather_rest(state))
     code = source.finish()
     return INTERRUPTED if interrupted else code
 
