@@ -43,9 +43,10 @@ class RosDecoder:
         """The message as an object with attributes; raises Undecodable."""
         channel, _, data = message
         try:
-            if channel not in self._decoders:
-                self._decoders[channel] = _decoder_of(channel)
-            decoder = self._decoders[channel]
+            try:
+                decoder = self._decoders[channel]
+            except KeyError:
+                decoder = self._decoders[channel] = _decoder_of(channel)
             if decoder is None:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
             if data.startswith(ZSTD_MAGIC):
