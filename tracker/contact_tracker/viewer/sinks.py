@@ -27,7 +27,12 @@ Sink = Callable[[rr.RecordingStream, rrb.Blueprint], None]
 
 def to_file(path: Path) -> Sink:
     """A sink that writes ``path``, the blueprint in it."""
-    return lambda recording, blueprint: recording.save(path, default_blueprint=blueprint)
+
+    def write(recording: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
+        path.touch()  # rerun's own error would not be an OSError
+        recording.save(path, default_blueprint=blueprint)
+
+    return write
 
 
 def to_viewer(port: int = PORT) -> Sink:
