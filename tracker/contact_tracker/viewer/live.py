@@ -3,13 +3,13 @@
 from collections import deque
 from contextlib import suppress
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
 from contact_tracker.belief import Belief
 from contact_tracker.errors import ViewerError
-from contact_tracker.geometry import Array, ContactGeometry
+from contact_tracker.geometry import Array
 from contact_tracker.labels import Contact
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.viewer import canvas, layout
@@ -19,11 +19,13 @@ from contact_tracker.viewer.hull import hull
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
-_CLOSE_S = 5.0
+_CLOSE_S: Final = 5.0
+_FRAME_NS: Final = 10_000_000
+_REDRAW_NS: Final = 500_000_000
 
 
 class LiveViewer:
-    """A ``LiveView`` in the rerun viewer: a row per pose, and all else once per belief.
+    """A ``LiveView`` in the rerun viewer: the body at up to 100 Hz, all else once per belief.
 
     Parameters
     ----------
@@ -40,41 +42,42 @@ class LiveViewer:
         self._extent = UNKNOWN_EXTENT if self._hull is None else self._hull.extent
         self._recording = canvas.new_recording()
         self._sheet: Canvas | None = None
-        self._origin_ns = 0
+        self._origin_ns = self._shown_ns = self._drawn_ns = 0
+        self._contact: Contact | None = None
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
-        self._contact: Contact | None = None
-        self._drawn: ContactGeometry | None = None
-        self._near: Poses | None = None
         (sink or to_viewer())(self._recording, layout.live())
 
     def pose(self, pose: Pose) -> None:
+        """Move the body, at most as often as an eye can follow."""
         if self._sheet is None:
             self._origin_ns = pose.stamp_ns
             self._sheet = Canvas(self._recording, pose.stamp_ns, self._hull, self._extent.radius_m)
-        self._sheet.pose(pose)
+        if pose.stamp_ns - self._shown_ns >= _FRAME_NS:
+            self._shown_ns = pose.stamp_ns
+            self._sheet.pose(pose)
         self._waiting.append(pose)
 
     def belief(self, belief: Belief) -> None:
-        """Draw a belief about poses that have been shown."""
+        """Draw a belief about poses that were told before; without any there is nothing to draw it on."""
         tick = self._take(belief.stamp_ns)
         if self._sheet is None or tick is None:
             return
-        stamp = np.array([belief.stamp_ns], np.int64)
         sheet, contact, p = self._sheet, belief.contact, belief.probability[belief.contact.column]
+        stamp = np.array([belief.stamp_ns], np.int64)
+        changed = contact is not self._contact
         sheet.trail(stamp, [tick.position_m], [contact])
         sheet.scalars(canvas.P_FILTERED, stamp, belief.probability[None])
         sheet.scalars(canvas.RESIDUAL, stamp, belief.residual[None])
-        if contact is not self._contact:
-            self._near = tick
+        if changed:
+            self._contact = contact
             sheet.states(canvas.FILTERED, stamp, [contact])
             sheet.events(stamp, [contact], [event(belief.stamp_ns - self._origin_ns, p, belief.geometry)])
-        if belief.geometry is not self._drawn or contact is not self._contact:
-            near = tick if self._near is None else self._near
-            drawing = None if belief.geometry is None else draw(belief.geometry, near, self._extent)
-            sheet.drawings(stamp, [drawing])
+        if changed or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
+            self._drawn_ns = belief.stamp_ns
+            geometry = belief.geometry
+            sheet.drawings(stamp, [None if geometry is None else draw(geometry, tick, self._extent)])
         sheet.fade(stamp, [contact], np.array([p]))
-        self._contact, self._drawn = contact, belief.geometry
 
     def close(self) -> None:
         """See the rest delivered; the viewer stays open."""

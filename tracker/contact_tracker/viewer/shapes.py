@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry import Array, Element, Line, Plane, Point
 
 SIGMAS: Final = 2.0
-_ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+_ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 _ROD: Final = 0.025
 _BALL: Final = 0.06
 _WIDEST: Final = 1.0
@@ -33,9 +33,10 @@ def body(element: Element, centre: Array, half_m: float) -> Mesh:
     """The element itself within ``half_m`` of ``centre``, a point on it; EMPTY where it is not finite."""
     match element:
         case Plane(normal):
-            points = _disc(normal, centre, half_m)
+            points = _disc(normal, centre, half_m, rings=2)
         case Line(direction):
-            points = _tube(direction, centre, half_m, np.eye(2)[None] * _ROD * half_m)
+            ends = np.array([-half_m, half_m])
+            points = _tube(direction, centre, ends, np.eye(2)[None] * _ROD * half_m)
         case Point():
             points = _ball(centre, np.eye(3) * _BALL * half_m)
     return _mesh(points)
@@ -51,16 +52,16 @@ def uncertainty(element: Element, centre: Array, half_m: float) -> Mesh:
         return EMPTY
     match element:
         case Plane(normal):
-            disc = _disc(normal, centre, half_m)
+            disc = _disc(normal, centre, half_m, rings=5)
             lifted = np.concatenate([disc, -np.ones((*disc.shape[:2], 1))], axis=-1)
             variance = np.einsum("...i,ij,...j->...", lifted, covariance, lifted)
             shift = np.minimum(SIGMAS * np.sqrt(np.maximum(variance, 0.0)), widest)[..., None] * normal
             return _joined(_mesh(disc + shift), _mesh(disc - shift))
         case Line(direction):
-            along, across = _stations(half_m), _across(direction)
+            along, across = np.linspace(-half_m, half_m, 7), _across(direction)
             dd, dp, pp = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
             spread = pp + along[:, None, None] * (dp + dp.T) + along[:, None, None] ** 2 * dd
-            return _mesh(_tube(direction, centre, half_m, _root(across.T @ spread @ across, widest)))
+            return _mesh(_tube(direction, centre, along, _root(across.T @ spread @ across, widest)))
         case Point():
             return _mesh(_ball(centre, _root(covariance, widest)))
 
@@ -73,27 +74,23 @@ def _root(covariance: Array, widest: float) -> Array:
     return root
 
 
-def _disc(normal: Array, centre: Array, half_m: float) -> Array:
-    """Rings (5, 32, 3) of a disc about ``centre``."""
+def _disc(normal: Array, centre: Array, half_m: float, rings: int) -> Array:
+    """Rings (K, M, 3) of a disc about ``centre``, the first of them a point."""
     circle = np.stack([np.cos(_ROUND), np.sin(_ROUND)], axis=-1) @ _across(normal).T
-    return centre + np.linspace(0.0, half_m, 5)[:, None, None] * circle
+    return centre + np.linspace(0.0, half_m, rings)[:, None, None] * circle
 
 
-def _tube(direction: Array, centre: Array, half_m: float, sections: Array) -> Array:
-    """Rings (9, 32, 3) along ``direction``: the unit circle through ``sections`` (9 or 1, 2, 2)."""
+def _tube(direction: Array, centre: Array, along_m: Array, sections: Array) -> Array:
+    """Rings (K, M, 3) at ``along_m`` (K,): the unit circle through ``sections`` (K or 1, 2, 2)."""
     circle = np.stack([np.cos(_ROUND), np.sin(_ROUND)])
     rings = np.swapaxes(_across(direction) @ sections @ circle, -1, -2)
-    tube: Array = centre + _stations(half_m)[:, None, None] * direction + rings
+    tube: Array = centre + along_m[:, None, None] * direction + rings
     return tube
 
 
-def _stations(half_m: float) -> Array:
-    return np.linspace(-half_m, half_m, 9)
-
-
 def _ball(centre: Array, axes: Array) -> Array:
-    """Rings (13, 32, 3) of the unit sphere through ``axes`` (3, 3)."""
-    latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 13)[:, None]
+    """Rings (K, M, 3) of the unit sphere through ``axes`` (3, 3)."""
+    latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)[:, None]
     sphere = [
         np.cos(latitude) * np.cos(_ROUND),
         np.cos(latitude) * np.sin(_ROUND),
