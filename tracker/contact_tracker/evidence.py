@@ -93,12 +93,10 @@ def log_ratio(model: ContactModel, x: Array, window: Window, scales: Scales) -> 
     misfit = 0.5 * square / noise * (ratio / (1.0 + ratio))
     # the touching point is a point of the body: one look per second, since it hardly moves within a tick
     strayed = 0.5 * seen.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
-    row_weight = 1.0 / noise
-    row_weight[:, -1] /= seen.scale_sq
     return Ratio(
         (gain - misfit).sum(axis=1) - np.where(free_position > 0, strayed, 0.0),
         np.swapaxes(square / noise, 1, 2),
-        np.swapaxes(row_weight, 1, 2),
+        np.swapaxes(1.0 / noise, 1, 2),
     )
 
 

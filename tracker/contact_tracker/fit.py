@@ -59,7 +59,8 @@ def minimise(
     Parameters
     ----------
     moments : (B, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
-    row_weight : (B, K) precision of each residual, 1/rad^2 or 1/m^2.
+    row_weight : (B, K) precision of each residual, 1/rad^2 or 1/m^2; what the last row gives per metre of
+        distance is taken out here, at each x (``Family.scale_sq``).
     prior : weak knowledge that keeps unobservable directions finite.
     anchors : (B, 6) where the body is in frames 1 and 2 (see ``contacts.base``).
     x : (B, S) starts.
@@ -72,7 +73,7 @@ def minimise(
     """
     damping = np.full(len(x), 1e-3)
     converged = np.zeros(len(x), bool)
-    cost = _cost(family, moments, row_weight, prior, x)
+    cost_now = cost(family, moments, row_weight, prior, x)
     for _ in range(iterations):
         tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
         curvature = hessian + held
@@ -82,21 +83,23 @@ def minimise(
         damped = curvature + np.eye(curvature.shape[-1]) * ridge[:, None, :]
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         proposal = family.normalise(x + np.einsum("bsp,bp->bs", tangent, step), anchors)
-        proposed_cost = _cost(family, moments, row_weight, prior, proposal)
-        better = proposed_cost < cost
+        proposed_cost = cost(family, moments, row_weight, prior, proposal)
+        better = proposed_cost < cost_now
         converged = np.abs(np.einsum("bp,bp->b", gradient, step)) < tolerance
         x = np.where(better[:, None], proposal, x)
-        cost = np.where(better, proposed_cost, cost)
+        cost_now = np.where(better, proposed_cost, cost_now)
         damping = np.clip(np.where(better, damping * 0.2, damping * 8.0), 1e-9, 1e6)
         if converged.all():
             break
     hessian = _normal_equations(family, moments, row_weight, prior, anchors, x)[2]
-    return Fit(x, cost, hessian, converged)
+    return Fit(x, cost_now, hessian, converged)
 
 
-def _cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
+def cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
+    """Cost (B,) in nats of x (B, S) on B windows: half the whitened squares, and the distance from the prior."""
     c = family.rows(x)
     squares = np.einsum("bkc,bkc->bk", c @ moments, c)
+    row_weight = _per_metre(family, moments, row_weight, x)
     off = x - prior.mean
     pull = np.einsum("bs,bst,bt->b", off, prior.precision, off)
     return np.asarray(0.5 * (np.einsum("bk,bk->b", squares, row_weight) + pull))
@@ -109,6 +112,7 @@ def _normal_equations(
     along = np.swapaxes(tangent, -1, -2)
     c = family.rows(x)
     jacobian = along[:, None] @ family.rows_derivative(x)
+    row_weight = _per_metre(family, moments, row_weight, x)
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
     gradient = np.einsum("bkpc,bkc->bp", weighted, c)
     hessian = (weighted @ np.swapaxes(jacobian, -1, -2)).sum(axis=1)
@@ -116,3 +120,9 @@ def _normal_equations(
     gradient = gradient + np.einsum("bps,bs->bp", along, pull)
     held = along @ prior.precision @ tangent
     return tangent, gradient, hessian, held
+
+
+def _per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:
+    weight = row_weight.copy()
+    weight[:, -1] /= family.scale_sq(x, moments)
+    return weight

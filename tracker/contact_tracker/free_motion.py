@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 # hand and robot motion alike, between 0.03 and 0.3 it hardly matters.
 JERK_SHARE: Final = 0.1
 SETTLING_TICKS: Final = 4
+STILL: Final = 2.0
+"""Innovations up to this many noise variances are those of an object at rest."""
 _PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
 
 
@@ -117,5 +119,5 @@ def _advance(
         fade = np.exp(-tick_s / memory_s)
         square = fade * square + float(innovation @ innovation) / 3.0
         weight = fade * weight + 1.0
-        excess = max(square / weight - variance, 0.0)
+        excess = max(square / weight - STILL * variance, 0.0)
     return Smooth3(x, covariance, square, weight, state.ticks + 1), excess

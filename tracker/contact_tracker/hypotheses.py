@@ -16,11 +16,13 @@ from contact_tracker.evidence import Scales, Window, complexity, log_ratio, weak
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SEARCH_AGES: Final = (3, 5, 8, 12, 18, 27, 40, 60, 90)
+SEARCH_AGES: Final = (3, 5, 8, 12, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
 """Ages in ticks at which a hypothesis searches for its minimum from scratch, not only from where it was."""
-SEARCH_STEPS: Final = 8
+SEARCH_STEPS: Final = 10
 REFINE_STEPS: Final = 2
-RANDOM_STARTS: Final = 4
+SCREENED: Final = 6
+AT_THE_NOISE: Final = 1.2
+"""A whitened residual below which there is no better minimum to search for."""
 YOUNG: Final = 10
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
@@ -119,8 +121,10 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
     bank = _grow(bank, model, window)
     if window.excess[-1].any():
         age = int(window.index[-1]) + 1 - bank.onset
-        bank = _refine(_adopt(bank, model), model, scales)
-        bank = _search(bank, model, window, scales, np.flatnonzero(np.isin(age, SEARCH_AGES)))
+        bank = _refine(_adopt(bank, model, scales), model, scales)
+        bank = _search(
+            bank, model, window, scales, np.flatnonzero(np.isin(age, SEARCH_AGES) & (bank.rms > AT_THE_NOISE))
+        )
     return _evaluate(bank, model, window, scales)
 
 
@@ -172,7 +176,7 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     first[1:] = group[order][1:] != group[order][:-1]
     keep = np.zeros(len(bank), bool)
     keep[order[first]] = True
-    keep &= joint > best - margin
+    keep &= (joint > best - margin) | (age <= YOUNG)
     return bank if keep.all() else bank.pick(keep)
 
 
@@ -186,22 +190,18 @@ def _problem(bank: Bank, model: ContactModel, scales: Scales) -> tuple[Array, fi
     return bank.row_weight, weak_prior(model.family, anchors, scales.reach_m), anchors
 
 
-def _adopt(bank: Bank, model: ContactModel) -> Bank:
+def _adopt(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
     """Let each hypothesis take the geometry of a neighbour in onset where that fits its own window better."""
+    row_weight, prior, _ = _problem(bank, model, scales)
     x = bank.x
-    c = model.family.rows(x)
-    best = _own_cost(c, bank)
+    best = fit.cost(model.family, bank.moments, row_weight, prior, x)
     for shift in (1, -1):
-        other = np.roll(x, shift, axis=0)
-        cost = _own_cost(model.family.rows(other), bank)
-        better = cost < best - 1.0
+        other = np.roll(bank.x, shift, axis=0)
+        cost = fit.cost(model.family, bank.moments, row_weight, prior, other)
+        better = cost < best
         x = np.where(better[:, None], other, x)
         best = np.where(better, cost, best)
     return replace(bank, x=x)
-
-
-def _own_cost(c: Array, bank: Bank) -> Array:
-    return np.asarray(0.5 * np.einsum("bkc,bkc,bk->b", c @ bank.moments, c, bank.row_weight))
 
 
 def _refine(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
@@ -215,7 +215,7 @@ def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, row
     if not len(rows):
         return bank
     some = bank.pick(rows)
-    starts = _starts(some, model)
+    starts = _starts(some, model, scales, int(window.index[-1]))
     count = starts.shape[1]
     many = some.pick(np.repeat(np.arange(len(rows)), count))
     row_weight, prior, anchors = _problem(many, model, scales)
@@ -235,17 +235,23 @@ def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, row
     return replace(bank, **changed)
 
 
-def _starts(bank: Bank, model: ContactModel) -> Array:
+def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array:
+    """Starts (H, N, S): solutions of the relaxed problem, and the best of many random directions."""
     family = model.family
-    regular = bank.moments + 1e-12 * np.trace(bank.moments, axis1=1, axis2=2)[:, None, None] * np.eye(
-        bank.moments.shape[-1]
-    )
+    size = bank.moments.shape[-1]
+    trace = np.trace(bank.moments, axis1=1, axis2=2)[:, None, None]
+    regular = bank.moments + 1e-12 * trace * np.eye(size)
     relaxed = family.starts(regular)
-    rng = np.random.default_rng(0)  # the same directions each time: the answer depends on the data only
-    raw = rng.normal(size=(RANDOM_STARTS, family.SIZE))
-    anchors = np.repeat(_anchors(bank, model)[:, None], RANDOM_STARTS, axis=1)
-    spread = family.normalise(np.broadcast_to(raw, (len(bank), *raw.shape)), anchors)
-    return np.concatenate([relaxed, family.complete(spread, regular[:, None])], axis=1)
+    raw = np.random.default_rng(seed).normal(size=(family.RANDOM_STARTS, family.SIZE))
+    rows = np.repeat(np.arange(len(bank)), len(raw))
+    many = bank.pick(rows)
+    row_weight, prior, anchors = _problem(many, model, scales)
+    x = family.normalise(np.tile(raw, (len(bank), 1)), anchors)
+    x = family.normalise(family.complete(x, regular[rows]), anchors)
+    cost = fit.cost(family, many.moments, row_weight, prior, x).reshape(len(bank), -1)
+    best = np.argsort(cost, axis=1)[:, :SCREENED]
+    screened = np.take_along_axis(x.reshape(len(bank), -1, family.SIZE), best[..., None], axis=1)
+    return np.concatenate([relaxed, screened], axis=1)
 
 
 def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:

@@ -27,13 +27,11 @@ class Measurement(NamedTuple):
     ``residual`` (B, K, T): the K residuals, angles (rad) first and one distance (m) last.
     ``lever_sq`` (B, T): squared lever arm (m^2) with which an error of orientation enters the distance.
     ``reach_sq`` (B, T): squared distance (m^2) of the touching point from the body's origin.
-    ``scale_sq`` (B, T): square of what ``rows`` gives per metre of the distance (1 but for e-e).
     """
 
     residual: Array
     lever_sq: Array
     reach_sq: Array
-    scale_sq: Array
 
 
 class Family(Protocol):
@@ -50,11 +48,17 @@ class Family(Protocol):
     SPREAD: Array
     """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
 
+    RANDOM_STARTS: int
+    """How many random directions a search screens: more where minima are narrow."""
+
     def rows(self, x: Array) -> Array:
         """Coefficients c (..., K, C) with ``residual = c @ zeta[COLUMNS]``."""
 
     def rows_derivative(self, x: Array) -> Array:
         """Derivative of ``rows`` by x, (..., K, S, C)."""
+
+    def scale_sq(self, x: Array, moments: Array) -> Array:
+        """Mean square (...) of what the last row gives per metre of distance over moments (..., C, C)."""
 
     def tangent(self, x: Array, anchors: Array) -> Array:
         """Free directions of x, (..., S, P)."""

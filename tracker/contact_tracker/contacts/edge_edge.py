@@ -36,9 +36,11 @@ LINE2: Final = slice(6, 12)
 SIZE: Final = 12
 PARAMETERS: Final = 8
 ROWS: Final = 1
-COLUMNS: Final = np.concatenate([lift.R, lift.TXR])
+COLUMNS: Final = np.concatenate([lift.R, lift.TXR, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
+RANDOM_STARTS: Final = 300
 SINE_SQ_FLOOR: Final = 1e-4
+TINY: Final = 1e-300
 RIDGE: Final = 1e-6
 STARTS: Final = 6
 
@@ -46,7 +48,7 @@ STARTS: Final = 6
 def rows(x: Array) -> Array:
     d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
     on_r = outer(d2, np.cross(q1, d1)) + outer(np.cross(q2, d2), d1)
-    return np.concatenate([on_r, outer(d2, d1)], axis=-1)[..., None, :]
+    return np.concatenate([on_r, outer(d2, d1), np.zeros_like(x[..., :1])], axis=-1)[..., None, :]
 
 
 def rows_derivative(x: Array) -> Array:
@@ -56,12 +58,20 @@ def rows_derivative(x: Array) -> Array:
     m1, m2 = np.cross(q1, d1), np.cross(q2, d2)
     out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
     out[..., 0, D1, :9] = _cross(q1).swapaxes(-1, -2) @ by_m1 + outer_derivative_second(m2)
-    out[..., 0, D1, 9:] = by_m1
+    out[..., 0, D1, 9:18] = by_m1
     out[..., 0, Q1, :9] = _cross(d1) @ by_m1
     out[..., 0, D2, :9] = _cross(q2).swapaxes(-1, -2) @ by_m2 + outer_derivative_first(m1)
-    out[..., 0, D2, 9:] = by_m2
+    out[..., 0, D2, 9:18] = by_m2
     out[..., 0, Q2, :9] = _cross(d2) @ by_m2
     return out
+
+
+def scale_sq(x: Array, moments: Array) -> Array:
+    """Mean squared sine of the crossing angle: the volume is the distance times the sine."""
+    on_r = outer(x[..., D2], x[..., D1])
+    cosine_sq = np.einsum("...c,...cd,...d->...", on_r, moments[..., :9, :9], on_r)
+    total = np.maximum(moments[..., 18, 18], TINY)
+    return np.asarray(np.maximum(1.0 - cosine_sq / total, SINE_SQ_FLOOR))
 
 
 def tangent(x: Array, anchors: Array) -> Array:
@@ -83,7 +93,7 @@ def place(anchors: Array) -> Array:
 
 def starts(moments: Array) -> Array:
     """The relaxed problem's smallest directions, each brought to the nearest pair of lines."""
-    c = np.swapaxes(smallest_directions(moments, slice(9, 18), RIDGE), -1, -2)[..., :STARTS, 9:]
+    c = np.swapaxes(smallest_directions(moments, slice(9, 18), RIDGE), -1, -2)[..., :STARTS, 9:18]
     left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
     zero = np.zeros((*c.shape[:-1], 3))
     x = np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)
@@ -95,7 +105,7 @@ def complete(x: Array, moments: Array) -> Array:
     design = np.zeros((*x.shape[:-1], 6, len(COLUMNS)))
     design[..., :3, :9] = outer_derivative_second(d2)
     design[..., 3:, :9] = outer_derivative_first(d1)
-    target = np.concatenate([np.zeros((*x.shape[:-1], 9)), outer(d2, d1)], axis=-1)
+    target = np.concatenate([np.zeros((*x.shape[:-1], 9)), outer(d2, d1), np.zeros_like(x[..., :1])], axis=-1)
     m = linear_least_squares(design, target, moments, RIDGE * np.ones(6))
     return np.concatenate([d1, np.cross(d1, m[..., :3]), d2, np.cross(d2, m[..., 3:])], axis=-1)
 
@@ -115,7 +125,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
     reach_sq = dot(q1, q1)[:, None] + 2.0 * s * dot(q1, d1)[:, None] + s**2
     height_sq = d2_r_m1**2 / sine_sq
     residual = (volume / np.sqrt(sine_sq))[:, None, :]
-    return Measurement(residual, np.maximum(reach_sq - height_sq, 0.0), reach_sq, sine_sq)
+    return Measurement(residual, np.maximum(reach_sq - height_sq, 0.0), reach_sq)
 
 
 def elements(x: Array, covariance: Array) -> tuple[Element, Element]:

@@ -36,6 +36,7 @@ PARAMETERS: Final = 7
 ROWS: Final = 2
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 0])
+RANDOM_STARTS: Final = 32
 
 
 def rows(x: Array) -> Array:
@@ -56,6 +57,10 @@ def rows_derivative(x: Array) -> Array:
     out[..., 1, N, 9:12] = np.eye(3)
     out[..., 1, 9, 12] = -1.0
     return out
+
+
+def scale_sq(x: Array, moments: Array) -> Array:
+    return np.ones(x.shape[:-1])
 
 
 def tangent(x: Array, anchors: Array) -> Array:
@@ -108,7 +113,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
     reach_sq = dot(q, q)[:, None] - 2.0 * q @ o.T + dot(o, o) - s**2
     height = n_r_q + s * n_r_d + (0.0 if frames.body_in_1 else n_t)
     residual = np.stack([n_r_d, n_r_q + s * n_r_d + n_t - h], axis=1)
-    return Measurement(residual, np.maximum(reach_sq - height**2, 0.0), reach_sq, np.ones_like(reach_sq))
+    return Measurement(residual, np.maximum(reach_sq - height**2, 0.0), reach_sq)
 
 
 def elements(x: Array, covariance: Array) -> tuple[Element, Element]:

@@ -31,6 +31,7 @@ PARAMETERS: Final = 5
 ROWS: Final = 3
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
+RANDOM_STARTS: Final = 4
 UNKNOWN_OFFSET_M: Final = 0.3
 """How far the faces may lie from the body's origin: motion cannot tell, so it is a standard deviation."""
 
@@ -58,6 +59,10 @@ def rows_derivative(x: Array) -> Array:
     out[..., 2, N, 9:12] = np.eye(3)
     out[..., 2, 6, 12] = -1.0
     return out
+
+
+def scale_sq(x: Array, moments: Array) -> Array:
+    return np.ones(x.shape[:-1])
 
 
 def tangent(x: Array, anchors: Array) -> Array:
@@ -94,7 +99,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
     angles = [outer(n, b[..., k]) @ frames.rotation.T for k in range(2)]
     residual = np.stack([*angles, n @ frames.t.T - h], axis=1)
     zero = np.zeros((len(x), len(frames.t)))
-    return Measurement(residual, zero, zero, np.ones_like(zero))
+    return Measurement(residual, zero, zero)
 
 
 def elements(x: Array, covariance: Array) -> tuple[Element, Element]:

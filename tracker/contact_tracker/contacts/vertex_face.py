@@ -32,6 +32,7 @@ PARAMETERS: Final = 6
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
+RANDOM_STARTS: Final = 16
 RIDGE: Final = 1e-7
 """Of the relaxed problems only: keeps what the motion does not show near the origin."""
 
@@ -49,6 +50,10 @@ def rows_derivative(x: Array) -> Array:
     out[..., 0, N, 9:12] = np.eye(3)
     out[..., 0, 6, 12] = -1.0
     return out
+
+
+def scale_sq(x: Array, moments: Array) -> Array:
+    return np.ones(x.shape[:-1])
 
 
 def tangent(x: Array, anchors: Array) -> Array:
@@ -92,9 +97,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
     reach_sq = dot(q, q)[:, None] - 2.0 * q @ o.T + dot(o, o)
     # n . R (q - o), where -R o is 0 or t
     height = n_r_q if frames.body_in_1 else n_r_q + n_t
-    return Measurement(
-        residual[:, None, :], np.maximum(reach_sq - height**2, 0.0), reach_sq, np.ones_like(reach_sq)
-    )
+    return Measurement(residual[:, None, :], np.maximum(reach_sq - height**2, 0.0), reach_sq)
 
 
 def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
