@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
 CONVENTIONS = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
 TUTORIAL = (ROOT / "docs" / "tutorial_first_segmentation.md").read_text(encoding="utf-8")
-FENCED = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 SETUP = "$ source .venv/bin/activate"  # the reader's; here, the package is at hand already
 
@@ -28,16 +28,18 @@ class Step(NamedTuple):
 
 
 def steps(text: str) -> Iterator[Step]:
-    for language, block in FENCED.findall(text):
+    """What the reader does, in order; a text block shows the output of the Python before it."""
+    blocks = FENCED.findall(text)
+    for (language, block), (next_language, next_block) in pairwise([*blocks, ("", "")]):
         if language == "python":
-            yield Step(language, block, "")
-            continue
-        lines = block.splitlines()
-        assert lines[0].startswith("$ "), f"a console block starts with a command: {lines[0]}"
-        for i, line in enumerate(lines):
-            if line.startswith("$ ") and line != SETUP:
-                shown = takewhile(lambda following: not following.startswith("$ "), lines[i + 1 :])
-                yield Step(language, line[2:], "\n".join(shown))
+            yield Step(language, block, next_block if next_language == "text" else "")
+        elif language == "console":
+            lines = block.splitlines()
+            assert lines[0].startswith("$ "), f"a console block starts with a command: {lines[0]}"
+            for i, line in enumerate(lines):
+                if line.startswith("$ ") and line != SETUP:
+                    shown = takewhile(lambda following: not following.startswith("$ "), lines[i + 1 :])
+                    yield Step(language, line[2:], "\n".join(shown))
 
 
 def loosely(output: str) -> list[str]:
