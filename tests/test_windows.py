@@ -87,3 +87,22 @@ def test_same_poses_same_curves_wherever_the_world_begins():
     np.testing.assert_array_equal(curves(poses, 100, 50).minimum, again)
     moved = Poses(poses.stamp_ns, poses.position_m + np.array([100.0, -50.0, 7.0]), poses.quat_xyzw)
     np.testing.assert_allclose(curves(moved, 100, 50).minimum, again, rtol=1e-3)
+
+
+def test_at_rest_every_contact_fits():
+    """No motion: the minima are finite and as low as rounding allows, without noise."""
+    moving = recording(Contact.VF)
+    still = moving[np.zeros(80, int)]
+    found = curves(Poses(moving.stamp_ns[:80], still.position_m, still.quat_xyzw), 50, 10)
+    assert np.isfinite(found.minimum).all()
+    assert (np.abs(found.minimum) < 1e-9).all()
+    assert np.isfinite(found.normalised).all()
+
+
+def test_long_recordings_in_pieces_give_the_same(monkeypatch):
+    poses = recording(Contact.EF, Contact.VF)
+    whole = curves(poses, 100, 25)
+    monkeypatch.setattr("contact_tracker.windows._CHUNK_FRAMES", 75)
+    pieces = curves(poses, 100, 25)
+    np.testing.assert_array_equal(pieces.stamp_ns, whole.stamp_ns)
+    np.testing.assert_allclose(pieces.minimum, whole.minimum, rtol=0.05)

@@ -8,12 +8,12 @@ import time
 
 import numpy as np
 
+from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.tables import table
-from contact_tracker.labels import CONTACTS
 from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.windows import curves, minimise_windows, window_matrices
+from contact_tracker.windows import curves, minimise_windows
 
 FRAMES, STEP, STARTS = 500, 10, 3
 
@@ -24,19 +24,22 @@ def main() -> None:
     parser.add_argument("--windows", type=int, default=12, help="windows on which SLSQP is timed")
     args = parser.parse_args()
     poses = Poses.collect(open_log(args.log))
-    rotation, p = motion(poses.rotation, poses.position_m - poses.position_m.mean(axis=0))
+    position = poses.position_m - poses.position_m.mean(axis=0)
+    rotation, p = motion(poses.rotation, position)
     first = np.arange(0, len(poses) - FRAMES + 1, STEP)
     sample = first[np.linspace(0, len(first) - 1, args.windows).astype(int)]
     rng = np.random.default_rng(0)
     rows = []
-    for contact in CONTACTS:
+    for model in CONTACT_MODELS:
+        contact = model.contact
         matrices = [matrix(contact, rotation[a : a + FRAMES], p[a : a + FRAMES]) for a in sample]
         begin = time.process_time()
         for k in matrices:
             minimise_slsqp(contact, k, rng, STARTS)
         per_start = (time.process_time() - begin) / (STARTS * len(matrices))
         begin = time.process_time()
-        minimise_windows(contact, window_matrices(contact, rotation, p, first, FRAMES, STEP))
+        end = first[-1] + FRAMES
+        minimise_windows(model, poses.rotation[:end], position[:end], FRAMES, STEP)
         batched = time.process_time() - begin
         slsqp = per_start * STARTS * len(first)
         rows.append((contact.value, f"{1e3 * per_start:.1f}", f"{slsqp:.0f}", f"{batched:.2f}"))

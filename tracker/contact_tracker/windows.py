@@ -9,19 +9,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.labels import CONTACTS, Contact
-from contact_tracker.paper.batched import Batch, minimise_batched, random_starts
-from contact_tracker.paper.kronecker import matrix
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.labels import Contact
+from contact_tracker.lift import lift
+from contact_tracker.paper.batched import Batch, minimise_batched
+from contact_tracker.paper.kronecker import form, rows
 from contact_tracker.paper.objectives import motion
 from contact_tracker.poses import Poses
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
-STARTS: Final = 3
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
-_SPREAD_M: Final = 0.3
-_CHUNK: Final = 1024
 _COARSE: Final = (1e-4, 30)  # relative gain at which to stop, and iterations at most
+_CHUNK_FRAMES: Final = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class WindowCurves:
     converged : (W, 6) whether that minimisation converged.
     """
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: Index
     minimum: Array
     converged: NDArray[np.bool_]
 
@@ -50,10 +51,10 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
     """Minimise the paper's six objective functions on windows of ``frames`` poses, every ``step`` poses.
 
     What is minimised are the paper's own functions (5), (10), (15), (19) and their swapped forms, corrected,
-    in their Kronecker forms (docs/theory.md, T7), with batched Levenberg-Marquardt in place of SLSQP: random
-    starts as in the paper, then each window tries its neighbours' minima. The world's origin is set amid the
-    positions; of the minima, only that of f-e depends on it. Those of f-f and e-f depend on where the body
-    frame is, which is the recording's (docs/theory.md, T9, T10).
+    in their Kronecker forms (docs/theory.md, T7), with batched Levenberg-Marquardt in place of SLSQP. It
+    starts from the relaxed problems of ``contacts`` and lets each window try its neighbours' minima. The
+    world's origin is set amid the positions; of the minima, only that of f-e depends on it. Those of f-f and
+    e-f depend on where the body frame is, which is the recording's (docs/theory.md, T9, T10).
 
     A recording shorter than a window has no windows. The result is the same for the same poses.
     """
@@ -62,47 +63,66 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
     first = np.arange(0, max(len(poses) - frames + 1, 0), step)
     minimum, converged = np.zeros((len(first), 6)), np.ones((len(first), 6), bool)
     if len(first):
-        rotation, p = motion(poses.rotation, poses.position_m - poses.position_m.mean(axis=0))
-        for column, contact in enumerate(CONTACTS):
-            for windows in _chunks(len(first)):
-                k = window_matrices(contact, rotation, p, first[windows], frames, step)
-                found = minimise_windows(contact, k)
+        rotation, position = poses.rotation, poses.position_m - poses.position_m.mean(axis=0)
+        for windows in _chunks(len(first), step):
+            frame = slice(first[windows][0], first[windows][-1] + frames)
+            for column, model in enumerate(CONTACT_MODELS):
+                found = minimise_windows(model, rotation[frame], position[frame], frames, step)
                 minimum[windows, column], converged[windows, column] = found.value, found.converged
     return WindowCurves(poses.stamp_ns[first + frames - 1], minimum, converged)
 
 
-def _chunks(count: int) -> Iterator[slice]:
-    """Long recordings go in pieces: one K of e-e takes 10 kB."""
-    for start in range(0, count, _CHUNK):
-        yield slice(start, min(start + _CHUNK, count))
-
-
-def window_matrices(
-    contact: Contact, rotation: Array, p: Array, first: NDArray[np.int64], frames: int, step: int
-) -> Array:
-    """K (W, n, n) of windows that begin at ``first``, from sums over blocks that windows share."""
-    block = gcd(frames, step)
-    span = slice(first[0], first[-1] + frames)
-    rotation, p = rotation[span].reshape(-1, block, 3, 3), p[span].reshape(-1, block, 3)
-    sums = matrix(contact, rotation, p)
-    total = np.concatenate([np.zeros((1, *sums.shape[1:])), np.cumsum(sums, axis=0)])
-    begin = (first - first[0]) // block
-    k: Array = total[begin + frames // block] - total[begin]
-    return k
-
-
-def minimise_windows(contact: Contact, k: Array) -> Batch:
-    """The lowest minimum of each window: random starts, then the neighbours' minima, then with care."""
-    starts = random_starts(contact, STARTS, np.random.default_rng(0), _SPREAD_M)
-    windows = len(k)
+def minimise_windows(
+    model: ContactModel, rotation: Array, position_m: Array, frames: int, step: int
+) -> Batch:
+    """Minima of the paper's objective of one contact on windows of ``T_world_body`` (N, 3, 3) and (N, 3)."""
+    k = _window_sums(rows(model.contact, *motion(rotation, position_m)), frames, step)
+    moments = _window_sums(model.lifted(lift(rotation, position_m))[:, None, :], frames, step)
+    x, y = _starts(model, moments)
     best = reduce(
         Batch.better,
-        (
-            minimise_batched(contact, k, np.tile(x, (windows, 1)), np.tile(y, (windows, 1)), *_COARSE)
-            for x, y in zip(*starts, strict=True)
-        ),
+        (minimise_batched(model.contact, k, x[:, i], y[:, i], *_COARSE) for i in range(x.shape[1])),
     )
     for shift in SHIFTS:
-        source = np.clip(np.arange(windows) + shift, 0, windows - 1)
-        best = best.better(minimise_batched(contact, k, best.x[source], best.y[source], *_COARSE))
-    return minimise_batched(contact, k, best.x, best.y)
+        source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
+        best = best.better(minimise_batched(model.contact, k, best.x[source], best.y[source], *_COARSE))
+    return minimise_batched(model.contact, k, best.x, best.y)
+
+
+def _chunks(count: int, step: int) -> Iterator[slice]:
+    """Long recordings go in pieces, for the memory's sake."""
+    size = max(_CHUNK_FRAMES // step, 1)
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))
+
+
+def _window_sums(a: Array, frames: int, step: int) -> Array:
+    """Sums (W, n, n) of ``a.T a`` over the frames of each window, for a (N, r, n); N ends with a window."""
+    block = gcd(frames, step)
+    parts = a.reshape(len(a) // block, -1, a.shape[-1])
+    sums = np.swapaxes(parts, 1, 2) @ parts
+    total = np.concatenate([np.zeros((1, *sums.shape[1:])), np.cumsum(sums, axis=0)])
+    begin = np.arange(0, len(a) - frames + 1, step) // block
+    return np.asarray(total[begin + frames // block] - total[begin])
+
+
+def _starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
+    """The family's relaxed solutions as factors of the Kronecker product, (W, N, a) and (W, N, b)."""
+    x = model.family.starts(moments)
+    x = model.family.normalise(x, np.zeros(6))
+    match model.contact:
+        case Contact.FF:
+            first, second = np.concatenate([x[..., :3], np.zeros_like(x[..., :1])], axis=-1), x[..., 3:]
+        case Contact.VF | Contact.FV:
+            first, second = np.concatenate([x[..., :3], np.ones_like(x[..., :1])], axis=-1), x[..., 3:]
+        case Contact.EF | Contact.FE:
+            first, second = _line(x[..., :6]), x[..., 6:]
+        case _:
+            first, second = _line(x[..., :6]), _line(x[..., 6:])
+    body, world = (first, second) if model.body_in_1 else (second, first)
+    return form(model.contact).factors(body, world)
+
+
+def _line(x: Array) -> Array:
+    """Direction and foot to direction and moment."""
+    return np.concatenate([x[..., :3], np.cross(x[..., 3:], x[..., :3])], axis=-1)
