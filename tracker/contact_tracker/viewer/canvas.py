@@ -31,7 +31,7 @@ MESHES: Final = (
     "world/surroundings/element/uncertainty",
 )
 PALER: Final = MESHES[:2]
-OPACITY: Final = (1.0, 0.35, 0.75, 0.25)
+OPACITY: Final = (1.0, 0.35, 0.5, 0.15)
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
 FILTERED: Final = "state/filtered"

@@ -99,7 +99,7 @@ def viewpoint(poses: Poses, segmentation: Segmentation, extent: Extent) -> Viewp
     up = _up(segmentation, target)
     level = spread - np.outer(spread @ up, up)
     narrow = np.linalg.svd(np.vstack([level, 1e-6 * _level_axes(up)]), full_matrices=False)[2][1]
-    distance = 2.1 * (extent.radius_m + float(np.quantile(np.linalg.norm(spread, axis=1), 0.95)))
+    distance = 1.8 * (extent.radius_m + float(np.quantile(np.linalg.norm(spread, axis=1), 0.95)))
     return Viewpoint(target + distance * (0.87 * narrow + 0.5 * up), target, up)
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from contact_tracker.geometry import Array, Element, Line, Plane, Point
 
 SIGMAS: Final = 2.0
-_ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-_ROD: Final = 0.025
-_BALL: Final = 0.06
+_ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
+_ROD: Final = 0.04
+_BALL: Final = 0.08
 _WIDEST: Final = 1.0
 
 
