@@ -256,6 +256,26 @@ def test_a_closed_pipe_ends_cleanly(arguments: list[str], log: Path) -> None:
     assert "BrokenPipe" not in done.stderr
 
 
+def test_closed_streams_are_empty_ones(log: Path) -> None:
+    def shell(text: str) -> "subprocess.CompletedProcess[str]":
+        command = ["bash", "-c", f'"$@" {text}', "bash", *PROGRAM]
+        return subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
+
+    done = shell("live - <&-")
+    assert (done.returncode, done.stderr) == (1, "contact-tracker: error: standard input: it is empty\n")
+    assert shell(f"info '{log}' >&-").returncode == 0
+    assert shell("--version 2>&-").returncode == 0
+
+
+def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
+    with open("/dev/full", "w") as full:
+        command = [*PROGRAM, "info", str(log)]
+        done = subprocess.run(command, env=ENVIRONMENT, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("contact-tracker: error: cannot write")
+
+
 def test_ctrl_c_is_130_with_a_summary(log: Path) -> None:
     command = [*PROGRAM, "live", str(log), "--json", "--rate", "0.5"]
     pipe = subprocess.PIPE

@@ -60,8 +60,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 def run(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (without the program's name) and return its exit code."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
+    _prepare_streams()
     code = _run(argv)
     try:
         sys.stdout.flush()
@@ -92,5 +91,14 @@ def _run(argv: Sequence[str] | None) -> int:
         fail(str(error))
         return INPUT
     except OSError as error:
-        fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        fail(f"{error.filename or 'cannot write'}: {error.strerror or error}")
         return INPUT
+
+
+def _prepare_streams() -> None:
+    """Streams that the caller closed become empty ones; no name in a recording is too odd to be printed."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
