@@ -6,13 +6,18 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from itertools import pairwise, takewhile
+from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
+
+from contact_tracker.labels import Contact
+from contact_tracker.poses import Poses
+from contact_tracker.recording import open_log, write_recording
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
 CONVENTIONS = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 TUTORIAL = (ROOT / "docs" / "tutorial_first_segmentation.md").read_text(encoding="utf-8")
 FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -69,6 +74,22 @@ def assert_shown(step: Step, output: str) -> None:
         expected.pop()
         got = got[: len(expected)]
     assert got == expected, f"$ {step.code}"
+
+
+def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
+    """On the first two seconds of the recording that it names."""
+    (block,) = [text for language, text in FENCED.findall(README) if language == "python"]
+    (name,) = set(re.findall(r"recordings/\w+\.mcap", block))
+    (tmp_path / "recordings").mkdir()
+    first = Poses.collect(islice(open_log(str(ROOT / name)), 400))
+    write_recording(str(tmp_path / name), first, None, {})
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
+    command = [sys.executable, "-c", block]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert len(lines) > 10
+    assert all(stamp.isdecimal() and contact in list(Contact) for stamp, contact, _ in lines)
 
 
 def counted_kinds() -> set[str]:

@@ -24,7 +24,7 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         "--model",
         default="default",
         metavar="NAME|FILE",
-        help="a shipped model (mocap, robot, vision, ...) or a TOML file (default: %(default)s)",
+        help="a shipped model or a TOML file (default: %(default)s)",
     )
 
 
