@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -29,6 +29,12 @@ def random_x(model, rng, anchors=None):
 def residuals(model, x, rotation, t):
     """(N, K): the rows of x on the lifted poses."""
     return model.lifted(lift.lift(rotation, t)) @ model.family.rows(x).T
+
+
+def scale_sq(model, x, rotation, t):
+    """(N,) square of what the last row gives per metre, pose by pose."""
+    zeta = model.lifted(lift.lift(rotation, t))
+    return model.family.scale_sq(np.broadcast_to(x, (len(t), len(x))), zeta[:, :, None] * zeta[:, None, :])
 
 
 def first_and_second(model, x):
@@ -158,7 +164,7 @@ def test_measure_agrees_with_rows(model, seed):
         rotation_ew = np.swapaxes(rotation, 1, 2)  # frame 1 is the world: its pose in the body
         s = (t - x[3:6]) @ x[:3]
         by_rows[1] += s * np.einsum("i,nij,j->n", x[6:9], rotation_ew, x[:3])
-    np.testing.assert_allclose(exact[-1] * np.sqrt(measured.scale_sq[0]), by_rows[-1], atol=1e-9)
+    np.testing.assert_allclose(exact[-1] * np.sqrt(scale_sq(model, x, rotation, t)), by_rows[-1], atol=1e-9)
 
 
 @each_model
@@ -175,8 +181,7 @@ def test_lever_is_how_a_turn_of_the_body_enters_the_distance(model, seed):
         turned = Rotation.from_rotvec(step * axis).as_matrix() @ t.rotation
         slopes.append(model.measure(x[None], lift.lift(turned, t.position_m)).residual[0, -1, 0] / step)
     measured = model.measure(x[None], lift.lift(t.rotation, t.position_m))
-    if model.contact is Contact.EE and measured.scale_sq[0, 0] < 0.01:
-        return
+    assume(scale_sq(model, x, t.rotation, t.position_m)[0] > 0.01)
     assert np.sum(np.square(slopes)) == pytest.approx(measured.lever_sq[0, 0], rel=1e-3, abs=1e-6)
 
 
@@ -334,3 +339,26 @@ def test_swapped_contacts_are_the_inverse_pose(seed):
         x = random_x(model, rng)
         found = residuals(mirror, x, *motion(rotation, t))
         np.testing.assert_allclose(found, residuals(model, x, rotation, t), atol=1e-12)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_scale_is_one_but_for_the_sine_of_crossing_edges(model, seed):
+    """Its mean square over poses, and the derivative of its logarithm against finite differences."""
+    rng = np.random.default_rng(seed)
+    rotation, t = random_poses(rng)
+    x = random_x(model, rng)
+    zeta = model.lifted(lift.lift(rotation, t))
+    moments = zeta.T @ zeta
+    expected = 1.0
+    if model.contact is Contact.EE:
+        expected = np.mean(1.0 - np.einsum("i,nij,j->n", x[6:9], rotation, x[:3]) ** 2)
+    assert model.family.scale_sq(x, moments) == pytest.approx(expected, rel=1e-9)
+    step = 1e-6
+    numeric = [
+        np.log(model.family.scale_sq(x + step * e, moments) / model.family.scale_sq(x - step * e, moments))
+        / (2 * step)
+        for e in np.eye(len(x))
+    ]
+    np.testing.assert_allclose(model.family.log_scale_sq_derivative(x, moments), numeric, atol=1e-6)

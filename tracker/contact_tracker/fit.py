@@ -96,7 +96,7 @@ def minimise(
 
 
 def cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
-    """Cost (B,) in nats of x (B, S) on B windows: half the whitened squares, and the distance from the prior."""
+    """Cost (B,) in nats of x (B, S) on B windows: half the whitened squares, and the pull of the prior."""
     c = family.rows(x)
     squares = np.einsum("bkc,bkc->bk", c @ moments, c)
     row_weight = _per_metre(family, moments, row_weight, x)
@@ -111,7 +111,10 @@ def _normal_equations(
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     c = family.rows(x)
-    jacobian = along[:, None] @ family.rows_derivative(x)
+    derivative = family.rows_derivative(x)
+    # of the last row per metre: the scale changes with x as well
+    derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
+    jacobian = along[:, None] @ derivative
     row_weight = _per_metre(family, moments, row_weight, x)
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
     gradient = np.einsum("bkpc,bkc->bp", weighted, c)

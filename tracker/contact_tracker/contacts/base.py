@@ -60,6 +60,9 @@ class Family(Protocol):
     def scale_sq(self, x: Array, moments: Array) -> Array:
         """Mean square (...) of what the last row gives per metre of distance over moments (..., C, C)."""
 
+    def log_scale_sq_derivative(self, x: Array, moments: Array) -> Array:
+        """Derivative (..., S) of the logarithm of ``scale_sq`` by x."""
+
     def tangent(self, x: Array, anchors: Array) -> Array:
         """Free directions of x, (..., S, P)."""
 

@@ -74,6 +74,18 @@ def scale_sq(x: Array, moments: Array) -> Array:
     return np.asarray(np.maximum(1.0 - cosine_sq / total, SINE_SQ_FLOOR))
 
 
+def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
+    d1, d2 = x[..., D1], x[..., D2]
+    total = np.maximum(moments[..., 18, 18], TINY)[..., None]
+    by_r = -2.0 * np.einsum("...cd,...d->...c", moments[..., :9, :9], outer(d2, d1)) / total
+    scale = scale_sq(x, moments)[..., None]
+    by_r = np.where(scale > SINE_SQ_FLOOR, by_r / scale, 0.0)
+    out = np.zeros_like(x)
+    out[..., D1] = np.einsum("...sc,...c->...s", outer_derivative_second(d2), by_r)
+    out[..., D2] = np.einsum("...sc,...c->...s", outer_derivative_first(d1), by_r)
+    return out
+
+
 def tangent(x: Array, anchors: Array) -> Array:
     first = line_tangent(x[..., LINE1], anchors[..., :3])
     second = line_tangent(x[..., LINE2], anchors[..., 3:])

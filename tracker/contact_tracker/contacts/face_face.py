@@ -65,6 +65,10 @@ def scale_sq(x: Array, moments: Array) -> Array:
     return np.ones(x.shape[:-1])
 
 
+def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
+    return np.zeros_like(x)
+
+
 def tangent(x: Array, anchors: Array) -> Array:
     one = np.ones((*x.shape[:-1], 1, 1))
     blocks = [(M, sphere_tangent(x[..., M])), (N, sphere_tangent(x[..., N])), (H, one)]

@@ -56,6 +56,10 @@ def scale_sq(x: Array, moments: Array) -> Array:
     return np.ones(x.shape[:-1])
 
 
+def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
+    return np.zeros_like(x)
+
+
 def tangent(x: Array, anchors: Array) -> Array:
     eye = np.broadcast_to(np.eye(3), (*x.shape[:-1], 3, 3))
     one = np.ones((*x.shape[:-1], 1, 1))
