@@ -226,6 +226,20 @@ def test_truncated_input_gives_what_is_readable_and_3(truncated: Path, tmp_path:
     assert (tmp_path / "out.csv").exists()
 
 
+def test_follow_waits_for_what_is_still_being_written(truncated: Path) -> None:
+    rest = write_waves(truncated.with_name("whole.mcap"), 1000).read_bytes()[truncated.stat().st_size :]
+    command = [*PROGRAM, "live", str(truncated), "--json", "--follow"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        with open(truncated, "ab") as growing:
+            growing.write(rest)
+        others, messages = process.communicate(timeout=60)
+    assert (process.returncode, f"{LENGTH_S * 1000} poses" in messages) == (0, True), messages
+    assert json.loads(first)["stamp_ns"] < json.loads(others.splitlines()[-1])["stamp_ns"]
+
+
 def test_a_failed_write_leaves_what_was_there(log: Path, tmp_path: Path) -> None:
     """The disk is full: file size is limited to 64 bytes."""
     target = tmp_path / "out.jsonl"

@@ -46,20 +46,20 @@ class Source:
             yield pose
         if not self.used:
             where = "in the interval that --start and --duration leave" if seen else "that can be used"
-            raise NoPoses(f"{self._name}: no pose {where}{self._dropped()}")
+            raise NoPoses(f"{self._name}: no pose {where}{self._noted()}")
 
     def finish(self) -> int:
         """Say what was read and what was not; returns the exit code."""
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
-        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._dropped()}")
+        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if self._log.damage is None:
             return DONE
         warn(f"{self._name}: {self._log.damage}")
         return DAMAGED
 
-    def _dropped(self) -> str:
+    def _noted(self) -> str:
         counts = ", ".join(f"{kind} {count}" for kind, count in self._log.counts.items() if count)
-        return f"; dropped or repaired: {counts}" if counts else ""
+        return f"; noted: {counts}" if counts else ""
 
 
 def paced(poses: Iterable[Pose], rate: float) -> Iterator[Pose]:
