@@ -5,7 +5,7 @@ jerk whose strength follows the innovations. What the filter cannot predict, bey
 the variance with which a freely moving object would have left the constraint in this tick.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -20,8 +20,14 @@ Array = NDArray[np.float64]
 # hand and robot motion alike, between 0.03 and 0.3 it hardly matters.
 JERK_SHARE: Final = 0.1
 SETTLING_TICKS: Final = 4
+NOW_TICKS: Final = 3
+"""Over this many ticks an object that has stopped is known to have stopped."""
+SHAPE_MEMORY_S: Final = 1.5
 STILL: Final = 2.0
 """Innovations up to this many noise variances are those of an object at rest."""
+LOG_BIAS: Final = 1.446
+"""exp(-E log(chi^2_3 / 3)): from the geometric to the arithmetic mean of squares in three axes."""
+TINY: Final = 1e-20
 _PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
 
 
@@ -29,12 +35,15 @@ _PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
 class Smooth3:
     """Filter of one smooth vector in R^3: state x (9,) of value, rate and acceleration, covariance P (9, 9).
 
-    ``square`` and ``weight`` are running sums of the squared innovation per axis and of their weights.
+    ``log_square`` and ``weight`` are running sums of the log squared innovation per axis and of their weights:
+    averaged in the log, a jolt does not outshine the seconds of rest after it; ``latest`` are the last few.
     """
 
     x: Array
     covariance: Array
-    square: float = 0.0
+    log_square: float = 0.0
+    shape: Array = field(default_factory=lambda: np.eye(3) / 3.0)
+    latest: tuple[float, ...] = ()
     weight: float = 0.0
     ticks: int = 0
 
@@ -99,7 +108,7 @@ def predicted_rotation(state: FreeMotion, ahead_s: Array) -> Array:
 
 def spread(state: Smooth3) -> float:
     """Variance per axis of the next tick's innovation, as the last ones have shown."""
-    return state.square / state.weight if state.weight else float("inf")
+    return LOG_BIAS * float(np.exp(state.log_square / state.weight)) if state.weight else float("inf")
 
 
 def _advance(
@@ -107,17 +116,26 @@ def _advance(
 ) -> tuple[Smooth3, float]:
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
     unit_jerk = Q_continuous_white_noise(3, tick_s, 1.0)
-    excess = max(state.square / state.weight - variance, 0.0) if state.weight else variance
+    excess = max(spread(state) - variance, 0.0) if state.weight else variance
     jerk = JERK_SHARE * excess / unit_jerk[0, 0]
     eye = np.eye(3)
     x, covariance = predict(state.x, state.covariance, F=np.kron(rate, eye), Q=np.kron(unit_jerk * jerk, eye))
     observe = np.kron([[1.0, 0.0, 0.0]], eye)
     innovation = value - observe @ x
     x, covariance = update(x, covariance, value, variance * eye, observe)
-    square, weight = state.square, state.weight
+    log_square, shape, latest, weight = state.log_square, state.shape, state.latest, state.weight
     if state.ticks >= SETTLING_TICKS:
         fade = np.exp(-tick_s / memory_s)
-        square = fade * square + float(innovation @ innovation) / 3.0
+        log_square = fade * log_square + float(np.log(innovation @ innovation / 3.0 + TINY))
         weight = fade * weight + 1.0
-        excess = max(square / weight - STILL * variance, 0.0)
-    return Smooth3(x, covariance, square, weight, state.ticks + 1), excess
+        fade_shape = np.exp(-tick_s / SHAPE_MEMORY_S)
+        direction = innovation / np.linalg.norm(innovation + TINY)
+        shape = fade_shape * shape + (1.0 - fade_shape) * np.outer(direction, direction)
+        latest = (*latest, float(np.log(innovation @ innovation / 3.0 + TINY)))[-NOW_TICKS:]
+    after = Smooth3(x, covariance, log_square, shape, latest, weight, state.ticks + 1)
+    if not weight:
+        return after, 0.0
+    now = LOG_BIAS * float(np.exp(np.mean(latest)))
+    excess = max(min(spread(after), now) - STILL * variance, 0.0)
+    axes = variance + excess * 3.0 * np.maximum(np.linalg.eigvalsh(shape), 0)
+    return after, float(np.exp(np.mean(np.log(axes)))) - variance

@@ -23,6 +23,8 @@ REFINE_STEPS: Final = 2
 SCREENED: Final = 6
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
+PATIENCE: Final = 30
+"""Up to this age in ticks a hypothesis is kept however bad: its geometry may not be found yet."""
 YOUNG: Final = 10
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
@@ -176,7 +178,7 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     first[1:] = group[order][1:] != group[order][:-1]
     keep = np.zeros(len(bank), bool)
     keep[order[first]] = True
-    keep &= (joint > best - margin) | (age <= YOUNG)
+    keep &= (joint > best - margin) | (age <= PATIENCE)
     return bank if keep.all() else bank.pick(keep)
 
 

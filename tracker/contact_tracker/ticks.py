@@ -16,6 +16,7 @@ from contact_tracker.poses import Pose, Poses
 
 Array = NDArray[np.float64]
 
+NEIGHBOURS: Final = 5
 LONGEST_GAP_S: Final = 5.0
 """A gap in the stream is followed tick by tick up to this time; what is longer passes as one."""
 
@@ -136,11 +137,19 @@ def _plausible(
     )
     for off, sigma, motion in rows:
         moved = free_motion.spread(motion)
-        if len(frames) >= 3:
-            off, moved = off - np.median(off, axis=0), 0.25 * moved
+        if len(frames) >= 3:  # frames stand beside their neighbours: little motion lies between them
+            off, moved = off - _local_median(off), moved * min(1.0, NEIGHBOURS / len(frames)) ** 2
         distance = np.linalg.norm(off, axis=1)
         good = good & (distance < model.noise.outlier_sigmas * np.sqrt(sigma**2 + moved))
     return good if good.any() else everything
+
+
+def _local_median(rows: Array) -> Array:
+    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
+    width = min(NEIGHBOURS, len(rows) - 1 + len(rows) % 2)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(rows, width, axis=0), axis=-1)
+    centre = np.clip(np.arange(len(rows)) - width // 2, 0, len(medians) - 1)
+    return np.asarray(medians[centre])
 
 
 def _nearest_rotation(mean: Array) -> Array:
