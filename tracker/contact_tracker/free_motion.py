@@ -5,7 +5,7 @@ jerk whose strength follows the innovations. What the filter cannot predict, bey
 the variance with which a freely moving object would have left the constraint in this tick.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -35,17 +35,47 @@ _PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
 class Smooth3:
     """Filter of one smooth vector in R^3: state x (9,) of value, rate and acceleration, covariance P (9, 9).
 
-    ``log_square`` and ``weight`` are running sums of the log squared innovation per axis and of their weights:
-    averaged in the log, a jolt does not outshine the seconds of rest after it; ``latest`` are the last few.
+    Two predictions compete: that the vector moves on as the filter says, and that it stays at ``last``.
+    ``log_square`` (2,) and ``weight`` are running sums of the log squared error per axis of each, and of the
+    weights (in the log a jolt does not outshine the seconds of rest after it); ``latest`` (n, 2) are the last
+    few. ``shape`` (3, 3) is the mean direction of the filter's errors, with trace 1.
     """
 
     x: Array
     covariance: Array
-    log_square: float = 0.0
-    shape: Array = field(default_factory=lambda: np.eye(3) / 3.0)
-    latest: tuple[float, ...] = ()
-    weight: float = 0.0
-    ticks: int = 0
+    last: Array
+    log_square: Array
+    weight: float
+    latest: Array
+    shape: Array
+    ticks: int
+
+    @classmethod
+    def at(cls, value: Array) -> "Smooth3":
+        """At rest, as far as is known."""
+        spread = np.kron(np.diag(np.square(_PRIOR_SPREAD)), np.eye(3))
+        x = np.concatenate([value, np.zeros(6)])
+        return cls(x, spread, value, np.zeros(2), 0.0, np.zeros((0, 2)), np.eye(3) / 3.0, 0)
+
+    @property
+    def spread(self) -> float:
+        """Mean squared error per axis of the better prediction; infinite before any was made."""
+        if not self.weight:
+            return float("inf")
+        return float(LOG_BIAS * np.exp(np.min(self.log_square) / self.weight))
+
+    def excess(self, variance: float) -> float:
+        """Variance per axis, beyond the noise ``variance``, with which the vector moved in the last tick.
+
+        Motion along few axes is averaged over the axes in the log: how much a constraint is worth is the mean
+        of what it would be worth along each axis of the motion.
+        """
+        if not self.weight:
+            return 0.0
+        now = float(LOG_BIAS * np.exp(np.min(np.mean(self.latest, axis=0))))
+        moving = max(min(self.spread, now) - STILL * variance, 0.0)
+        axes = variance + moving * 3.0 * np.maximum(np.linalg.eigvalsh(self.shape), 0.0)
+        return max(float(np.exp(np.mean(np.log(axes)))) - variance, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +98,7 @@ class Excess:
 
 def begin(rotation: Array, position_m: Array) -> FreeMotion:
     """Start at a first tick with rotation (3, 3) and position (3,)."""
-    spread = np.kron(np.diag(np.square(_PRIOR_SPREAD)), np.eye(3))
-    still = np.zeros(6)
-    return FreeMotion(
-        Smooth3(np.concatenate([position_m, still]), spread),
-        Smooth3(np.zeros(9), spread),
-        rotation,
-        np.zeros(3),
-    )
+    return FreeMotion(Smooth3.at(position_m), Smooth3.at(np.zeros(3)), rotation, np.zeros(3))
 
 
 def advance(
@@ -88,9 +111,10 @@ def advance(
 ) -> tuple[FreeMotion, Excess]:
     """One tick on: the mean pose of the tick and its noise variances (m^2, rad^2) per axis."""
     turned = state.turned + Rotation.from_matrix(state.rotation.T @ rotation).as_rotvec()
-    position, excess_position = _advance(state.position, position_m, variances[0], tick_s, memory_s)
-    turn, excess_turn = _advance(state.turn, turned, variances[1], tick_s, memory_s)
-    return FreeMotion(position, turn, rotation, turned), Excess(excess_position, excess_turn)
+    position = _advance(state.position, position_m, variances[0], tick_s, memory_s)
+    turn = _advance(state.turn, turned, variances[1], tick_s, memory_s)
+    excess = Excess(position.excess(variances[0]), turn.excess(variances[1]))
+    return FreeMotion(position, turn, rotation, turned), excess
 
 
 def predicted_position(state: FreeMotion, ahead_s: Array) -> Array:
@@ -106,36 +130,27 @@ def predicted_rotation(state: FreeMotion, ahead_s: Array) -> Array:
     return np.asarray(state.rotation @ Rotation.from_rotvec(ahead).as_matrix())
 
 
-def spread(state: Smooth3) -> float:
-    """Variance per axis of the next tick's innovation, as the last ones have shown."""
-    return LOG_BIAS * float(np.exp(state.log_square / state.weight)) if state.weight else float("inf")
-
-
-def _advance(
-    state: Smooth3, value: Array, variance: float, tick_s: float, memory_s: float
-) -> tuple[Smooth3, float]:
+def _advance(state: Smooth3, value: Array, variance: float, tick_s: float, memory_s: float) -> Smooth3:
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
     unit_jerk = Q_continuous_white_noise(3, tick_s, 1.0)
-    excess = max(spread(state) - variance, 0.0) if state.weight else variance
-    jerk = JERK_SHARE * excess / unit_jerk[0, 0]
+    unexplained = max(state.spread - variance, 0.0) if state.weight else variance
+    jerk = JERK_SHARE * unexplained / unit_jerk[0, 0]
     eye = np.eye(3)
     x, covariance = predict(state.x, state.covariance, F=np.kron(rate, eye), Q=np.kron(unit_jerk * jerk, eye))
     observe = np.kron([[1.0, 0.0, 0.0]], eye)
     innovation = value - observe @ x
     x, covariance = update(x, covariance, value, variance * eye, observe)
-    log_square, shape, latest, weight = state.log_square, state.shape, state.latest, state.weight
-    if state.ticks >= SETTLING_TICKS:
-        fade = np.exp(-tick_s / memory_s)
-        log_square = fade * log_square + float(np.log(innovation @ innovation / 3.0 + TINY))
-        weight = fade * weight + 1.0
-        fade_shape = np.exp(-tick_s / SHAPE_MEMORY_S)
-        direction = innovation / np.linalg.norm(innovation + TINY)
-        shape = fade_shape * shape + (1.0 - fade_shape) * np.outer(direction, direction)
-        latest = (*latest, float(np.log(innovation @ innovation / 3.0 + TINY)))[-NOW_TICKS:]
-    after = Smooth3(x, covariance, log_square, shape, latest, weight, state.ticks + 1)
-    if not weight:
-        return after, 0.0
-    now = LOG_BIAS * float(np.exp(np.mean(latest)))
-    excess = max(min(spread(after), now) - STILL * variance, 0.0)
-    axes = variance + excess * 3.0 * np.maximum(np.linalg.eigvalsh(shape), 0)
-    return after, float(np.exp(np.mean(np.log(axes)))) - variance
+    moved = replace(state, x=x, covariance=covariance, last=value, ticks=state.ticks + 1)
+    if state.ticks < SETTLING_TICKS:
+        return moved
+    stayed = value - state.last
+    log_square = np.log(np.array([innovation @ innovation, stayed @ stayed]) / 3.0 + TINY)
+    fade, fade_shape = np.exp(-tick_s / memory_s), np.exp(-tick_s / SHAPE_MEMORY_S)
+    direction = innovation / (np.linalg.norm(innovation) + TINY)
+    return replace(
+        moved,
+        log_square=fade * state.log_square + log_square,
+        weight=fade * state.weight + 1.0,
+        latest=np.concatenate([state.latest, log_square[None]])[-NOW_TICKS:],
+        shape=fade_shape * state.shape + (1.0 - fade_shape) * np.outer(direction, direction),
+    )

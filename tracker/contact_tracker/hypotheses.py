@@ -25,6 +25,8 @@ AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 PATIENCE: Final = 30
 """Up to this age in ticks a hypothesis is kept however bad: its geometry may not be found yet."""
+AT_REST: Final = 1e-3
+"""Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 YOUNG: Final = 10
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
@@ -121,12 +123,10 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
     if not len(bank):
         return bank
     bank = _grow(bank, model, window)
-    if window.excess[-1].any():
-        age = int(window.index[-1]) + 1 - bank.onset
-        bank = _refine(_adopt(bank, model, scales), model, scales)
-        bank = _search(
-            bank, model, window, scales, np.flatnonzero(np.isin(age, SEARCH_AGES) & (bank.rms > AT_THE_NOISE))
-        )
+    age = int(window.index[-1]) + 1 - bank.onset
+    bank = _refine(_adopt(bank, model, scales), model, scales)
+    lost = np.isin(age, SEARCH_AGES) & (bank.rms > AT_THE_NOISE)
+    bank = _search(bank, model, window, scales, np.flatnonzero(lost))
     return _evaluate(bank, model, window, scales)
 
 
@@ -135,13 +135,12 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
     zeta = window.zeta[-1]
     lifted = model.lifted(zeta)
     activity = window.excess[-1] / (window.excess[-1] + window.variance[-1])
-    weight = float(activity.max() / window.variance[-1, 0])
-    share = weight + 1e-9 / window.variance[-1, 0]
+    weight = max(float(activity.max()), AT_REST) / float(window.variance[-1, 0])
     bank = replace(
         bank,
         moments=bank.moments + weight * np.outer(lifted, lifted),
-        place_sum=bank.place_sum + share * zeta[9:12],
-        weight=bank.weight + share,
+        place_sum=bank.place_sum + weight * zeta[9:12],
+        weight=bank.weight + weight,
     )
     return replace(bank, x=model.family.normalise(bank.x, _anchors(bank, model)))
 

@@ -136,7 +136,7 @@ def _plausible(
         (off_rotation, estimate.sigma_rotation_rad, state.motion.turn),
     )
     for off, sigma, motion in rows:
-        moved = free_motion.spread(motion)
+        moved = motion.spread
         if len(frames) >= 3:  # frames stand beside their neighbours: little motion lies between them
             off, moved = off - _local_median(off), moved * min(1.0, NEIGHBOURS / len(frames)) ** 2
         distance = np.linalg.norm(off, axis=1)
