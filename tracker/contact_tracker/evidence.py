@@ -107,11 +107,15 @@ def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:
     return Prior(family.place(anchors), precision, 1.0 - family.SPREAD)
 
 
-def complexity(family: Family, x: Array, anchors: Array, hessian: Array, prior: Prior) -> Array:
-    """Price (B,) in nats of geometry that was fitted: Laplace's volume ratio and the distance from the prior."""
+def complexity(family: Family, x: Array, anchors: Array, hessian: Array, given: Array, prior: Prior) -> Array:
+    """Price (B,) in nats of geometry that was fitted: Laplace's volume ratio and the distance from the prior.
+
+    ``given`` (B, P, P) is the information of the first tick: that a contact begins now says that its elements
+    touch now, so only what is learnt beyond that is paid for.
+    """
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    volume = np.linalg.slogdet(hessian + before)[1] - np.linalg.slogdet(before)[1]
+    volume = np.linalg.slogdet(hessian + before)[1] - np.linalg.slogdet(given + before)[1]
     off = x - prior.mean
     return np.asarray(0.5 * volume + 0.5 * np.einsum("bs,bst,bt->b", off, prior.precision, off))

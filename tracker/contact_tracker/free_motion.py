@@ -23,7 +23,7 @@ SETTLING_TICKS: Final = 4
 NOW_TICKS: Final = 3
 """Over this many ticks an object that has stopped is known to have stopped."""
 SHAPE_MEMORY_S: Final = 1.5
-STILL: Final = 2.0
+STILL: Final = 3.0
 """Innovations up to this many noise variances are those of an object at rest."""
 LOG_BIAS: Final = 1.446
 """exp(-E log(chi^2_3 / 3)): from the geometric to the arithmetic mean of squares in three axes."""

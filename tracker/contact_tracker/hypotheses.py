@@ -25,7 +25,7 @@ AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 PATIENCE: Final = 30
 """Up to this age in ticks a hypothesis is kept however bad: its geometry may not be found yet."""
-AT_REST: Final = 1e-3
+AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 YOUNG: Final = 10
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
@@ -45,6 +45,7 @@ class Bank:
     onset_ns: Index
     number: Index
     entry: Array
+    first: Array
     moments: Array
     place_sum: Array
     weight: Array
@@ -78,6 +79,7 @@ def empty(model: ContactModel) -> Bank:
         index,
         index,
         none,
+        np.zeros((0, c)),
         np.zeros((0, c, c)),
         np.zeros((0, 3)),
         none,
@@ -105,6 +107,7 @@ def add(bank: Bank, model: ContactModel, onset: int, onset_ns: int, number: int,
         np.array([onset_ns]),
         np.array([number]),
         np.array([entry]),
+        np.zeros((1, c)),
         np.zeros((1, c, c)),
         np.zeros((1, 3)),
         np.zeros(1),
@@ -135,11 +138,13 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
     zeta = window.zeta[-1]
     lifted = model.lifted(zeta)
     activity = window.excess[-1] / (window.excess[-1] + window.variance[-1])
-    weight = max(float(activity.max()), AT_REST) / float(window.variance[-1, 0])
+    begins = bank.onset == window.index[-1]
+    weight = np.where(begins, 1.0, max(float(activity.max()), AT_REST)) / float(window.variance[-1, 0])
     bank = replace(
         bank,
-        moments=bank.moments + weight * np.outer(lifted, lifted),
-        place_sum=bank.place_sum + weight * zeta[9:12],
+        first=np.where(begins[:, None], lifted / np.sqrt(window.variance[-1, 0]), bank.first),
+        moments=bank.moments + weight[:, None, None] * np.outer(lifted, lifted),
+        place_sum=bank.place_sum + weight[:, None] * zeta[9:12],
         weight=bank.weight + weight,
     )
     return replace(bank, x=model.family.normalise(bank.x, _anchors(bank, model)))
@@ -160,8 +165,8 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
         return bank
     oldest = window.cut(0, ticks)
     ratio = log_ratio(model, bank.x, oldest, scales).log_ratio
-    mine = oldest.index >= bank.onset[:, None]
-    return replace(bank, settled=bank.settled + np.where(mine, ratio, 0.0).sum(axis=1))
+    told = oldest.index > bank.onset[:, None]
+    return replace(bank, settled=bank.settled + np.where(told, ratio, 0.0).sum(axis=1))
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
@@ -259,10 +264,12 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     seen = log_ratio(model, bank.x, window, scales)
     mine = window.index >= bank.onset[:, None]
     age = window.index[-1] + 1 - bank.onset
-    summed = np.where(mine, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
+    told = window.index > bank.onset[:, None]  # the first tick is given, and tells nothing
+    summed = np.where(told, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
     anchors = _anchors(bank, model)
     prior = weak_prior(model.family, anchors, scales.reach_m)
-    price = complexity(model.family, bank.x, anchors, bank.hessian, prior)
+    given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, anchors, bank.x)
+    price = complexity(model.family, bank.x, anchors, bank.hessian, given, prior)
     # relative to the moments' own weight, one over the noise variance of position
     relative = seen.row_weight * window.variance[:, :1]
     count = np.maximum(mine.sum(axis=1), 1)[:, None]
