@@ -20,7 +20,7 @@ LAYERS = (
     ("contacts", "paper"),
     ("fit",),
     ("noise", "free_motion"),
-    ("evidence", "hypotheses", "readout"),
+    ("bank", "evidence", "hypotheses", "readout"),
     ("hmm",),
     ("belief",),
     ("model",),

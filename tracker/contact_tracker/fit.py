@@ -105,7 +105,9 @@ def cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Arr
     return np.asarray(0.5 * (np.einsum("bk,bk->b", squares, row_weight) + pull))
 
 
-def information(family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array) -> Array:
+def information(
+    family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
+) -> Array:
     """Hessian (B, P, P) that one weighted lifted pose (B, C) contributes at x (B, S)."""
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
     jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None, :, None])[..., 0]

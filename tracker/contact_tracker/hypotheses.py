@@ -1,15 +1,16 @@
-"""All living hypotheses of one contact: each has its own onset, its own window and its own geometry.
+"""How the hypotheses of one contact learn: each has its own onset, its own window and its own geometry.
 
 ``advance`` takes in one tick: windows grow, geometry is refined from where it was, evidence is summed anew.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import fit
+from contact_tracker.bank import Bank, add, blank
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, complexity, log_ratio, weak_prior
 
@@ -23,102 +24,8 @@ REFINE_STEPS: Final = 2
 SCREENED: Final = 6
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
-PATIENCE: Final = 30
-"""Up to this age in ticks a hypothesis is kept however bad: its geometry may not be found yet."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
-YOUNG: Final = 10
-"""Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
-
-
-@dataclass(frozen=True, eq=False)
-class Bank:
-    """H hypotheses of one contact, by onset (first tick); C, S, K, P as in ``contacts.base``.
-
-    ``number`` tells hypotheses apart over the whole recording, ``entry`` log weight at the onset, ``moments`` (H, C, C) and ``place_sum`` (H, 3) over the window, ``weight``
-    (H,) of the moments, ``x`` (H, S), ``row_weight`` (H, K), ``hessian`` (H, P, P), ``settled`` log-ratio of
-    ticks that have left the window, ``log_likelihood`` (H,) of all data since the onset, against free motion,
-    ``rms`` (H,) of the whitened residual.
-    """
-
-    onset: Index
-    onset_ns: Index
-    number: Index
-    entry: Array
-    first: Array
-    moments: Array
-    place_sum: Array
-    weight: Array
-    x: Array
-    row_weight: Array
-    hessian: Array
-    settled: Array
-    log_likelihood: Array
-    rms: Array
-
-    def __len__(self) -> int:
-        return len(self.onset)
-
-    @property
-    def joint(self) -> Array:
-        """log weight (H,) of a hypothesis with all that led to it."""
-        return self.entry + self.log_likelihood
-
-    def pick(self, rows: NDArray[np.generic]) -> "Bank":
-        return Bank(**{name: value[rows] for name, value in vars(self).items()})
-
-
-def empty(model: ContactModel) -> Bank:
-    """No hypotheses yet."""
-    family = model.family
-    c, s, k, p = len(family.COLUMNS), family.SIZE, family.ROWS, family.PARAMETERS
-    none = np.zeros(0)
-    index = np.zeros(0, np.int64)
-    return Bank(
-        index,
-        index,
-        index,
-        none,
-        np.zeros((0, c)),
-        np.zeros((0, c, c)),
-        np.zeros((0, 3)),
-        none,
-        np.zeros((0, s)),
-        np.zeros((0, k)),
-        np.zeros((0, p, p)),
-        none,
-        none,
-        none,
-    )
-
-
-def add(bank: Bank, model: ContactModel, onset: int, onset_ns: int, number: int, entry: float) -> Bank:
-    """A new hypothesis that begins with tick ``onset``; it starts from the geometry of the best one so far."""
-    family = model.family
-    if len(bank):
-        best = int(np.argmax(bank.joint))
-        x, row_weight = bank.x[best], bank.row_weight[best]
-    else:
-        x = family.normalise(np.ones(family.SIZE) + np.arange(family.SIZE) % 2, np.zeros(6))
-        row_weight = np.ones(family.ROWS)
-    c, p = len(family.COLUMNS), family.PARAMETERS
-    one = Bank(
-        np.array([onset]),
-        np.array([onset_ns]),
-        np.array([number]),
-        np.array([entry]),
-        np.zeros((1, c)),
-        np.zeros((1, c, c)),
-        np.zeros((1, 3)),
-        np.zeros(1),
-        x[None],
-        row_weight[None],
-        np.zeros((1, p, p)),
-        np.zeros(1),
-        np.zeros(1),
-        np.ones(1),
-    )
-    return Bank(**{name: np.concatenate([vars(bank)[name], vars(one)[name]]) for name in vars(one)})
 
 
 def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -152,7 +59,7 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
 
 def fit_stretch(model: ContactModel, window: Window, scales: Scales) -> Bank:
     """A bank of one hypothesis, fitted from scratch to all ticks of the window."""
-    bank = add(empty(model), model, int(window.index[0]), 0, 0, 0.0)
+    bank = add(blank(model, 0), model, int(window.index[0]), 0, 0, 0.0)
     for last in range(1, len(window) + 1):
         bank = _grow(bank, model, window.cut(0, last))
     bank = _search(bank, model, window, scales, np.zeros(1, np.int64))
@@ -167,23 +74,6 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
     ratio = log_ratio(model, bank.x, oldest, scales).log_ratio
     told = oldest.index > bank.onset[:, None]
     return replace(bank, settled=bank.settled + np.where(told, ratio, 0.0).sum(axis=1))
-
-
-def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
-    """Drop what is hopeless against ``best``, and thin out onsets the more the older they are."""
-    if not len(bank):
-        return bank
-    joint = bank.joint
-    age = now + 1 - bank.onset
-    span = 2 ** np.maximum(np.floor(np.log2(np.maximum(age, 1) / YOUNG)) + 1, 0).astype(np.int64)
-    group = np.where(age <= YOUNG, -bank.onset - 1, bank.onset // span + (span << 40))
-    order = np.lexsort((-joint, group))
-    first = np.ones(len(order), bool)
-    first[1:] = group[order][1:] != group[order][:-1]
-    keep = np.zeros(len(bank), bool)
-    keep[order[first]] = True
-    keep &= (joint > best - margin) | (age <= PATIENCE)
-    return bank if keep.all() else bank.pick(keep)
 
 
 def _anchors(bank: Bank, model: ContactModel) -> Array:

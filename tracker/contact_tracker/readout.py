@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.bank import Bank
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, weak_prior
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
-from contact_tracker.hypotheses import Bank
 
 Array = NDArray[np.float64]
 

@@ -25,8 +25,8 @@ LONGEST_GAP_S: Final = 5.0
 class Tick:
     """The frames of one tick.
 
-    ``start_ns``, ``stamp_ns`` of its first and last frame; ``zeta`` (25,) mean lift with the world's origin at the first pose;
-    ``count`` of frames used (0: a gap), ``outliers`` left out; ``excess`` of free motion.
+    ``start_ns``, ``stamp_ns`` of its first and last frame; ``zeta`` (25,) mean lift, world origin at
+    the first pose; ``count`` of frames used (0: a gap), ``outliers`` left out; ``excess`` of free motion.
     """
 
     start_ns: int

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, hypotheses, ticks
+from contact_tracker import bank, hmm, hypotheses, ticks
+from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
-from contact_tracker.hypotheses import Bank
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose
@@ -30,8 +30,8 @@ FREE: Final = Contact.FREE.column
 class TrackerState:
     """Everything the tracker knows; bounded in size however long the stream.
 
-    ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each; ``banks`` of
-    hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a constant;
+    ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each; ``banks``
+    of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a constant;
     ``ticks`` seen, ``numbers`` of hypotheses given out; the label and since when it has been free.
     """
 
@@ -50,7 +50,7 @@ class TrackerState:
 def start(model: Model) -> TrackerState:
     """A tracker that has seen nothing."""
     nothing = Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2)))
-    banks = tuple(hypotheses.empty(contact) for contact in CONTACT_MODELS)
+    banks = tuple(bank.blank(contact, 0) for contact in CONTACT_MODELS)
     return TrackerState(model, None, nothing, np.zeros(0), banks, log_initial(model), 0, 0, None, 0)
 
 
@@ -95,19 +95,19 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
     window, frames = _append(state, tick)
     entry = state.log_left if state.ticks == 0 else hmm.enter(state.log_left, log_transition(model))
     grown = []
-    for column, (bank, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
+    for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         number = state.numbers + column
-        bank = hypotheses.add(bank, contact, state.ticks, tick.start_ns, number, float(entry[column]))
-        grown.append(hypotheses.advance(bank, contact, window, scales))
-    log_left = np.array([*(hmm.log_sum_exp(bank.joint) for bank in grown), entry[FREE]])
+        more = bank.add(living, contact, state.ticks, tick.start_ns, number, float(entry[column]))
+        grown.append(hypotheses.advance(more, contact, window, scales))
+    log_left = np.array([*(hmm.log_sum_exp(b.joint) for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
-    best = max(float(entry[FREE]), *(float(bank.joint.max()) for bank in grown))
-    kept = [hypotheses.prune(bank, state.ticks, best, model.search.margin_nats) for bank in grown]
+    best = max(float(entry[FREE]), *(float(b.joint.max()) for b in grown))
+    kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
     state = replace(
         state,
         window=window,
         frames=frames,
-        banks=tuple(replace(bank, entry=bank.entry - best) for bank in kept),
+        banks=tuple(replace(b, entry=b.entry - best) for b in kept),
         log_left=log_left - best,
         ticks=state.ticks + 1,
         numbers=state.numbers + len(STATES),
@@ -121,14 +121,14 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     """What the weights say: posterior of the states, and the best hypothesis of the most probable one."""
     probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
     label = STATES[int(np.argmax(probability))]
-    best = [int(np.argmax(bank.joint)) if len(bank) else -1 for bank in state.banks]
+    best = [int(np.argmax(b.joint)) if len(b) else -1 for b in state.banks]
     residual = np.array([b.rms[i] if i >= 0 else np.nan for b, i in zip(state.banks, best, strict=True)])
     if label is Contact.FREE:
         return Belief(stamp_ns, label, probability, state.free_since_ns, None, residual)
-    bank, row, contact = state.banks[label.column], best[label.column], CONTACT_MODELS[label.column]
+    living, row, contact = state.banks[label.column], best[label.column], CONTACT_MODELS[label.column]
     assert state.averaging is not None
-    geometry = geometry_of(bank, row, contact, scales_of(state.model), state.averaging.origin_m)
-    return Belief(stamp_ns, label, probability, int(bank.onset_ns[row]), geometry, residual)
+    geometry = geometry_of(living, row, contact, scales_of(state.model), state.averaging.origin_m)
+    return Belief(stamp_ns, label, probability, int(living.onset_ns[row]), geometry, residual)
 
 
 def scales_of(model: Model) -> Scales:
