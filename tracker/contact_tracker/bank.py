@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
+from contact_tracker.labels import STATES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,6 +34,7 @@ class Bank:
     settled : (H,) log-likelihood ratio of ticks that have left the window.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
+    past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
     """
 
     onset: Index
@@ -49,6 +51,7 @@ class Bank:
     settled: Array
     log_likelihood: Array
     rms: Array
+    past: Array
 
     def __len__(self) -> int:
         return len(self.onset)
@@ -63,7 +66,7 @@ class Bank:
         return Bank(**{name: value[rows] for name, value in vars(self).items()})
 
 
-def blank(model: ContactModel, count: int) -> Bank:
+def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses of which nothing is known."""
     family = model.family
     c, s, k, p = len(family.COLUMNS), family.SIZE, family.ROWS, family.PARAMETERS
@@ -84,10 +87,13 @@ def blank(model: ContactModel, count: int) -> Bank:
         settled=column,
         log_likelihood=column,
         rms=column + 1.0,
+        past=np.zeros((count, lag, len(STATES))),
     )
 
 
-def add(bank: Bank, model: ContactModel, onset: int, onset_ns: int, number: int, entry: float) -> Bank:
+def add(
+    bank: Bank, model: ContactModel, onset: int, onset_ns: int, number: int, entry: float, past: Array
+) -> Bank:
     """One more hypothesis, from tick ``onset`` on; it starts from the geometry of the best one so far."""
     values = dict(vars(blank(model, 1)))
     values |= {
@@ -95,6 +101,7 @@ def add(bank: Bank, model: ContactModel, onset: int, onset_ns: int, number: int,
         "onset_ns": np.array([onset_ns]),
         "number": np.array([number]),
         "entry": np.array([entry]),
+        "past": past[None],
     }
     if len(bank):
         best = int(np.argmax(bank.joint))

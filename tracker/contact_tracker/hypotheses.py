@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import fit
-from contact_tracker.bank import Bank, add, blank
+from contact_tracker.bank import Bank, blank
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, complexity, log_ratio, weak_prior
 
@@ -59,7 +59,7 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
 
 def fit_stretch(model: ContactModel, window: Window, scales: Scales) -> Bank:
     """A bank of one hypothesis, fitted from scratch to all ticks of the window."""
-    bank = add(blank(model, 0), model, int(window.index[0]), 0, 0, 0.0)
+    bank = replace(blank(model, 1), onset=window.index[:1])
     for last in range(1, len(window) + 1):
         bank = _grow(bank, model, window.cut(0, last))
     bank = _search(bank, model, window, scales, np.zeros(1, np.int64))

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import bank, hmm, hypotheses, ticks
+from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
 from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
@@ -32,7 +32,8 @@ class TrackerState:
 
     ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each; ``banks``
     of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a constant;
-    ``ticks`` seen, ``numbers`` of hypotheses given out; the label and since when it has been free.
+    ``ticks`` seen, ``numbers`` of hypotheses given out; the label and since when it has been free; ``past``
+    (7, L, 7) of each state and the ``recent`` beliefs, where answers are given with a lag.
     """
 
     model: Model
@@ -45,13 +46,18 @@ class TrackerState:
     numbers: int
     label: Contact | None
     free_since_ns: int
+    past: Array
+    recent: tuple[Belief, ...]
 
 
-def start(model: Model) -> TrackerState:
-    """A tracker that has seen nothing."""
+def start(model: Model, lag_s: float = 0.0) -> TrackerState:
+    """A tracker that has seen nothing. With ``lag_s`` it speaks of that long ago, and knows better."""
     nothing = Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2)))
-    banks = tuple(bank.blank(contact, 0) for contact in CONTACT_MODELS)
-    return TrackerState(model, None, nothing, np.zeros(0), banks, log_initial(model), 0, 0, None, 0)
+    lag = round(lag_s / model.tick_s)
+    length = lag + 1 if lag else 0
+    banks = tuple(bank.blank(contact, 0, length) for contact in CONTACT_MODELS)
+    past = np.zeros((len(STATES), length, len(STATES)))
+    return TrackerState(model, None, nothing, np.zeros(0), banks, log_initial(model), 0, 0, None, 0, past, ())
 
 
 def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
@@ -59,17 +65,19 @@ def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
     state, closed = gather(state, pose)
     belief = None
     for tick in closed:
-        state, belief = observe(state, tick)
+        state, online = observe(state, tick)
+        belief = answer(state, online)
     return state, belief
 
 
-def finish(state: TrackerState) -> tuple[TrackerState, Belief | None]:
-    """The stream has ended: the last, partial tick."""
+def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
+    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back."""
     state, closed = gather_rest(state)
-    belief = None
+    beliefs = []
     for tick in closed:
-        state, belief = observe(state, tick)
-    return state, belief
+        state, online = observe(state, tick)
+        beliefs.append(answer(state, online))
+    return state, [*(b for b in beliefs if b is not None), *remaining(state)]
 
 
 def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
@@ -93,15 +101,21 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
     model, scales = state.model, scales_of(state.model)
     banks = _settle_oldest(state, scales)
     window, frames = _append(state, tick)
-    entry = state.log_left if state.ticks == 0 else hmm.enter(state.log_left, log_transition(model))
+    change = log_transition(model)
+    entry = state.log_left if state.ticks == 0 else hmm.enter(state.log_left, change)
+    past = fixed_lag.inherited(state.past, state.log_left, change)
     grown = []
     for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         number = state.numbers + column
-        more = bank.add(living, contact, state.ticks, tick.start_ns, number, float(entry[column]))
+        more = bank.add(
+            living, contact, state.ticks, tick.start_ns, number, float(entry[column]), past[column]
+        )
+        more = replace(more, past=fixed_lag.grown(more.past, column))
         grown.append(hypotheses.advance(more, contact, window, scales))
     log_left = np.array([*(hmm.log_sum_exp(b.joint) for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
     best = max(float(entry[FREE]), *(float(b.joint.max()) for b in grown))
+    pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in grown), fixed_lag.grown(past[FREE], FREE)]
     kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
     state = replace(
         state,
@@ -113,8 +127,40 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
         numbers=state.numbers + len(STATES),
         label=label,
         free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
+        past=np.array(pasts),
     )
-    return state, believe(state, tick.stamp_ns)
+    belief = believe(state, tick.stamp_ns)
+    length = state.past.shape[1]
+    return replace(state, recent=(*state.recent, belief)[-length:] if length else ()), belief
+
+
+def answer(state: TrackerState, online: Belief) -> Belief | None:
+    """What to say after a tick: the belief itself, or with a lag that of so long ago, once there is one."""
+    length = state.past.shape[1]
+    if not length:
+        return online
+    return _looking_back(state, 0) if len(state.recent) == length else None
+
+
+def remaining(state: TrackerState) -> list[Belief]:
+    """What the lag still holds back when the stream has ended."""
+    said = 1 if len(state.recent) == state.past.shape[1] else 0
+    return [_looking_back(state, row) for row in range(said, len(state.recent))]
+
+
+def _looking_back(state: TrackerState, row: int) -> Belief:
+    """What is believed now of the tick of ``recent[row]``."""
+    then = state.recent[row]
+    weight = np.exp(state.log_left - state.log_left.max())
+    back = row - len(state.recent)
+    probability = np.einsum("j,js->s", weight, state.past[:, back])
+    probability = probability / probability.sum()
+    contact = STATES[int(np.argmax(probability))]
+    # where that contact was lies in what was said of it at the time, or soon after
+    telling = next((b for b in state.recent[row:] if b.contact is contact), then)
+    onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
+    geometry = telling.geometry if telling.contact is contact else None
+    return Belief(then.stamp_ns, contact, probability, min(onset_ns, then.stamp_ns), geometry, then.residual)
 
 
 def believe(state: TrackerState, stamp_ns: int) -> Belief:

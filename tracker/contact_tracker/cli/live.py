@@ -28,6 +28,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_model(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
     parser.add_argument("--rate", type=positive, metavar="X", help="replay at X times the recorded speed")
+    parser.add_argument(
+        "--lag", type=positive, metavar="S", help="speak of S seconds ago, and know better (0: of now)"
+    )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
 
@@ -38,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.model import load_model
     from contact_tracker.recording import Follow, open_log
 
-    state = tracker.start(load_model(args.model))
+    state = tracker.start(load_model(args.model), args.lag or 0.0)
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False
@@ -47,10 +50,14 @@ def run(args: argparse.Namespace) -> int:
 
         def observe(state: "TrackerState", closed: "list[Tick]") -> "TrackerState":
             for tick in closed:  # several after a gap: each is shown
-                state, belief = tracker.observe(state, tick)
+                state, online = tracker.observe(state, tick)
+                say(tracker.answer(state, online))
+            return state
+
+        def say(belief: "Belief | None") -> None:
+            if belief is not None:
                 show(belief)
                 viewer.belief(belief)
-            return state
 
         try:
             for pose in paced(source, args.rate) if args.rate else source:
@@ -58,7 +65,9 @@ def run(args: argparse.Namespace) -> int:
                 state = observe(*tracker.gather(state, pose))
         except KeyboardInterrupt:
             interrupted = True
-        observe(*tracker.gather_rest(state))
+        state = observe(*tracker.gather_rest(state))
+        for belief in tracker.remaining(state):
+            say(belief)
     code = source.finish()
     return INTERRUPTED if interrupted else code
 

@@ -1,0 +1,32 @@
+"""Fixed lag: what is believed now of a little while ago, for live users who can wait.
+
+Each hypothesis carries its *past*: the probability of the states at the last L ticks, given that it holds. A
+new one inherits the mixture of what it may have come from (docs/theory.md). Only arrays here.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def inherited(past: Array, log_left: Array, log_transition: Array) -> Array:
+    """Past (N, L, N) of what begins in each state, from that of what is left in each: (N, L, N)."""
+    log_weight = log_left[:, None] + log_transition
+    weight = np.exp(log_weight - log_weight.max(axis=0))
+    return np.asarray(np.einsum("ij,ils->jls", weight / weight.sum(axis=0), past))
+
+
+def grown(past: Array, state: int) -> Array:
+    """Pasts (..., L, N) one tick on, in ``state``."""
+    if not past.shape[-2]:
+        return past
+    now = np.zeros((*past.shape[:-2], 1, past.shape[-1]))
+    now[..., state] = 1.0
+    return np.concatenate([past[..., 1:, :], now], axis=-2)
+
+
+def mixed(past: Array, log_weight: Array) -> Array:
+    """One past (L, N) from those (H, L, N) of hypotheses, by their log weights (H,)."""
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(np.einsum("h,hls->ls", weight / weight.sum(), past))
