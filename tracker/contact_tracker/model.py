@@ -74,7 +74,10 @@ class Model:
     search: Search
 
 
-_UNIT_INTERVAL: Final = {"skip", "initial_f_f"}
+_RANGES: Final = {"tick_s": (1e-3, 10.0), "skip": (0.0, 1.0), "initial_f_f": (0.0, 1.0)}
+"""Where a number must lie, both ends excluded; others are ``_POSITIVE``."""
+_POSITIVE: Final = (0.0, 1e9)
+_LEAST_WINDOW_TICKS: Final = 10
 
 
 def load_model(name_or_path: str = "default") -> Model:
@@ -87,9 +90,11 @@ def load_model(name_or_path: str = "default") -> Model:
     text = _read(name_or_path)
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ModelError(name_or_path, f"not TOML: {error}") from error
+    except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
+        raise ModelError("--model", f"{name_or_path} is not TOML: {error}") from error
     model: Model = _build(Model, table, "")
+    if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
+        raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
     return model
 
 
@@ -106,18 +111,16 @@ def _presets() -> Any:
 
 
 def _read(name_or_path: str) -> str:
-    path = Path(name_or_path)
-    if name_or_path in preset_names():
-        text: str = (_presets() / f"{name_or_path}.toml").read_text()
-        return text
-    if not path.is_file():
-        raise ModelError(
-            "--model", f"{name_or_path!r} is neither a file nor one of {', '.join(preset_names())}"
-        )
+    presets = preset_names()
+    source = _presets() / f"{name_or_path}.toml" if name_or_path in presets else Path(name_or_path)
     try:
-        return path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError("--model", f"cannot read {name_or_path}: {error}") from error
+        text: str = source.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ModelError("--model", f"{name_or_path} is not TOML: {error}") from error
+    except (OSError, ValueError) as error:
+        reason = f"{name_or_path!r} is neither one of {', '.join(presets)} nor a file that can be read"
+        raise ModelError("--model", f"{reason}: {getattr(error, 'strerror', None) or error}") from error
+    return text
 
 
 def _build(kind: Any, table: Any, prefix: str) -> Any:
@@ -139,13 +142,13 @@ def _build(kind: Any, table: Any, prefix: str) -> Any:
 def _value(wanted: Any, value: Any, key: str) -> Any:
     if wanted is str:
         if not isinstance(value, str):
-            raise ModelError(key, f"must be a string, not {value!r}")
+            raise ModelError(key, f"must be a string, not {type(value).__name__}")
         return value
     if wanted is not float:
         return _build(wanted, value, f"{key}.")
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ModelError(key, f"must be a number, not {value!r}")
-    limit = 1.0 if key.rpartition(".")[2] in _UNIT_INTERVAL else float("inf")
-    if not 0.0 < value < limit:
-        raise ModelError(key, f"must lie between 0 and {limit:g}, not {value!r}")
+        raise ModelError(key, f"must be a number, not {type(value).__name__}")
+    low, high = _RANGES.get(key.rpartition(".")[2], _POSITIVE)
+    if not low < value < high:
+        raise ModelError(key, f"must lie between {low:g} and {high:g}")
     return float(value)

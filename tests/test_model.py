@@ -1,0 +1,190 @@
+"""Models are read whole or refused with the key and the reason; nothing of a file is guessed."""
+
+import os
+from dataclasses import asdict, fields, is_dataclass, replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contact_tracker.errors import ModelError, UsageError
+from contact_tracker.model import Model, load_model, preset_names
+
+DEFAULT = asdict(load_model())
+
+
+def toml(table, prefix=""):
+    """The table as TOML, sections last."""
+    rows = [f"{k} = {_toml_value(v)}" for k, v in table.items() if not isinstance(v, dict)]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            rows += [f"[{prefix}{key}]", toml(value, f"{prefix}{key}.")]
+    return "\n".join(rows)
+
+
+def _toml_value(value):
+    return f'"{value}"' if isinstance(value, str) else str(value).lower()
+
+
+def numbers(kind=Model, prefix=""):
+    """Names (section, key) of all numbers of the model."""
+    rows = []
+    for field in fields(kind):
+        if is_dataclass(field.type):
+            rows += [(field.name, f.name) for f in fields(field.type)]
+        elif field.type is float:
+            rows.append((None, field.name))
+    return rows
+
+
+def changed(section, key, value):
+    """The default model's table with one value changed, or taken away (None)."""
+    table = {k: dict(v) if isinstance(v, dict) else v for k, v in DEFAULT.items()}
+    inner = table if section is None else table[section]
+    inner.pop(key, None)
+    if value is not None:
+        inner[key] = value
+    return table
+
+
+def refused(tmp_path, text):
+    """The error that a file with this text raises."""
+    path = tmp_path / "model.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError) as caught:
+        load_model(str(path))
+    assert isinstance(caught.value, UsageError)
+    assert "\n" not in str(caught.value)
+    assert caught.value.key in str(caught.value)
+    assert caught.value.reason in str(caught.value)
+    return caught.value
+
+
+each_number = pytest.mark.parametrize(
+    ("section", "key"), numbers(), ids=[".".join(filter(None, row)) for row in numbers()]
+)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_load_and_are_called_what_they_are(name):
+    model = load_model(name)
+    assert model.name == name
+    assert model.search.window_s > model.tick_s > 0.0
+    assert hash(model) == hash(load_model(name))
+
+
+def test_default_is_a_preset_and_needs_no_name():
+    assert "default" in preset_names()
+    assert load_model() == load_model("default")
+
+
+def test_a_file_says_all_of_a_model(tmp_path):
+    path = tmp_path / "mine.toml"
+    wanted = replace(load_model(), name="größer", tick_s=0.25)
+    path.write_text(toml(asdict(wanted)), encoding="utf-8")
+    assert load_model(str(path)) == wanted
+
+
+def test_whole_numbers_are_numbers(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(changed(None, "tick_s", 1)))
+    tick_s = load_model(str(path)).tick_s
+    assert tick_s == 1.0
+    assert isinstance(tick_s, float)
+
+
+@each_number
+def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
+    name = key if section is None else f"{section}.{key}"
+    for value, reason in (
+        (None, "missing"),
+        ("fast", "must be a number, not str"),
+        (True, "must be a number, not bool"),
+        ([1.0], "must be a number, not list"),
+        (0.0, "must lie between"),
+        (-1.0, "must lie between"),
+        (float("nan"), "must lie between"),
+        (float("inf"), "must lie between"),
+        (10**400, "must lie between"),
+    ):
+        error = refused(tmp_path, toml(changed(section, key, value)))
+        assert error.key == name
+        assert reason in error.reason
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("transitions", "skip", 1.5),
+        ("transitions", "initial_f_f", 1.0),
+        (None, "tick_s", 1e-9),
+        (None, "tick_s", 1e6),
+    ],
+)
+def test_what_cannot_work_is_out_of_range(tmp_path, section, key, value):
+    assert refused(tmp_path, toml(changed(section, key, value))).key.endswith(key)
+
+
+def test_a_window_holds_several_ticks(tmp_path):
+    """A window shorter than a tick would hold nothing, or everything for ever."""
+    error = refused(tmp_path, toml(changed("search", "window_s", 0.01)))
+    assert error.key == "search.window_s"
+    assert "tick" in error.reason
+
+
+def test_unknown_keys_and_sections_are_named_with_the_known_ones(tmp_path):
+    error = refused(tmp_path, toml(changed("noise", "sigma_posision_m", 1.0)))
+    assert error.key == "noise.sigma_posision_m"
+    assert "sigma_position_m" in error.reason
+    error = refused(tmp_path, toml(DEFAULT | {"extra": {"a": 1.0}}))
+    assert error.key == "extra"
+    assert "unknown" in error.reason
+
+
+@pytest.mark.parametrize("section", [k for k, v in DEFAULT.items() if isinstance(v, dict)])
+def test_sections_are_tables(tmp_path, section):
+    assert refused(tmp_path, toml({k: v for k, v in DEFAULT.items() if k != section})).key == section
+    error = refused(tmp_path, toml({section: 3.0} | {k: v for k, v in DEFAULT.items() if k != section}))
+    assert error.key.startswith(section)
+    assert "table" in error.reason
+
+
+def test_the_name_is_a_string(tmp_path):
+    assert refused(tmp_path, toml(DEFAULT | {"name": 7})).key == "name"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["tick_s = ", "[noise", "name = 'a'\nname = 'b'", f"tick_s = {'9' * 5000}", f"a = {'[' * 5000}"],
+    ids=["no value", "open table", "twice", "endless number", "endless nesting"],
+)
+def test_what_is_not_toml_is_refused_with_the_file(tmp_path, text):
+    assert "model.toml" in str(refused(tmp_path, text))
+
+
+@pytest.mark.parametrize("name", ["no_such_model", "", ".", "no/such/model.toml", "x" * 5000, "a\0b"])
+def test_what_is_neither_preset_nor_file_is_refused_with_the_presets(name):
+    with pytest.raises(ModelError, match="default"):
+        load_model(name)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00name")
+    with pytest.raises(ModelError, match=r"binary\.toml"):
+        load_model(str(binary))
+    with pytest.raises(ModelError):
+        load_model(str(tmp_path))
+    if os.geteuid() != 0:
+        binary.chmod(0)
+        with pytest.raises(ModelError, match=r"binary\.toml"):
+            load_model(str(binary))
+
+
+@settings(max_examples=50, deadline=None)
+@given(text=st.text(max_size=200))
+def test_any_text_is_a_model_or_an_error_in_one_line(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("models") / "any.toml"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    with pytest.raises(ModelError):
+        load_model(str(path))
