@@ -19,6 +19,8 @@ Index = NDArray[np.int64]
 
 SEARCH_AGES: Final = (3, 5, 8, 12, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
 """Ages in ticks at which a hypothesis searches for its minimum from scratch, not only from where it was."""
+SEARCH_EVERY: Final = 3
+"""Searches wait for each other, so that one batch of this many ticks does for all."""
 SEARCH_STEPS: Final = 10
 REFINE_STEPS: Final = 2
 SCREENED: Final = 6
@@ -35,8 +37,10 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
     bank = _grow(bank, model, window)
     age = int(window.index[-1]) + 1 - bank.onset
     bank = _refine(_adopt(bank, model, scales), model, scales)
-    lost = np.isin(age, SEARCH_AGES) & (bank.rms > AT_THE_NOISE)
-    bank = _search(bank, model, window, scales, np.flatnonzero(lost))
+    if window.index[-1] % SEARCH_EVERY == 0:
+        due = np.isin(age[:, None] - np.arange(SEARCH_EVERY), SEARCH_AGES).any(axis=1)
+        lost = due & (bank.rms > AT_THE_NOISE)
+        bank = _search(bank, model, window, scales, np.flatnonzero(lost))
     return _evaluate(bank, model, window, scales)
 
 

@@ -99,9 +99,14 @@ def sphere_tangent(n: Array) -> Array:
     sign = np.where(z >= 0, 1.0, -1.0)
     a = -1.0 / (sign + z)
     b = x * y * a
-    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    second = np.stack([b, sign + y * y * a, -y], axis=-1)
-    return np.stack([first, second], axis=-1)
+    out = np.empty((*n.shape, 2))
+    out[..., 0, 0] = 1.0 + sign * x * x * a
+    out[..., 1, 0] = sign * b
+    out[..., 2, 0] = -sign * x
+    out[..., 0, 1] = b
+    out[..., 1, 1] = sign + y * y * a
+    out[..., 2, 1] = -y
+    return out
 
 
 def line_tangent(line: Array, anchor: Array) -> Array:
