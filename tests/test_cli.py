@@ -240,6 +240,25 @@ def test_follow_waits_for_what_is_still_being_written(truncated: Path) -> None:
     assert json.loads(first)["stamp_ns"] < json.loads(others.splitlines()[-1])["stamp_ns"]
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["segment", "LOG", "-o", "odd.csv"],
+        ["view", "LOG", "--save", "odd.rrd"],
+        ["simulate", "robot", "-o", "odd.mcap"],
+    ],
+    ids=lambda a: a[0],
+)
+def test_an_output_that_cannot_be_replaced_is_refused_before_any_work(
+    arguments: list[str], log: Path, tmp_path: Path
+) -> None:
+    odd = tmp_path / arguments[-1]
+    os.mkfifo(odd)
+    done = run(*(log if a == "LOG" else a for a in arguments), cwd=tmp_path)
+    assert_one_line_error(done, 2, odd.name, "not a regular file")
+    assert odd.is_fifo()
+
+
 def test_a_failed_write_leaves_what_was_there(log: Path, tmp_path: Path) -> None:
     """The disk is full: file size is limited to 64 bytes."""
     target = tmp_path / "out.jsonl"

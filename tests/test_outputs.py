@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +114,7 @@ def test_a_whole_file_replaces_only_when_done(tmp_path: Path) -> None:
     with whole_file(target) as temporary:
         temporary.write_text("new")
         assert target.read_text() == "old"
+        assert not list(tmp_path.glob("*.csv"))[1:], "what is unfinished does not look like a result"
     assert target.read_text() == "new"
     assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
 
@@ -123,3 +125,30 @@ def test_a_whole_file_goes_where_a_link_points(tmp_path: Path) -> None:
         temporary.write_text("data")
     assert (tmp_path / "real.csv").read_text() == "data"
     assert (tmp_path / "link.csv").is_symlink()
+
+
+def put_something_else(path: Path, kind: str) -> None:
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(path.name)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize("linked", [False, True], ids=["itself", "linked"])
+@pytest.mark.parametrize("kind", ["folder", "pipe", "link in a circle"])
+def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, kind: str, linked: bool) -> None:
+    """A pipe stands for all devices: that of nothing would be gone for the whole machine."""
+    target = odd = tmp_path / "odd.csv"
+    put_something_else(odd, kind)
+    if linked:
+        target = tmp_path / "link.csv"
+        target.symlink_to("odd.csv")
+    before = (odd.lstat().st_mode, odd.lstat().st_ino)
+    with pytest.raises(OSError, match=r"it is (a folder|not a regular file)") as refused, whole_file(target):
+        pytest.fail("nothing is to be written that cannot go anywhere")
+    assert refused.value.filename == str(target)
+    assert (odd.lstat().st_mode, odd.lstat().st_ino) == before
+    assert {p.name for p in tmp_path.iterdir()} == {"odd.csv", target.name}

@@ -118,6 +118,18 @@ def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
+def test_a_recording_goes_where_a_link_points_and_replaces_nothing_odd(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    (tmp_path / "link.mcap").symlink_to("real.mcap")
+    write_recording(str(tmp_path / "link.mcap"), poses, None, {})
+    assert (tmp_path / "link.mcap").is_symlink()
+    assert_same(Poses.collect(open_log(str(tmp_path / "real.mcap"))), poses)
+    (tmp_path / "folder.mcap").mkdir()
+    with pytest.raises(OSError, match="it is a folder"):
+        write_recording(str(tmp_path / "folder.mcap"), poses, None, {})
+    assert sorted(os.listdir(tmp_path)) == ["folder.mcap", "link.mcap", "real.mcap"]
+
+
 # --- files of others -------------------------------------------------------------------------------------
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from contact_tracker.errors import UsageError
+from contact_tracker.whole_file import why_not_replaceable
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
@@ -55,15 +56,17 @@ def _number(text: str) -> float:
 
 
 def output_file(*suffixes: str) -> Callable[[str], Path]:
-    """The type of an output file with one of ``suffixes``, in a folder that exists."""
+    """The type of an output file with one of ``suffixes``, in a folder that exists; devices are refused."""
 
     def check(text: str) -> Path:
         path = Path(text)
         if path.suffix not in suffixes:
             raise UsageError(f"cannot write {text}: its name must end in {' or '.join(suffixes)}")
-        if path.is_dir() or not path.parent.is_dir():
-            why = "it is a folder" if path.is_dir() else f"there is no folder {path.parent}"
-            raise UsageError(f"cannot write {text}: {why}")
+        refusal = why_not_replaceable(path)
+        if not path.parent.is_dir():
+            refusal = f"there is no folder {path.parent}"
+        if refusal is not None:
+            raise UsageError(f"cannot write {text}: {refusal}")
         return path
 
     return check

@@ -1,8 +1,8 @@
 """Write labelled recordings that open everywhere: profile ros2, CDR, zstd chunks with indexes."""
 
-import os
 import struct
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import IO, Final
 
 from mcap.writer import Writer
@@ -10,6 +10,7 @@ from mcap.writer import Writer
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
 from contact_tracker.truth import UNSCORED, Truth
+from contact_tracker.whole_file import whole_file
 
 POSE_TOPIC: Final = "/object/pose"
 POSE_TYPE: Final = "geometry_msgs/msg/PoseStamped"
@@ -57,7 +58,7 @@ def write_recording(path: str, poses: Poses, truth: Truth | None, metadata: Mapp
 
     Parameters
     ----------
-    path : replaced if it exists.
+    path : replaced if it exists, as long as it is a file.
     poses : to ``/object/pose``, log time = header stamp; stamps from 0 to 2^31 s.
     truth : to ``/contact/truth`` at each change of contact, and as the attachment ``truth.json``.
     metadata : the metadata record ``recording``.
@@ -71,15 +72,8 @@ def write_recording(path: str, poses: Poses, truth: Truth | None, metadata: Mapp
     """
     if len(poses) and not 0 <= int(poses.stamp_ns.min()) <= int(poses.stamp_ns.max()) < 2**31 * 10**9:
         raise ValueError("stamps of a recording lie between 0 and 2^31 s")
-    unfinished = f"{path}.{os.getpid()}.unfinished"
-    try:
-        with open(unfinished, "xb") as file:
-            _write(file, poses, truth, metadata)
-        os.replace(unfinished, path)
-    except BaseException:
-        if os.path.exists(unfinished):
-            os.unlink(unfinished)
-        raise
+    with whole_file(Path(path)) as temporary, temporary.open("wb") as file:
+        _write(file, poses, truth, metadata)
 
 
 def _write(file: IO[bytes], poses: Poses, truth: Truth | None, metadata: Mapping[str, str]) -> None:
