@@ -58,13 +58,13 @@ def begin(model: Model, first: Pose) -> TickState:
 
 def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list[Tick]]:
     """Take in one pose; returns the ticks that it closes (usually none or one, more after a gap)."""
-    index = int((pose.stamp_ns - state.origin_ns) / 1e9 / model.tick_s)
+    step_ns = round(model.tick_s * 1e9)
+    index = (pose.stamp_ns - state.origin_ns) // step_ns
     if index == state.index:
         return replace(state, frames=(*state.frames, pose)), []
     state, tick = close(state, model)
     missed = min(index - state.index, int(LONGEST_GAP_S / model.tick_s)) - 1
     empty = replace(tick, count=0, outliers=0, excess=Excess(0.0, 0.0))
-    step_ns = round(model.tick_s * 1e9)
     stamps = [tick.stamp_ns + (i + 1) * step_ns for i in range(missed)]
     gaps = [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
     if index - state.index - 1 > missed:  # the grid jumps over the rest of a long gap

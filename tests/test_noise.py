@@ -1,0 +1,121 @@
+"""The noise that is told from motion is the noise that was put in."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker import noise
+from contact_tracker.poses import Poses
+from moving import moving
+
+# rate, sigma of position and rotation, seconds: as a camera, motion capture and a robot have them
+SENSORS = [(30.0, 1.5e-3, 0.012, 60.0), (200.0, 3e-4, 2.6e-3, 10.0), (1000.0, 5e-5, 3.5e-4, 3.0)]
+each_sensor = pytest.mark.parametrize(
+    ("rate_hz", "sigma_m", "sigma_rad", "seconds"), SENSORS, ids=["30 Hz", "200 Hz", "1 kHz"]
+)
+
+
+def streamed(poses, tick, prior):
+    """Estimates after each ``tick`` frames of the stream."""
+    estimate = noise.begin(*prior)
+    for first in range(0, len(poses), tick):
+        estimate = noise.advance(estimate, poses[first : first + tick], prior)
+        yield estimate
+
+
+@each_sensor
+def test_noise_of_a_moving_object(rate_hz, sigma_m, sigma_rad, seconds):
+    poses = moving(np.random.default_rng(1), seconds, rate_hz, sigma_m, sigma_rad)
+    assert noise.estimate_noise(poses) == pytest.approx((sigma_m, sigma_rad), rel=0.1)
+
+
+@each_sensor
+@pytest.mark.parametrize("factor", [0.2, 5.0])
+def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds, factor):
+    """Within a second or two of a model that is off by a factor; and it stays there."""
+    poses = moving(np.random.default_rng(2), seconds, rate_hz, sigma_m, sigma_rad)
+    prior = (factor * sigma_m, factor * sigma_rad)
+    estimates = list(streamed(poses, max(1, round(rate_hz / 10.0)), prior))
+    assert estimates[0].sigma_position_m != sigma_m
+    for estimate in estimates[20 if rate_hz > 100.0 else 60 :]:
+        assert estimate.sigma_position_m == pytest.approx(sigma_m, rel=0.25)
+        assert estimate.sigma_rotation_rad == pytest.approx(sigma_rad, rel=0.25)
+    assert estimates[-1].sigma_position_m == pytest.approx(sigma_m, rel=0.1)
+    assert estimates[-1].sigma_rotation_rad == pytest.approx(sigma_rad, rel=0.1)
+
+
+def test_the_stream_in_any_portions_is_the_whole():
+    """Third differences reach over the ends of ticks: none is lost and none is taken twice."""
+    poses = moving(np.random.default_rng(3), 5.0, 200.0, 3e-4, 2e-3)
+    whole = noise.advance(noise.begin(1.0, 1.0), poses, (1.0, 1.0))
+    *_, portions = streamed(poses, 7, (1.0, 1.0))
+    np.testing.assert_allclose(portions.position_sq, whole.position_sq, rtol=1e-9)
+    np.testing.assert_allclose(portions.rotation_sq, whole.rotation_sq, rtol=1e-6)
+
+
+def test_memory_is_bounded_and_the_noise_may_change():
+    rng = np.random.default_rng(4)
+    quiet, loud = moving(rng, 30.0, 100.0, 1e-4, 1e-3), moving(rng, 30.0, 100.0, 1e-3, 5e-3)
+    prior = (5e-4, 4e-3)
+    *_, estimate = streamed(quiet, 10, prior)
+    for later in range(0, len(loud), 10):
+        estimate = noise.advance(estimate, loud[later : later + 10], prior)
+        assert len(estimate.position_sq) <= noise.MEMORY_FRAMES
+        assert len(estimate.recent) <= noise.ORDER
+    assert estimate.sigma_position_m == pytest.approx(1e-3, rel=0.1)
+
+
+def test_two_percent_of_outliers_hardly_matter():
+    """Each spoils four differences of a hundred samples: the median rises by a tenth, not tenfold."""
+    rng = np.random.default_rng(5)
+    poses = moving(rng, 30.0, 200.0, 3e-4, 2e-3)
+    wrong = rng.random(len(poses)) < 0.02
+    position = poses.position_m + np.where(wrong, 0.05, 0.0)[:, None]
+    turn = Rotation.from_quat(poses.quat_xyzw) * Rotation.from_rotvec(
+        np.outer(np.where(wrong, 0.3, 0.0), [1, 1, 0])
+    )
+    spoiled = Poses(poses.stamp_ns, position, turn.as_quat())
+    assert noise.estimate_noise(spoiled) == pytest.approx((3e-4, 2e-3), rel=0.15)
+
+
+def test_held_poses_and_gaps_are_left_out():
+    rng = np.random.default_rng(6)
+    poses = moving(rng, 40.0, 200.0, 3e-4, 2e-3)
+    kept = (rng.random(len(poses)) > 0.1) & (np.arange(len(poses)) % 900 > 300)  # drops, and gaps of 1.5 s
+    assert noise.estimate_noise(poses[kept]) == pytest.approx((3e-4, 2e-3), rel=0.1)
+    source = np.maximum.accumulate(np.where(rng.random(len(poses)) > 0.15, np.arange(len(poses)), 0))
+    held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
+    assert noise.estimate_noise(held) == pytest.approx((3e-4, 2e-3), rel=0.1)
+
+
+def test_anisotropic_noise_counts_by_its_mean_square():
+    sigma_m, sigma_rad = np.array([1e-4, 3e-4, 6e-4]), np.array([1e-3, 1e-3, 4e-3])
+    poses = moving(np.random.default_rng(7), 30.0, 200.0, sigma_m, sigma_rad)
+    expected = np.sqrt(np.mean(sigma_m**2)), np.sqrt(np.mean(sigma_rad**2))
+    assert noise.estimate_noise(poses) == pytest.approx(expected, rel=0.1)
+
+
+def test_noise_is_the_same_in_every_frame_and_for_either_sign_of_the_quaternion():
+    rng = np.random.default_rng(8)
+    poses = moving(rng, 10.0, 200.0, 3e-4, 2e-3)
+    world = Rotation.random(random_state=rng)
+    turned = world * Rotation.from_quat(poses.quat_xyzw) * Rotation.random(random_state=rng)
+    sign = rng.choice([-1.0, 1.0], size=(len(poses), 1))
+    same = Poses(poses.stamp_ns, world.apply(poses.position_m) + 100.0, turned.as_quat() * sign)
+    assert noise.estimate_noise(same) == pytest.approx(noise.estimate_noise(poses), rel=0.05)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_too_few_frames_say_nothing(count):
+    poses = moving(np.random.default_rng(9), 1.0, 30.0, 1e-3, 1e-3)[:count]
+    assert np.isnan(noise.estimate_noise(poses)).all()
+    estimate = noise.advance(noise.begin(1e-3, 2e-3), poses, (1e-3, 2e-3))
+    assert (estimate.sigma_position_m, estimate.sigma_rotation_rad) == (1e-3, 2e-3)
+
+
+def test_an_object_that_does_not_move_at_all_has_noise_above_zero():
+    """Simulators without noise exist: variances are divided by."""
+    poses = moving(np.random.default_rng(10), 5.0, 200.0, rms_m=0.0, rms_rad=0.0)
+    *_, estimate = streamed(poses, 20, (1e-3, 2e-3))
+    assert 0.0 < estimate.sigma_position_m < 1e-4
+    assert 0.0 < estimate.sigma_rotation_rad < 2e-4
