@@ -338,6 +338,13 @@ def test_a_status_line_shows_on_a_terminal(log: Path) -> None:
     assert f"{LENGTH_S * RATE_HZ} poses".encode() in shown
 
 
+def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
+    done = run("view", "-", "--save", tmp_path / "a.rrd", stdin=log.read_bytes())
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert f"{LENGTH_S * RATE_HZ} poses" in done.stderr
+    assert (tmp_path / "a.rrd").stat().st_size > 10_000
+
+
 def test_info_describes_the_poses(log: Path) -> None:
     done = run("info", log, "--json")
     assert done.returncode == 0, done.stderr

@@ -270,12 +270,13 @@ def test_compressed_messages_are_inflated(tmp_path: Path) -> None:
 def test_standard_input_is_read_from_a_pipe(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(500))], **SMALL)
     code = (
-        "from contact_tracker.recording import open_log, read_truth\n"
-        "log = open_log('-'); print(sum(1 for _ in log), log.source.topic, log.damage, read_truth('-'))"
+        "from contact_tracker.recording import open_log, read_metadata, read_truth\n"
+        "said = read_truth('-'), read_metadata('-')\n"  # takes nothing away from the poses
+        "log = open_log('-'); print(sum(1 for _ in log), log.source.topic, log.damage, *said)"
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     for data, expected in (
-        (path.read_bytes(), "500 /object/pose None None"),
+        (path.read_bytes(), "500 /object/pose None None {}"),
         (path.read_bytes()[:20_000], "cut off"),
     ):
         run = subprocess.run(

@@ -35,7 +35,10 @@ class Measurement(NamedTuple):
 
 
 class Family(Protocol):
-    """What one file per family provides; everything broadcasts over leading axes of x."""
+    """What one file per family provides; everything broadcasts over leading axes of x.
+
+    Moments are those of at least one pose.
+    """
 
     SIZE: int
     """S, length of x."""

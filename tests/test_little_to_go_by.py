@@ -1,0 +1,110 @@
+"""Recordings that tell little: a handful of poses, no motion, slow or torn streams."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contact_tracker.cli.main import run
+from contact_tracker.labels import STATES
+from contact_tracker.poses import Poses
+from logs import poses_topic, smooth_poses, write_log
+
+NAMES = {state.value for state in STATES}
+
+
+def held(poses: Poses) -> Poses:
+    """The first pose all the time."""
+    first = np.zeros(len(poses), int)
+    return Poses(poses.stamp_ns, poses.position_m[first], poses.quat_xyzw[first])
+
+
+def only_moving(poses: Poses) -> Poses:
+    return Poses(poses.stamp_ns, poses.position_m, held(poses).quat_xyzw)
+
+
+def only_turning(poses: Poses) -> Poses:
+    return Poses(poses.stamp_ns, held(poses).position_m, poses.quat_xyzw)
+
+
+def torn(poses: Poses, every: int, gap_s: float) -> Poses:
+    """A gap after every so many poses."""
+    gaps_ns = np.arange(len(poses)) // every * round(gap_s * 1e9)
+    return Poses(poses.stamp_ns + gaps_ns, poses.position_m, poses.quat_xyzw)
+
+
+def far_away(poses: Poses) -> Poses:
+    return Poses(poses.stamp_ns, poses.position_m + 9e5, poses.quat_xyzw)
+
+
+MOTIONS: dict[str, Callable[[], Poses]] = {
+    "one pose": lambda: smooth_poses(1),
+    "two poses": lambda: smooth_poses(2),
+    "three poses": lambda: smooth_poses(3),
+    "four poses": lambda: smooth_poses(4),
+    "a tick and a pose": lambda: smooth_poses(21),
+    "held, longer than a window of the paper": lambda: held(smooth_poses(520)),
+    "at the origin": lambda: Poses(
+        smooth_poses(50).stamp_ns, np.zeros((50, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (50, 1))
+    ),
+    "only moving": lambda: only_moving(smooth_poses(520)),
+    "only turning": lambda: only_turning(smooth_poses(520)),
+    "far away": lambda: far_away(smooth_poses(100)),
+    "10 kHz": lambda: smooth_poses(300, 10_000.0),
+    "1 Hz": lambda: smooth_poses(4, 1.0),
+    "a pose per hour": lambda: smooth_poses(2, 1 / 3600),
+    "a gap of 5 s": lambda: torn(smooth_poses(60), 30, 5.0),
+}
+
+
+def refuse(name: str) -> float:
+    raise AssertionError(f"{name} is no JSON")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("make", MOTIONS.values(), ids=MOTIONS.keys())
+def test_little_motion_has_an_answer(make: Callable[[], Poses], tmp_path: Path, capsys: Any) -> None:
+    poses = make()
+    log, out = write_log(tmp_path / "a.mcap", [poses_topic(poses)]), tmp_path / "out.jsonl"
+    assert run(["segment", str(log), "-o", str(out)]) == 0
+    beliefs = [json.loads(line, parse_constant=refuse) for line in out.read_text().splitlines()]
+    assert beliefs[-1]["stamp_ns"] == poses.stamp_ns[-1]
+    assert all(b["onset_ns"] <= b["stamp_ns"] and b["contact"] in NAMES for b in beliefs)
+    assert all(math.isclose(sum(b["probability"].values()), 1.0, rel_tol=1e-9) for b in beliefs)
+    assert run(["segment", str(log)]) == 0
+    table = capsys.readouterr()
+    assert table.out.splitlines()[1].split()[2] in NAMES
+    assert table.err.count("\n") == 2, "a summary of each run and nothing else"
+    assert run(["live", str(log), "--json"]) == 0
+    online = [json.loads(line, parse_constant=refuse) for line in capsys.readouterr().out.splitlines()]
+    assert [b["stamp_ns"] for b in online] == [b["stamp_ns"] for b in beliefs]
+    assert run(["info", str(log)]) == 0
+    assert f"poses     {len(poses)}\n" in capsys.readouterr().out
+    assert run(["view", str(log), "--save", str(tmp_path / "a.rrd")]) == 0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("command", ["segment", "live", "view", "info"])
+def test_poses_that_are_no_numbers_are_counted(command: str, tmp_path: Path, capsys: Any) -> None:
+    poses = smooth_poses(30)
+    nothing = Poses(poses.stamp_ns, np.full((30, 3), np.nan), poses.quat_xyzw)
+    log = write_log(tmp_path / "a.mcap", [poses_topic(nothing)])
+    code = run([command, str(log)])
+    said = capsys.readouterr()
+    assert "nonfinite 30" in said.out + said.err
+    if command != "info":
+        assert (code, said.out) == (1, "")
+        assert "no pose that can be used" in said.err
+
+
+def test_a_short_part_of_a_recording_is_segmented(tmp_path: Path, capsys: Any) -> None:
+    log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(200))])
+    assert run(["segment", str(log), "--start", "0.5", "--duration", "0.02"]) == 0
+    said = capsys.readouterr()
+    _, line = said.out.splitlines()
+    assert line.split()[0] == "0.50"
+    assert "4 poses" in said.err
