@@ -1,0 +1,159 @@
+"""Evidence against free motion: the ratio of two normal densities, nothing at rest."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from contact_tracker import evidence, fit
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evidence import Scales, Window
+from contact_tracker.lift import lift
+from touching import touching
+
+each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+SCALES = Scales(reach_m=0.3, body_radius_m=0.1, tick_s=0.1, log_stay=-0.02)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def window(rng, model, ticks=12):
+    """Ticks of some motion, with noise and excess drawn anew for each; and hypotheses at random."""
+    t = touching(model.contact, rng, ticks)
+    zeta = lift(t.rotation, t.position_m - t.position_m[0])
+    variance = np.exp(rng.normal(size=(ticks, 2))) * [1e-8, 1e-6]
+    excess = np.exp(3.0 * rng.normal(size=(ticks, 2))) * [1e-6, 1e-4]
+    x = model.family.normalise(rng.normal(size=(3, model.family.SIZE)), np.zeros(6))
+    return Window(np.arange(ticks), zeta, variance, excess), x
+
+
+@each_model
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
+    """Each row N(0, V) against N(0, S): as the ratio is at the residual, less what it would be at V = S."""
+    rng = np.random.default_rng(seed)
+    seen, x = window(rng, model)
+    found = evidence.log_ratio(model, x, seen, SCALES)
+    measured = model.measure(x, seen.zeta)
+    expected = np.zeros_like(found.log_ratio)
+    for b in range(len(x)):
+        for tick in range(len(seen)):
+            position, rotation = seen.variance[tick]
+            free_position, free_rotation = seen.excess[tick]
+            lever_sq = measured.lever_sq[b, tick]
+            for row in range(model.family.ROWS):
+                held, moved = rotation, free_rotation
+                if row == model.family.ROWS - 1:
+                    held = position + rotation * lever_sq
+                    moved = free_position + free_rotation * (lever_sq + SCALES.body_radius_m**2)
+                r = measured.residual[b, row, tick]
+                expected[b, tick] += norm.logpdf(r, scale=held**0.5) - norm.logpdf(
+                    r, scale=(held + moved) ** 0.5
+                )
+                assert found.chi_sq[b, tick, row] == pytest.approx(r**2 / held)
+                assert found.row_weight[b, tick, row] == pytest.approx(1.0 / held)
+            # a touching point two reaches from the body costs half a nat per second
+            stray = measured.reach_sq[b, tick] / (2.0 * SCALES.reach_m) ** 2
+            expected[b, tick] -= 0.5 * stray * SCALES.tick_s
+    np.testing.assert_allclose(found.log_ratio, expected, rtol=1e-8, atol=1e-8)
+
+
+@each_model
+def test_at_rest_a_tick_says_nothing(model):
+    """However well or badly the hypothesis fits, and wherever it touches."""
+    seen, x = window(np.random.default_rng(1), model)
+    still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.excess))
+    np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
+
+
+# --- the price of geometry ----------------------------------------------------------------------------------
+
+
+class Fitted:
+    """One hypothesis fitted to ticks in contact, and what its first tick alone would have told."""
+
+    def __init__(self, model, seed, ticks=80, sigma=1e-3):
+        rng = np.random.default_rng(seed)
+        t = touching(model.contact, rng, ticks)
+        position = t.position_m - t.position_m.mean(axis=0) + rng.normal(size=(ticks, 3)) * sigma
+        lifted = model.lifted(lift(t.rotation, position)) / sigma
+        self.model, self.family = model, model.family
+        self.anchors = model.anchors(position.mean(axis=0))[None]
+        self.prior = evidence.weak_prior(self.family, self.anchors, SCALES.reach_m)
+        self.weight = np.ones((1, self.family.ROWS))
+        self.moments = (lifted.T @ lifted)[None]
+        starts = self.family.normalise(self.family.starts(self.moments)[0], self.anchors)
+        every = np.zeros(len(starts), int)
+        found = fit.minimise(
+            self.family,
+            self.moments[every],
+            self.weight[every],
+            self.prior.pick(every),
+            self.anchors[every],
+            starts,
+            iterations=200,
+            tolerance=1e-9,
+        )
+        best = int(np.argmin(found.cost))
+        self.x, self.cost, self.hessian = found.x[[best]], found.cost[best], found.hessian[[best]]
+        self.first = self.information(lifted[:1])
+
+    def information(self, lifted):
+        return fit.information(self.family, lifted, self.weight, self.moments, self.anchors, self.x)
+
+    @property
+    def pull(self):
+        off = (self.x - self.prior.mean)[0]
+        return 0.5 * off @ self.prior.precision[0] @ off
+
+    def price(self, hessian, given):
+        return evidence.complexity(self.family, self.x, self.anchors, hessian, given, self.prior)[0]
+
+
+@each_model
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_price_is_what_the_integral_over_geometry_loses(model, seed):
+    """Laplace against importance sampling: the mean likelihood under the prior, not the greatest one."""
+    one, rng = Fitted(model, seed), np.random.default_rng(seed)
+    family, size = model.family, 20_000
+    tangent = family.tangent(one.x, one.anchors)[0]
+    before = tangent.T @ (one.prior.precision[0] + np.diag(one.prior.flat)) @ tangent
+    after = one.hessian[0] + before
+    wide = 1.3 * np.linalg.inv(np.linalg.cholesky(after)).T
+    raw = rng.normal(size=(size, family.PARAMETERS))
+    x = family.normalise(one.x + raw @ wide.T @ tangent.T, one.anchors)
+    many = np.zeros(size, int)
+    cost = fit.cost(family, one.moments[many], one.weight[many], one.prior.pick(many), x)
+    log_weight = -cost + 0.5 * np.sum(raw**2, axis=1) + np.linalg.slogdet(wide)[1]
+    integral = logsumexp(log_weight) - np.log(size) + 0.5 * np.linalg.slogdet(before)[1]
+    greatest = -(one.cost - one.pull)
+    paid = one.price(one.hessian, np.zeros_like(one.first))
+    assert paid > 5.0
+    assert integral == pytest.approx(greatest - paid, abs=0.5)
+
+
+@each_model
+def test_what_the_first_tick_gives_is_free(model):
+    one = Fitted(model, 2)
+    nothing = np.zeros_like(one.first)
+    assert one.price(one.first, one.first) == pytest.approx(one.pull, abs=1e-9)
+    assert one.pull <= one.price(one.hessian, one.first) < one.price(one.hessian, nothing)
+
+
+@each_model
+def test_the_price_grows_with_what_is_learnt_and_ever_more_slowly(model):
+    one = Fitted(model, 3)
+    prices = [one.price(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)]
+    assert prices[0] == pytest.approx(one.pull)
+    assert (np.diff(prices) > 0.0).all()
+    assert (np.diff(prices, 2) < 0.0).all()
+
+
+def test_windows_are_cut_and_joined():
+    seen, _ = window(np.random.default_rng(3), CONTACT_MODELS[0])
+    both = Window.join([seen.cut(0, 5), seen.cut(5, None)])
+    for name, value in vars(seen).items():
+        np.testing.assert_array_equal(vars(both)[name], value)
+    assert len(seen.cut(-1, None)) == 1

@@ -1,0 +1,168 @@
+"""Offline: segments, onsets and geometry against the truth; and against themselves in other frames."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.evaluation.geometry_errors import geometry_errors
+from contact_tracker.poses import Poses
+from contact_tracker.segmenter import segment
+from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
+
+TICK_NS = round(MODEL.tick_s * 1e9)
+each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
+
+
+def names(segmentation):
+    return " ".join(s.contact.value for s in segmentation.segments)
+
+
+def boundaries_s(segmentation):
+    start_ns = np.array([s.start_ns for s in segmentation.segments])
+    return (start_ns - start_ns[0]) / 1e9
+
+
+@each_recording
+def test_segments_are_the_true_ones(contacts):
+    found, truth = segmented(contacts), recorded(contacts).truth
+    assert names(found) == contacts
+    for segment_, interval in zip(found.segments, truth.intervals, strict=True):
+        assert abs(segment_.start_ns - interval.start_ns) < 0.3e9
+        assert segment_.probability > 0.9
+    held = true_contacts(recorded(contacts), found.stamp_ns)
+    assert np.mean([b.contact is c for b, c in zip(found.beliefs, held, strict=True)]) > 0.95
+
+
+@each_recording
+def test_segments_cover_the_recording_once(contacts):
+    found, stamps = segmented(contacts), recorded(contacts).poses.stamp_ns
+    assert found.segments[0].start_ns == stamps[0]
+    assert found.segments[-1].end_ns == stamps[-1]
+    for before, after in pairwise(found.segments):
+        assert before.end_ns + 1 == after.start_ns
+        assert before.contact is not after.contact or before.geometry is not after.geometry
+    for belief in found.beliefs:
+        (mine,) = (s for s in found.segments if s.start_ns <= belief.stamp_ns <= s.end_ns)
+        assert (belief.contact, belief.onset_ns) == (mine.contact, mine.start_ns)
+        assert belief.probability.sum() == pytest.approx(1.0)
+
+
+@each_recording
+def test_geometry_lies_within_its_standard_deviations(contacts):
+    simulated = recorded(contacts)
+    errors = geometry_errors(simulated.poses, simulated.truth, segmented(contacts).segments)
+    assert errors.found_segments == errors.true_segments == 2
+    assert all(row.deviation_sd < 3.5 for row in errors.rows)
+    assert errors.within_3_sd >= 0.75
+    assert np.median(errors.angle_deg) < 3.0
+    assert np.median(errors.distance_mm) < 10.0
+
+
+@each_recording
+def test_the_future_helps(contacts):
+    """Smoothing is nowhere much worse than the filter, and at the end they agree: there is no future left."""
+    found = segmented(contacts)
+    held = true_contacts(recorded(contacts), found.stamp_ns)
+    smoothed, filtered = (
+        np.mean([np.log(b.probability[c.column] + 1e-12) for b, c in zip(beliefs, held, strict=True)])
+        for beliefs in (found.beliefs, found.filtered)
+    )
+    assert smoothed > filtered
+    np.testing.assert_allclose(found.beliefs[-1].probability, found.filtered[-1].probability, atol=0.02)
+
+
+# --- frames ------------------------------------------------------------------------------------------------
+
+
+def moved_world(poses, rotation, shift):
+    turn = rotation * Rotation.from_quat(poses.quat_xyzw)
+    return Poses(poses.stamp_ns, rotation.apply(poses.position_m) + shift, turn.as_quat())
+
+
+def moved_body(poses, rotation, shift):
+    """The same object with another body frame: x_body = rotation x_new + shift."""
+    turn = Rotation.from_quat(poses.quat_xyzw)
+    return Poses(poses.stamp_ns, poses.position_m + turn.apply(shift), (turn * rotation).as_quat())
+
+
+def agree(found, expected):
+    assert names(found) == names(expected)
+    np.testing.assert_allclose(boundaries_s(found), boundaries_s(expected), atol=2.1 * MODEL.tick_s)
+
+
+def test_the_world_frame_does_not_matter():
+    """Turned, and a hundred metres off; the environment's elements move along."""
+    poses, expected = recorded(FACE_TO_EDGE).poses, segmented(FACE_TO_EDGE)
+    world, shift = Rotation.random(random_state=np.random.default_rng(1)), np.array([100.0, -80.0, 60.0])
+    found = segment(moved_world(poses, world, shift), MODEL)
+    agree(found, expected)
+    plane = expected.segments[1].geometry.environment
+    moved = found.segments[1].geometry.environment
+    sign = np.sign(moved.normal @ world.apply(plane.normal))
+    np.testing.assert_allclose(moved.normal * sign, world.apply(plane.normal), atol=0.01)
+    # height of the plane at where the body is, not a hundred metres from it
+    body = poses.position_m[-400:].mean(axis=0)
+    height = (plane.normal @ body - plane.offset_m) * sign
+    assert moved.normal @ (world.apply(body) + shift) - moved.offset_m == pytest.approx(height, abs=0.003)
+
+
+def test_the_body_frame_does_not_matter():
+    """Markers are glued on anyhow: turned, and up to 0.2 m from where they were."""
+    poses, expected = recorded(FACE_TO_EDGE).poses, segmented(FACE_TO_EDGE)
+    body, shift = Rotation.random(random_state=np.random.default_rng(2)), np.array([0.12, -0.1, 0.12])
+    found = segment(moved_body(poses, body, shift), MODEL)
+    agree(found, expected)
+    edge, moved = expected.segments[1].geometry.object, found.segments[1].geometry.object
+    cosine = abs(moved.direction @ body.inv().apply(edge.direction))
+    assert np.degrees(np.arccos(min(cosine, 1.0))) < 1.0
+    off = body.apply(moved.point_m) + shift - edge.point_m
+    assert np.linalg.norm(off - edge.direction * (edge.direction @ off)) < 0.005
+
+
+def test_time_and_the_sign_of_quaternions_do_not_matter():
+    """To the last bit, the one; the other but for rounding."""
+    poses, expected = recorded(FACE_TO_EDGE).poses, segmented(FACE_TO_EDGE)
+    shift_ns = -1_234_567_890_123_456_789
+    sign = np.random.default_rng(3).choice([-1.0, 1.0], size=(len(poses), 1))
+    later = replace(poses, stamp_ns=poses.stamp_ns + shift_ns)
+    part = segment(later[:500], MODEL)
+    for a, b in zip(part.filtered[:25], expected.filtered[:25], strict=True):
+        assert a.stamp_ns == b.stamp_ns + shift_ns
+        assert a.onset_ns == b.onset_ns + shift_ns
+        np.testing.assert_array_equal(a.probability, b.probability)
+    found = segment(replace(later, quat_xyzw=poses.quat_xyzw * sign), MODEL)
+    assert names(found) == names(expected)
+    np.testing.assert_allclose(boundaries_s(found), boundaries_s(expected), atol=1e-9)
+    for a, b in zip(found.beliefs, expected.beliefs, strict=True):
+        np.testing.assert_allclose(a.probability, b.probability, atol=1e-3)
+
+
+def test_half_the_frames_give_the_same_segments():
+    found = segment(recorded(FACE_TO_EDGE).poses[::2], MODEL)
+    agree(found, segmented(FACE_TO_EDGE))
+
+
+# --- edges -------------------------------------------------------------------------------------------------
+
+
+def test_nothing_has_no_segments():
+    nothing = segment([], MODEL)
+    assert (nothing.segments, nothing.beliefs, nothing.filtered) == ((), (), ())
+
+
+@pytest.mark.parametrize("count", [1, 2, 20, 21])
+def test_a_moment_is_one_segment(count):
+    poses = recorded(FACE_TO_EDGE).poses[:count]
+    found = segment(poses, MODEL)
+    assert len(found.segments) == 1
+    assert (found.segments[0].start_ns, found.segments[0].end_ns) == tuple(poses.stamp_ns[[0, -1]])
+    assert len(found.beliefs) == len(found.filtered) == 1 + (count > 20)
+
+
+def test_progress_is_the_number_of_poses_read():
+    told = []
+    segment(recorded(FACE_TO_EDGE).poses[:101], MODEL, told.append)
+    assert told == [21, 41, 61, 81, 101]
