@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.cli.main import COMMANDS
 from contact_tracker.labels import STATES
+from contact_tracker.model import preset_names
 from contact_tracker.poses import Poses
 from contact_tracker.recording import write_recording
 from contact_tracker.truth import Truth
@@ -104,6 +105,11 @@ def test_each_command_explains_itself_with_an_example(command: str) -> None:
     done = run(command, "--help")
     assert (done.returncode, done.stderr) == (0, "")
     assert f"example:\n  contact-tracker {command} " in done.stdout
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "view", "evaluate"])
+def test_help_names_the_models(command: str) -> None:
+    assert set(preset_names()) <= set(run(command, "--help").stdout.replace(",", " ").split())
 
 
 def test_version() -> None:

@@ -1,22 +1,26 @@
 """The documentation says what is so: the tutorial runs, and the tables name what the code does."""
 
 import ast
+import math
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
 from contact_tracker.labels import Contact
+from contact_tracker.model import Model, load_model, preset_names
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
 CONVENTIONS = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
+MODELS = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 TUTORIAL = (ROOT / "docs" / "tutorial_first_segmentation.md").read_text(encoding="utf-8")
 FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -109,6 +113,26 @@ def counted_kinds() -> set[str]:
 def test_the_conventions_name_every_count() -> None:
     table = CONVENTIONS.partition("| kind |")[2]
     assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == counted_kinds()
+
+
+def test_the_models_page_names_every_parameter_under_its_table() -> None:
+    pages = re.split(r"^`\[(\w+)\]`", MODELS.partition("## Parameters")[2].partition("\n## ")[0], flags=re.M)
+    named = {"": pages[0], **dict(zip(pages[1::2], pages[2::2], strict=True))}
+    tables = {"": Model} | {f.name: f.type for f in fields(Model) if is_dataclass(f.type)}
+    assert named.keys() == tables.keys()
+    for name, kind in tables.items():
+        wanted = {f.name for f in fields(kind) if not is_dataclass(f.type)}
+        rows = re.findall(r"^\| `(\w+)` \|", named[name], re.MULTILINE)
+        assert sorted(rows) == sorted(wanted), name or "top"
+
+
+def test_the_models_page_names_every_preset_and_its_noise() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| ([\d.]+) mm, ([\d.]+) deg \|$", MODELS, re.MULTILINE)
+    assert sorted(name for name, *_ in rows) == preset_names()
+    for name, sigma_mm, sigma_deg in rows:
+        noise = load_model(name).noise
+        assert math.isclose(float(sigma_mm), noise.sigma_position_m * 1e3, rel_tol=0.03)
+        assert math.isclose(float(sigma_deg), math.degrees(noise.sigma_rotation_rad), rel_tol=0.03)
 
 
 def test_links_lead_somewhere() -> None:

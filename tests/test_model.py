@@ -78,6 +78,17 @@ def test_default_is_a_preset_and_needs_no_name():
     assert load_model() == load_model("default")
 
 
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_differ_in_what_their_sensors_differ_in(name):
+    """Whoever changes one value of the default changes it in all files."""
+    sensor = {"sigma_position_m", "sigma_rotation_rad"}
+    preset, default = asdict(load_model(name)), asdict(load_model())
+    for table in (preset, default):
+        table.pop("name")
+        table["noise"] = {k: v for k, v in table["noise"].items() if k not in sensor}
+    assert preset == default
+
+
 def test_a_file_says_all_of_a_model(tmp_path):
     path = tmp_path / "mine.toml"
     wanted = replace(load_model(), name="größer", tick_s=0.25)

@@ -23,6 +23,14 @@ def test_what_the_text_cites_is_an_equation() -> None:
     assert cited(THEORY) <= set(NUMBERS)
 
 
+def test_what_the_models_page_cites_is_there() -> None:
+    models = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
+    assert {int(n) for n in re.findall(r"\bT(\d+)", models)} <= set(NUMBERS)
+    sections = set(re.findall(r"^## (\d+)\.", THEORY, re.MULTILINE))
+    assert len(sections) > 5
+    assert set(re.findall(r"\bsection (\d+)", models)) <= sections
+
+
 def test_what_docstrings_cite_is_an_equation() -> None:
     wrong = {
         path.name: unknown

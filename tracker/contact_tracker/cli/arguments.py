@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from contact_tracker.errors import UsageError
+from contact_tracker.model import preset_names
 from contact_tracker.whole_file import why_not_replaceable
 
 
@@ -21,11 +22,12 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
+    """``--model``."""
     parser.add_argument(
         "--model",
         default="default",
         metavar="NAME|FILE",
-        help="a shipped model or a TOML file (default: %(default)s)",
+        help=f"a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)",
     )
 
 
