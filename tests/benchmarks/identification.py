@@ -24,8 +24,10 @@ from contact_tracker.evaluation.metrics import quantile
 from contact_tracker.evaluation.report import Report
 from contact_tracker.evaluation.scoring import Subset
 from contact_tracker.evaluation.tables import number, table
+from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmenter import segment
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADER = (
@@ -46,9 +48,6 @@ class Measured:
 
 def measure(path: Path, model_name: str) -> Measured:
     """Segment and judge one recording; raises ContactTrackerError where it cannot be used."""
-    from contact_tracker.model import load_model
-    from contact_tracker.segmenter import segment
-
     model = load_model(model_name)
     truth = read_truth(str(path))
     if truth is None:
