@@ -29,7 +29,7 @@ class Bank:
     entry : (H,) log weight with which it began.
     first : (H, C) lifted first tick over its noise: what was given at the onset.
     moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
-    x, hessian : (H, S), (H, P, P) geometry that fits the window best, and its information.
+    x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
     row_weight : (H, K) precision of the residuals relative to that of the position.
     settled : (H,) log-likelihood ratio of ticks that have left the window.
     log_likelihood : (H,) of all data since the onset, against free motion.
@@ -82,7 +82,7 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         place_sum=np.zeros((count, 3)),
         weight=column,
         x=np.tile(anywhere, (count, 1)),
-        hessian=np.zeros((count, p, p)),
+        hessian=np.zeros((count, k, p, p)),
         row_weight=np.ones((count, k)),
         settled=column,
         log_likelihood=column,

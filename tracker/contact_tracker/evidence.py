@@ -57,10 +57,12 @@ class Window:
 
 @dataclass(frozen=True)
 class Scales:
-    """Lengths of the weak priors (m), the tick (s), and the log probability of staying for one tick."""
+    """Lengths of the weak priors (m), what free motion foretells of the geometry (share of T19's last term),
+    the tick (s), and the log probability of staying for one tick."""
 
     reach_m: float
     body_radius_m: float
+    foreknowledge: float
     tick_s: float
     log_stay: float
 
@@ -69,10 +71,12 @@ class Scales:
 class Ratio:
     """Log-likelihood ratios (B, W) of B hypotheses against free motion, tick by tick, and what the fit needs.
 
-    ``chi_sq`` (B, W, K) squared residuals over their noise; ``row_weight`` (B, W, K) precisions of the rows.
+    ``gain`` (B, W, K) of each constraint; ``chi_sq`` (B, W, K) squared residuals over their noise;
+    ``row_weight`` (B, W, K) precisions of the rows.
     """
 
     log_ratio: Array
+    gain: Array
     chi_sq: Array
     row_weight: Array
 
@@ -95,6 +99,7 @@ def log_ratio(model: ContactModel, x: Array, window: Window, scales: Scales) -> 
     strayed = 0.5 * seen.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return Ratio(
         (gain - misfit).sum(axis=1) - np.where(free_position > 0, strayed, 0.0),
+        np.swapaxes(gain, 1, 2),
         np.swapaxes(square / noise, 1, 2),
         np.swapaxes(1.0 / noise, 1, 2),
     )
@@ -107,15 +112,25 @@ def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:
     return Prior(family.place(anchors), precision, 1.0 - family.SPREAD)
 
 
-def complexity(family: Family, x: Array, anchors: Array, hessian: Array, given: Array, prior: Prior) -> Array:
+def complexity(
+    family: Family,
+    x: Array,
+    anchors: Array,
+    hessian: Array,
+    given: Array,
+    unit: Array,
+    prior: Prior,
+) -> Array:
     """Price (B,) in nats of geometry that was fitted: Laplace's volume ratio and the distance from the prior.
 
-    ``given`` (B, P, P) is the information of the first tick: that a contact begins now says that its elements
-    touch now, so only what is learnt beyond that is paid for.
+    What is not paid for: ``given`` (B, P, P), the information of the first tick (that a contact begins now
+    says that its elements touch now); and ``unit`` (B, K), the share of each row's information ``hessian``
+    (B, K, P, P) that free motion itself would have given of where the object will be.
     """
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    volume = np.linalg.slogdet(hessian + before)[1] - np.linalg.slogdet(given + before)[1]
+    before = before + given + np.einsum("bk,bkpq->bpq", unit, hessian)
+    volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(before)[1]
     off = x - prior.mean
     return np.asarray(0.5 * volume + 0.5 * np.einsum("bs,bst,bt->b", off, prior.precision, off))

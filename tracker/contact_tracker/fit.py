@@ -69,14 +69,14 @@ def minimise(
 
     Returns
     -------
-    Fit with x (B, S), cost (B,) in nats, hessian (B, P, P) of the data alone, converged (B,).
+    Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, converged (B,).
     """
     damping = np.full(len(x), 1e-3)
     converged = np.zeros(len(x), bool)
     cost_now = cost(family, moments, row_weight, prior, x)
     for _ in range(iterations):
         tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
-        curvature = hessian + held
+        curvature = hessian.sum(axis=1) + held
         diagonal = np.einsum("bii->bi", curvature)
         # a direction without any curvature, as in an empty window, must not make the whole batch singular
         ridge = damping[:, None] * diagonal + _LEAST_CURVATURE
@@ -128,7 +128,7 @@ def _normal_equations(
     row_weight = _per_metre(family, moments, row_weight, x)
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
     gradient = np.einsum("bkpc,bkc->bp", weighted, c)
-    hessian = (weighted @ np.swapaxes(jacobian, -1, -2)).sum(axis=1)
+    hessian = weighted @ np.swapaxes(jacobian, -1, -2)
     pull = np.einsum("bst,bt->bs", prior.precision, x - prior.mean)
     gradient = gradient + np.einsum("bps,bs->bp", along, pull)
     held = along @ prior.precision @ tangent

@@ -38,7 +38,8 @@ class Smooth3:
     Two predictions compete: that the vector moves on as the filter says, and that it stays at ``last``.
     ``log_square`` (2,) and ``weight`` are running sums of the log squared error per axis of each, and of the
     weights (in the log a jolt does not outshine the seconds of rest after it); ``latest`` (n, 2) are the last
-    few. ``shape`` (3, 3) is the mean direction of the filter's errors, with trace 1.
+    few. Of the filter's errors, ``shape`` (3, 3) is the mean of their directions, with trace 1, ``direction`` the
+    last one and ``echo`` the mean cosine from one to the next: how much of an error was to be expected.
     """
 
     x: Array
@@ -48,6 +49,8 @@ class Smooth3:
     weight: float
     latest: Array
     shape: Array
+    direction: Array
+    echo: float
     ticks: int
 
     @classmethod
@@ -55,7 +58,7 @@ class Smooth3:
         """At rest, as far as is known."""
         spread = np.kron(np.diag(np.square(_PRIOR_SPREAD)), np.eye(3))
         x = np.concatenate([value, np.zeros(6)])
-        return cls(x, spread, value, np.zeros(2), 0.0, np.zeros((0, 2)), np.eye(3) / 3.0, 0)
+        return cls(x, spread, value, np.zeros(2), 0.0, np.zeros((0, 2)), np.eye(3) / 3.0, np.zeros(3), 0.0, 0)
 
     @property
     def spread(self) -> float:
@@ -67,15 +70,17 @@ class Smooth3:
     def excess(self, variance: float) -> float:
         """Variance per axis, beyond the noise ``variance``, with which the vector moved in the last tick.
 
-        Motion along few axes is averaged over the axes in the log: how much a constraint is worth is the mean
-        of what it would be worth along each axis of the motion.
+        In the log it is the mean over the axes of the motion, less the echo: a constraint is worth what a typical
+        axis would be worth, and only what each tick says anew (T18).
         """
         if not self.weight:
             return 0.0
         now = float(LOG_BIAS * np.exp(np.min(np.mean(self.latest, axis=0))))
         moving = max(min(self.spread, now) - STILL * variance, 0.0)
         axes = variance + moving * 3.0 * np.maximum(np.linalg.eigvalsh(self.shape), 0.0)
-        return max(float(np.exp(np.mean(np.log(axes)))) - variance, 0.0)
+        echo = max(self.echo, 0.0)
+        fresh = (1.0 - echo) / (1.0 + echo)
+        return variance * max(float(np.exp(fresh * np.mean(np.log(axes / variance)))) - 1.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,5 +157,7 @@ def _advance(state: Smooth3, value: Array, variance: float, tick_s: float, memor
         log_square=fade * state.log_square + log_square,
         weight=fade * state.weight + 1.0,
         latest=np.concatenate([state.latest, log_square[None]])[-NOW_TICKS:],
+        direction=direction,
+        echo=fade_shape * state.echo + (1.0 - fade_shape) * float(direction @ state.direction),
         shape=fade_shape * state.shape + (1.0 - fade_shape) * np.outer(direction, direction),
     )

@@ -3,7 +3,7 @@
 A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may
 end at any later boundary. ``log_likelihood[h]`` at boundary b is that of all data between its onset and b.
 A state is left with ``log_transition[i, j]``; staying costs nothing here (it belongs to the likelihood). See
-docs/theory.md, T19.
+docs/theory.md, T20.
 """
 
 from collections.abc import Sequence

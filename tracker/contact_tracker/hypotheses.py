@@ -163,7 +163,8 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     anchors = _anchors(bank, model)
     prior = weak_prior(model.family, anchors, scales.reach_m)
     given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, anchors, bank.x)
-    price = complexity(model.family, bank.x, anchors, bank.hessian, given, prior)
+    unit = _foreknown(bank, model, window, scales, seen.gain, told)
+    price = complexity(model.family, bank.x, anchors, bank.hessian, given, unit, prior)
     # relative to the moments' own weight, one over the noise variance of position
     relative = seen.row_weight * window.variance[:, :1]
     count = np.maximum(mine.sum(axis=1), 1)[:, None]
@@ -177,3 +178,13 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
         row_weight=row_weight,
         rms=np.sqrt(chi_sq),
     )
+
+
+def _foreknown(
+    bank: Bank, model: ContactModel, window: Window, scales: Scales, gain: Array, told: NDArray[np.bool_]
+) -> Array:
+    """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
+    ticks = np.maximum(bank.weight * window.variance[-1, 0], 1.0)[:, None]
+    mean_gain = np.where(told[..., None], gain, 0.0).sum(axis=1) / np.maximum(told.sum(axis=1), 1)[:, None]
+    needed = model.family.PARAMETERS / model.family.ROWS
+    return np.asarray(scales.foreknowledge * needed / ticks * np.exp(-2.0 * mean_gain))

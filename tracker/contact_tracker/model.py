@@ -29,6 +29,8 @@ class Motion:
     """Time over which the strength of the motion is averaged."""
     body_radius_m: float
     """Lever with which free rotation moves a point of the object."""
+    foreknowledge: float
+    """How much of the geometry free motion, continued, is taken to foretell (share of T19's last term)."""
 
 
 @dataclass(frozen=True)

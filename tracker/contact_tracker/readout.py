@@ -20,7 +20,7 @@ def geometry_of(
     prior = weak_prior(model.family, anchors, scales.reach_m)
     tangent = model.family.tangent(one.x, anchors)[0]
     before = tangent.T @ (prior.precision[0] + np.diag(prior.flat)) @ tangent
-    covariance = tangent @ np.linalg.inv(one.hessian[0] + before) @ tangent.T
+    covariance = tangent @ np.linalg.inv(one.hessian[0].sum(axis=0) + before) @ tangent.T
     found = model.geometry(one.x[0], covariance)
     return ContactGeometry(found.object, shifted(found.environment, origin_m))
 

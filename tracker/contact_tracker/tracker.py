@@ -179,7 +179,10 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
 
 def scales_of(model: Model) -> Scales:
     """What evidence needs of the model."""
-    return Scales(model.geometry.reach_m, model.motion.body_radius_m, model.tick_s, log_stay(model))
+    motion = model.motion
+    return Scales(
+        model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, model.tick_s, log_stay(model)
+    )
 
 
 def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
