@@ -23,12 +23,16 @@ def test_what_the_text_cites_is_an_equation() -> None:
     assert cited(THEORY) <= set(NUMBERS)
 
 
-def test_what_the_models_page_cites_is_there() -> None:
+def test_the_models_page_cites_equations_of_the_sections_it_names() -> None:
     models = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
     assert {int(n) for n in re.findall(r"\bT(\d+)", models)} <= set(NUMBERS)
-    sections = set(re.findall(r"^## (\d+)\.", THEORY, re.MULTILINE))
-    assert len(sections) > 5
-    assert set(re.findall(r"\bsection (\d+)", models)) <= sections
+    parts = re.split(r"^## (\d+)\.", THEORY, flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    cited_there = re.findall(r"\bsection (\d+)(?:,[^|T]*T(\d+))?", models)
+    assert len(cited_there) > 10
+    for section, equation in cited_there:
+        assert section in sections
+        assert not equation or f"(T{equation})" in sections[section], f"section {section} has no T{equation}"
 
 
 def test_what_docstrings_cite_is_an_equation() -> None:
