@@ -38,8 +38,8 @@ class Smooth3:
     Two predictions compete: that the vector moves on as the filter says, and that it stays at ``last``.
     ``log_square`` (2,) and ``weight`` are running sums of the log squared error per axis of each, and of the
     weights (in the log a jolt does not outshine the seconds of rest after it); ``latest`` (n, 2) are the last
-    few. Of the filter's errors, ``shape`` (3, 3) is the mean of their directions, with trace 1, ``direction`` the
-    last one and ``echo`` the mean cosine from one to the next: how much of an error was to be expected.
+    few. Of the filter's errors, ``shape`` (3, 3) is the mean of their directions, with trace 1, ``direction``
+    the last one and ``echo`` the mean cosine from one to the next: how much of an error was to be expected.
     """
 
     x: Array
@@ -70,8 +70,8 @@ class Smooth3:
     def excess(self, variance: float) -> float:
         """Variance per axis, beyond the noise ``variance``, with which the vector moved in the last tick.
 
-        In the log it is the mean over the axes of the motion, less the echo: a constraint is worth what a typical
-        axis would be worth, and only what each tick says anew (T18).
+        In the log it is the mean over the axes of the motion, less the echo: a constraint is worth what a
+        typical axis would be worth, and only what each tick says anew (T18).
         """
         if not self.weight:
             return 0.0
