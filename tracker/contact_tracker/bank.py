@@ -31,7 +31,8 @@ class Bank:
     moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
     x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
     row_weight : (H, K) precision of the residuals relative to that of the position.
-    settled : (H,) log-likelihood ratio of ticks that have left the window.
+    settled : (H,) of the log-likelihood, what is no longer looked at: of staying, and of ticks that have left
+        the window.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
     past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
@@ -71,7 +72,8 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     family = model.family
     c, s, k, p = len(family.COLUMNS), family.SIZE, family.ROWS, family.PARAMETERS
     column, index = np.zeros(count), np.zeros(count, np.int64)
-    anywhere = family.normalise(np.ones(s) + np.arange(s) % 2, np.zeros(6))
+    # some directions; points at the body, which starts at the origin
+    anywhere = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(s) % 2), np.zeros(6))
     return Bank(
         onset=index,
         onset_ns=index,

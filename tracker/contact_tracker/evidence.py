@@ -38,6 +38,11 @@ class Window:
     def __len__(self) -> int:
         return len(self.index)
 
+    @property
+    def activity(self) -> float:
+        """How far the motion in the newest tick rises above the noise: 0 at rest, towards 1 in motion."""
+        return float(np.max(self.excess[-1] / (self.excess[-1] + self.variance[-1])))
+
     def cut(self, first: int, end: int | None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
         return Window(
@@ -58,13 +63,12 @@ class Window:
 @dataclass(frozen=True)
 class Scales:
     """Lengths of the weak priors (m), what free motion foretells of the geometry (share of T19's last term),
-    the tick (s), and the log probability of staying for one tick."""
+    and the tick (s)."""
 
     reach_m: float
     body_radius_m: float
     foreknowledge: float
     tick_s: float
-    log_stay: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +134,7 @@ def complexity(
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    before = before + given + np.einsum("bk,bkpq->bpq", unit, hessian)
-    volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(before)[1]
+    before = before + np.einsum("bk,bkpq->bpq", unit, hessian)
+    volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(given + before)[1]
     off = x - prior.mean
     return np.asarray(0.5 * volume + 0.5 * np.einsum("bs,bst,bt->b", off, prior.precision, off))

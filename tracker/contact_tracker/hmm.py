@@ -2,7 +2,8 @@
 
 A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may
 end at any later boundary. ``log_likelihood[h]`` at boundary b is that of all data between its onset and b.
-A state is left with ``log_transition[i, j]``; staying costs nothing here (it belongs to the likelihood). See
+State i is left for j at boundary b with ``log_transition[b, i, j]``; staying costs nothing here (it belongs
+to the likelihood). See
 docs/theory.md, T20.
 """
 
@@ -52,7 +53,10 @@ def enter(log_left: Array, log_transition: Array) -> Array:
 
 
 def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list[tuple[int, int, int]]:
-    """Most probable path as stretches (hypothesis, onset, end), in order, covering all ticks."""
+    """Most probable path as stretches (hypothesis, onset, end), in order, covering all ticks.
+
+    ``log_initial`` (N,) and ``log_transition`` (T, N, N) by boundary; the first is not used.
+    """
     states, ticks = len(log_initial), len(trellis.alive)
     left = np.full((ticks + 1, states), -np.inf)
     leaver = np.full((ticks + 1, states), -1, np.int64)
@@ -63,7 +67,7 @@ def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list
         if b == 1:
             entry[fresh] = log_initial[trellis.state[fresh]]
         else:
-            into = left[b - 1][:, None] + log_transition[:, trellis.state[fresh]]
+            into = left[b - 1][:, None] + log_transition[b - 1][:, trellis.state[fresh]]
             origin[fresh] = np.argmax(into, axis=0)
             entry[fresh] = np.max(into, axis=0)
         score = entry[alive] + likelihood
@@ -88,7 +92,7 @@ def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
     left = np.full((ticks + 1, states), -np.inf)
     for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
         fresh = alive[trellis.onset[alive] == b - 1]
-        weight = log_initial if b == 1 else enter(left[b - 1], log_transition)
+        weight = log_initial if b == 1 else enter(left[b - 1], log_transition[b - 1])
         entry[fresh] = weight[trellis.state[fresh]]
         left[b] = by_state(entry[alive] + likelihood, trellis.state[alive], states)
     log_evidence = float(log_sum_exp(left[ticks]))
@@ -107,5 +111,5 @@ def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
         np.add.at(posterior[b - 1], state, held[alive])
         fresh = alive[trellis.onset[alive] == b - 1]
         begin = by_state(inward[fresh], trellis.state[fresh], states)
-        onward[b - 1] = log_sum_exp(log_transition + begin[None, :], axis=1)
+        onward[b - 1] = log_sum_exp(log_transition[b - 1] + begin[None, :], axis=1)
     return posterior / posterior.sum(axis=1, keepdims=True), log_evidence

@@ -30,11 +30,12 @@ AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 
 
-def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """Take in the newest tick of the window."""
+def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log_stay: float) -> Bank:
+    """Take in the newest tick of the window; ``log_stay`` is the price of not having changed in it."""
     if not len(bank):
         return bank
     bank = _grow(bank, model, window)
+    bank = replace(bank, settled=bank.settled + np.where(bank.onset < window.index[-1], log_stay, 0.0))
     age = int(window.index[-1]) + 1 - bank.onset
     bank = _refine(_adopt(bank, model, scales), model, scales)
     if window.index[-1] % SEARCH_EVERY == 0:
@@ -48,9 +49,8 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
     """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise."""
     zeta = window.zeta[-1]
     lifted = model.lifted(zeta)
-    activity = window.excess[-1] / (window.excess[-1] + window.variance[-1])
     begins = bank.onset == window.index[-1]
-    weight = np.where(begins, 1.0, max(float(activity.max()), AT_REST)) / float(window.variance[-1, 0])
+    weight = np.where(begins, 1.0, max(window.activity, AT_REST)) / float(window.variance[-1, 0])
     bank = replace(
         bank,
         first=np.where(begins[:, None], lifted / np.sqrt(window.variance[-1, 0]), bank.first),
@@ -58,7 +58,9 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
         place_sum=bank.place_sum + weight[:, None] * zeta[9:12],
         weight=bank.weight + weight,
     )
-    return replace(bank, x=model.family.normalise(bank.x, _anchors(bank, model)))
+    # what begins now touches now, in the directions of the best that there was
+    x = np.where(begins[:, None], model.family.complete(bank.x, bank.moments), bank.x)
+    return replace(bank, x=model.family.normalise(x, _anchors(bank, model)))
 
 
 def fit_stretch(model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -157,7 +159,6 @@ def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array
 def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
     seen = log_ratio(model, bank.x, window, scales)
     mine = window.index >= bank.onset[:, None]
-    age = window.index[-1] + 1 - bank.onset
     told = window.index > bank.onset[:, None]  # the first tick is given, and tells nothing
     summed = np.where(told, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
     anchors = _anchors(bank, model)
@@ -174,7 +175,7 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     )
     return replace(
         bank,
-        log_likelihood=summed - price + age * scales.log_stay,
+        log_likelihood=summed - price,
         row_weight=row_weight,
         rms=np.sqrt(chi_sq),
     )

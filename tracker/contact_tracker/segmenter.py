@@ -78,7 +78,8 @@ def _conclude(seen: _Pass, state: TrackerState) -> Segmentation:
     trellis = hmm.Trellis(
         np.arange(count) % len(STATES), np.arange(count) // len(STATES), seen.alive, seen.log_likelihood
     )
-    initial, transition = log_initial(state.model), log_transition(state.model)
+    initial = log_initial(state.model)
+    transition = np.array([log_transition(state.model, newest.activity) for newest in seen.newest])
     posterior, _ = hmm.smooth(trellis, initial, transition)
     stretches = _merge_free(
         [(h % len(STATES), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]

@@ -101,7 +101,8 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
     model, scales = state.model, scales_of(state.model)
     banks = _settle_oldest(state, scales)
     window, frames = _append(state, tick)
-    change = log_transition(model)
+    change = log_transition(model, window.activity)
+    stay = log_stay(model, window.activity)
     entry = state.log_left if state.ticks == 0 else hmm.enter(state.log_left, change)
     past = fixed_lag.inherited(state.past, state.log_left, change)
     grown = []
@@ -111,7 +112,7 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
             living, contact, state.ticks, tick.start_ns, number, float(entry[column]), past[column]
         )
         more = replace(more, past=fixed_lag.grown(more.past, column))
-        grown.append(hypotheses.advance(more, contact, window, scales))
+        grown.append(hypotheses.advance(more, contact, window, scales, stay))
     log_left = np.array([*(hmm.log_sum_exp(b.joint) for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
     best = max(float(entry[FREE]), *(float(b.joint.max()) for b in grown))
@@ -180,9 +181,7 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
 def scales_of(model: Model) -> Scales:
     """What evidence needs of the model."""
     motion = model.motion
-    return Scales(
-        model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, model.tick_s, log_stay(model)
-    )
+    return Scales(model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, model.tick_s)
 
 
 def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
