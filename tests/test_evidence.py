@@ -14,7 +14,7 @@ from contact_tracker.lift import lift
 from touching import touching
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-SCALES = Scales(reach_m=0.3, body_radius_m=0.1, tick_s=0.1, log_stay=-0.02)
+SCALES = Scales(reach_m=0.3, body_radius_m=0.1, foreknowledge=0.3, tick_s=0.1)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -58,6 +58,7 @@ def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
             stray = measured.reach_sq[b, tick] / (2.0 * SCALES.reach_m) ** 2
             expected[b, tick] -= 0.5 * stray * SCALES.tick_s
     np.testing.assert_allclose(found.log_ratio, expected, rtol=1e-8, atol=1e-8)
+    assert (found.gain > 0.0).all()
 
 
 @each_model
@@ -108,8 +109,10 @@ class Fitted:
         off = (self.x - self.prior.mean)[0]
         return 0.5 * off @ self.prior.precision[0] @ off
 
-    def price(self, hessian, given):
-        return evidence.complexity(self.family, self.x, self.anchors, hessian, given, self.prior)[0]
+    def price(self, hessian, given, foretold=0.0):
+        """Of rows' information (1, K, P, P), of which a share was foretold."""
+        unit = np.full((1, self.family.ROWS), foretold)
+        return evidence.complexity(self.family, self.x, self.anchors, hessian, given, unit, self.prior)[0]
 
 
 @each_model
@@ -120,7 +123,7 @@ def test_the_price_is_what_the_integral_over_geometry_loses(model, seed):
     family, size = model.family, 20_000
     tangent = family.tangent(one.x, one.anchors)[0]
     before = tangent.T @ (one.prior.precision[0] + np.diag(one.prior.flat)) @ tangent
-    after = one.hessian[0] + before
+    after = one.hessian[0].sum(axis=0) + before
     wide = 1.3 * np.linalg.inv(np.linalg.cholesky(after)).T
     raw = rng.normal(size=(size, family.PARAMETERS))
     x = family.normalise(one.x + raw @ wide.T @ tangent.T, one.anchors)
@@ -138,8 +141,19 @@ def test_the_price_is_what_the_integral_over_geometry_loses(model, seed):
 def test_what_the_first_tick_gives_is_free(model):
     one = Fitted(model, 2)
     nothing = np.zeros_like(one.first)
-    assert one.price(one.first, one.first) == pytest.approx(one.pull, abs=1e-9)
+    row_by_row = np.concatenate([one.first[:, None], np.zeros_like(one.hessian[:, 1:])], axis=1)
+    assert one.price(row_by_row, one.first) == pytest.approx(one.pull, abs=1e-9)
     assert one.pull <= one.price(one.hessian, one.first) < one.price(one.hessian, nothing)
+
+
+@each_model
+def test_what_was_foretold_is_cheaper(model):
+    """All of it foretold, learning it again is worth half the logarithm of two per direction, at most."""
+    one = Fitted(model, 4)
+    nothing = np.zeros_like(one.first)
+    prices = [one.price(one.hessian, nothing, foretold) for foretold in (0.0, 1e-3, 0.1, 1.0)]
+    assert (np.diff(prices) < 0.0).all()
+    assert prices[-1] - one.pull <= model.family.PARAMETERS * 0.5 * np.log(2.0)
 
 
 @each_model

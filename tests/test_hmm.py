@@ -33,9 +33,9 @@ class Case:
         self.state, self.onset, self.last = np.array(rows, np.int64).T
         self.value = rng.normal(size=(len(rows), self.ticks + 1)) * rng.choice([0.1, 1.0, 5.0])
         self.log_initial = np.log(rng.dirichlet(np.ones(self.states)))
-        self.log_transition = rng.normal(size=(self.states, self.states))
+        self.log_transition = rng.normal(size=(self.ticks, self.states, self.states))
         shut = rng.random(self.log_transition.shape) < forbidden
-        shut[-1, -1] = False
+        shut[:, -1, -1] = False
         self.log_transition[shut] = -np.inf
 
     @property
@@ -57,7 +57,7 @@ class Case:
                 yield weight, stretches
                 return
             for h in np.flatnonzero(self.onset == boundary):
-                into = self.log_initial if before is None else self.log_transition[before]
+                into = self.log_initial if before is None else self.log_transition[boundary, before]
                 for end in range(boundary + 1, self.last[h] + 1):
                     total = weight + into[self.state[h]] + self.value[h, end]
                     yield from extend(end, self.state[h], total, [*stretches, (int(h), boundary, end)])
@@ -99,12 +99,12 @@ def test_the_filter_is_the_smoother_that_has_no_future(seed):
     for b, (alive, likelihood) in enumerate(
         zip(case.trellis.alive, case.trellis.log_likelihood, strict=True), start=1
     ):
-        fresh = hmm.enter(log_left, case.log_transition) if b > 1 else log_left
+        fresh = hmm.enter(log_left, case.log_transition[b - 1]) if b > 1 else log_left
         begins = alive[case.onset[alive] == b - 1]
         entry[begins] = fresh[case.state[begins]]
         log_left = hmm.by_state(entry[alive] + likelihood, case.state[alive], case.states)
         prefix = hmm.Trellis(case.state, case.onset, case.trellis.alive[:b], case.trellis.log_likelihood[:b])
-        posterior, log_evidence = hmm.smooth(prefix, *case.model)
+        posterior, log_evidence = hmm.smooth(prefix, case.log_initial, case.log_transition[:b])
         assert log_evidence == pytest.approx(hmm.log_sum_exp(log_left), abs=1e-9)
         np.testing.assert_allclose(posterior[-1], np.exp(log_left - log_evidence), atol=1e-9)
 
@@ -136,7 +136,7 @@ def test_numbers_of_hypotheses_and_states_are_only_names(seed):
     case.state = np.argsort(states)[case.state[order]]
     case.log_initial, case.log_transition = (
         case.log_initial[states],
-        case.log_transition[np.ix_(states, states)],
+        case.log_transition[:, states][:, :, states],
     )
     renamed, renamed_evidence = hmm.smooth(case.trellis, *case.model)
     np.testing.assert_allclose(renamed, posterior[:, states], atol=1e-9)
@@ -168,7 +168,7 @@ def test_one_state_that_cannot_be_left_is_certain():
         [np.array([0, 1 + t]) for t in range(ticks)],
         [np.array([-3.0 * (t + 1), 0.0]) for t in range(ticks)],
     )
-    stuck = np.array([[-np.inf, -np.inf], [-np.inf, 0.0]])
+    stuck = np.tile([[-np.inf, -np.inf], [-np.inf, 0.0]], (ticks, 1, 1))
     posterior, log_evidence = hmm.smooth(trellis, np.log([1.0, 1e-300]), stuck)
     assert log_evidence == pytest.approx(-12.0)
     np.testing.assert_allclose(posterior, [[1.0, 0.0]] * ticks, atol=1e-12)

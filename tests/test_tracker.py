@@ -62,7 +62,7 @@ def test_beliefs_are_well_formed(contacts):
             strict=True,
         ):
             assert isinstance(element, KINDS[kind])
-            assert np.linalg.eigvalsh(element.covariance).min() > -1e-9
+            assert np.linalg.eigvalsh(element.covariance).min() > -1e-7
 
 
 @each_recording
@@ -213,21 +213,15 @@ def test_any_stream_gives_beliefs(stream):
 def at_rest(ticks):
     """Beliefs (ticks, 7) of an object that lies still, and what the Markov chain alone would believe."""
     beliefs, _ = run(still(20 * ticks))
-    stay = np.diag([np.exp(log_stay(MODEL))] * len(CONTACTS) + [0.0])
-    step = np.exp(log_transition(MODEL)) + stay
+    stay = np.diag([np.exp(log_stay(MODEL, 0.0))] * len(CONTACTS) + [0.0])
+    step = np.exp(log_transition(MODEL, 0.0)) + stay
     chain = [np.exp(log_initial(MODEL)) @ np.linalg.matrix_power(step, t) for t in range(ticks)]
     return np.array([b.probability for b in beliefs]), np.array(chain)
 
 
 def test_rest_teaches_nothing():
-    """What was believed of things that lie is forgotten only as fast as things may change unseen."""
+    """What was believed of things that lie is forgotten as slowly as things change unseen."""
     believed, chain = at_rest(40)
-    assert np.abs(believed[20:] - chain[20:]).max() < 0.1
-
-
-@pytest.mark.xfail(reason="contacts without a search behind them pay for geometry not found yet", strict=True)
-def test_rest_teaches_nothing_from_the_first_tick_on():
-    believed, chain = at_rest(10)
     assert np.abs(believed - chain).max() < 0.1
 
 
