@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PATIENCE: Final = 30
-"""Up to this age in ticks a hypothesis is kept however bad: its geometry may not be found yet."""
+"""Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
 YOUNG: Final = 10
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
@@ -29,6 +29,7 @@ class Bank:
     entry : (H,) log weight with which it began.
     first : (H, C) lifted first tick over its noise: what was given at the onset.
     moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
+    told : (H,) how many ticks with motion it has seen.
     x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
     row_weight : (H, K) precision of the residuals relative to that of the position.
     settled : (H,) of the log-likelihood, what is no longer looked at: of staying, and of ticks that have left
@@ -46,6 +47,7 @@ class Bank:
     moments: Array
     place_sum: Array
     weight: Array
+    told: Array
     x: Array
     hessian: Array
     row_weight: Array
@@ -83,6 +85,7 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         moments=np.zeros((count, c, c)),
         place_sum=np.zeros((count, 3)),
         weight=column,
+        told=column,
         x=np.tile(anywhere, (count, 1)),
         hessian=np.zeros((count, k, p, p)),
         row_weight=np.ones((count, k)),
@@ -124,5 +127,5 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     first[1:] = group[order][1:] != group[order][:-1]
     keep = np.zeros(len(bank), bool)
     keep[order[first]] = True
-    keep &= (joint > best - margin) | (age <= PATIENCE)
+    keep &= (joint > best - margin) | (bank.told <= PATIENCE)
     return bank if keep.all() else bank.pick(keep)

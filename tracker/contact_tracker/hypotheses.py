@@ -18,11 +18,15 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SEARCH_AGES: Final = (3, 5, 8, 12, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
-"""Ages in ticks at which a hypothesis searches for its minimum from scratch, not only from where it was."""
+"""After so many ticks with motion a hypothesis searches for its minimum from scratch, not only from where it
+was."""
 SEARCH_EVERY: Final = 3
 """Searches wait for each other, so that one batch of this many ticks does for all."""
 SEARCH_STEPS: Final = 10
 REFINE_STEPS: Final = 2
+FIRST_TICKS: Final = 6.0
+FIRST_STEPS: Final = 4
+"""In its first ticks with motion the geometry moves far, and takes so many steps more."""
 SCREENED: Final = 6
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
@@ -36,10 +40,10 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
         return bank
     bank = _grow(bank, model, window)
     bank = replace(bank, settled=bank.settled + np.where(bank.onset < window.index[-1], log_stay, 0.0))
-    age = int(window.index[-1]) + 1 - bank.onset
     bank = _refine(_adopt(bank, model, scales), model, scales)
-    if window.index[-1] % SEARCH_EVERY == 0:
-        due = np.isin(age[:, None] - np.arange(SEARCH_EVERY), SEARCH_AGES).any(axis=1)
+    bank = _settle_in(bank, model, scales)
+    if window.index[-1] % SEARCH_EVERY == 0 and window.activity > AT_REST:
+        due = np.isin(bank.told.astype(np.int64)[:, None] - np.arange(SEARCH_EVERY), SEARCH_AGES).any(axis=1)
         lost = due & (bank.rms > AT_THE_NOISE)
         bank = _search(bank, model, window, scales, np.flatnonzero(lost))
     return _evaluate(bank, model, window, scales)
@@ -57,6 +61,7 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
         moments=bank.moments + weight[:, None, None] * np.outer(lifted, lifted),
         place_sum=bank.place_sum + weight[:, None] * zeta[9:12],
         weight=bank.weight + weight,
+        told=bank.told + np.where(begins, 1.0, window.activity),
     )
     # what begins now touches now, in the directions of the best that there was
     x = np.where(begins[:, None], model.family.complete(bank.x, bank.moments), bank.x)
@@ -110,6 +115,20 @@ def _refine(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
     row_weight, prior, anchors = _problem(bank, model, scales)
     found = fit.minimise(model.family, bank.moments, row_weight, prior, anchors, bank.x, REFINE_STEPS)
     return replace(bank, x=found.x, hessian=found.hessian)
+
+
+def _settle_in(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
+    """More steps for those whose geometry still moves far."""
+    rows = np.flatnonzero(bank.told < FIRST_TICKS)
+    if not len(rows):
+        return bank
+    row_weight, prior, anchors = _problem(bank.pick(rows), model, scales)
+    found = fit.minimise(
+        model.family, bank.moments[rows], row_weight, prior, anchors, bank.x[rows], FIRST_STEPS
+    )
+    x, hessian = bank.x.copy(), bank.hessian.copy()
+    x[rows], hessian[rows] = found.x, found.hessian
+    return replace(bank, x=x, hessian=hessian)
 
 
 def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, rows: Index) -> Bank:
@@ -185,7 +204,7 @@ def _foreknown(
     bank: Bank, model: ContactModel, window: Window, scales: Scales, gain: Array, told: NDArray[np.bool_]
 ) -> Array:
     """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
-    ticks = np.maximum(bank.weight * window.variance[-1, 0], 1.0)[:, None]
+    ticks = np.maximum(bank.told, 1.0)[:, None]
     mean_gain = np.where(told[..., None], gain, 0.0).sum(axis=1) / np.maximum(told.sum(axis=1), 1)[:, None]
     needed = model.family.PARAMETERS / model.family.ROWS
     return np.asarray(scales.foreknowledge * needed / ticks * np.exp(-2.0 * mean_gain))
