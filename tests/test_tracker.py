@@ -85,6 +85,15 @@ def test_onsets_are_believed_where_they_were(contacts):
     assert abs(last.onset_ns - began) < 0.3e9
 
 
+def test_free_motion_has_lasted_since_it_was_first_believed():
+    beliefs, _ = run(moving(np.random.default_rng(3), 6.0, 100.0, 3e-4, 2.6e-3))
+    both_free = [(a, b) for a, b in pairwise(beliefs) if a.contact is b.contact is Contact.FREE]
+    assert len(both_free) > 5
+    assert all(a.onset_ns == b.onset_ns for a, b in both_free)
+    began = [b for a, b in pairwise(beliefs) if a.contact is not Contact.FREE and b.contact is Contact.FREE]
+    assert all(0 <= b.stamp_ns - b.onset_ns <= MODEL.tick_s * 1e9 for b in began)
+
+
 def test_residuals_of_what_holds_are_at_the_noise():
     beliefs = segmented(FACE_TO_EDGE).filtered
     for contact in (Contact.FF, Contact.EF):
