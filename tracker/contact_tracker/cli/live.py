@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recording, positive
+from contact_tracker.cli.arguments import add_model, add_recording, positive, seconds
 from contact_tracker.cli.status import INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine
 
@@ -29,7 +29,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
     parser.add_argument("--rate", type=positive, metavar="X", help="replay at X times the recorded speed")
     parser.add_argument(
-        "--lag", type=positive, metavar="S", help="speak of S seconds ago, and know better (0: of now)"
+        "--lag",
+        type=seconds,
+        default=0.0,
+        metavar="S",
+        help="speak of S seconds ago, and know better (default: 0, of now)",
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
@@ -41,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.model import load_model
     from contact_tracker.recording import Follow, open_log
 
-    state = tracker.start(load_model(args.model), args.lag or 0.0)
+    state = tracker.start(load_model(args.model), args.lag)
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False
