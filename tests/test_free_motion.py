@@ -1,7 +1,6 @@
 """Free motion as a yardstick: nothing at rest, little where motion is predictable, else what it is."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -77,7 +76,6 @@ def test_uniform_motion_surprises_little_and_motion_by_hand_a_lot():
     assert (np.median(hand, axis=0) > 5.0 * np.mean(uniform(rng), axis=0)).all()
 
 
-@pytest.mark.xfail(reason="the filter takes the noise that it amplifies itself for jerk", strict=True)
 def test_uniform_motion_is_no_surprise():
     """It is as predictable as rest: with more excess than noise, straight transport would earn gain."""
     assert (np.mean(uniform(np.random.default_rng(1)), axis=0) < 1.0).all()

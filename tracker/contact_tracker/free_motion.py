@@ -138,10 +138,13 @@ def predicted_rotation(state: FreeMotion, ahead_s: Array) -> Array:
 def _advance(state: Smooth3, value: Array, variance: float, tick_s: float, memory_s: float) -> Smooth3:
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
     unit_jerk = Q_continuous_white_noise(3, tick_s, 1.0)
-    unexplained = max(state.spread - variance, 0.0) if state.weight else variance
-    jerk = JERK_SHARE * unexplained / unit_jerk[0, 0]
     eye = np.eye(3)
-    x, covariance = predict(state.x, state.covariance, F=np.kron(rate, eye), Q=np.kron(unit_jerk * jerk, eye))
+    onward = np.kron(rate, eye)
+    # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
+    carried = float(np.trace((onward @ state.covariance @ onward.T)[:3, :3])) / 3.0
+    unexplained = max(state.spread - variance - carried, 0.0) if state.weight else variance
+    jerk = JERK_SHARE * unexplained / unit_jerk[0, 0]
+    x, covariance = predict(state.x, state.covariance, F=onward, Q=np.kron(unit_jerk * jerk, eye))
     observe = np.kron([[1.0, 0.0, 0.0]], eye)
     innovation = value - observe @ x
     x, covariance = update(x, covariance, value, variance * eye, observe)

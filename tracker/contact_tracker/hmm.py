@@ -76,6 +76,8 @@ def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list
             if len(mine):
                 best = mine[np.argmax(score[mine])]
                 left[b, state], leaver[b, state] = score[best], alive[best]
+    if not np.isfinite(left[ticks]).any():
+        raise ValueError("no path covers all ticks")
     path = []
     b, state = ticks, int(np.argmax(left[ticks]))
     while b > 0:
