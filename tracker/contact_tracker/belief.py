@@ -23,9 +23,9 @@ class Belief:
     probability : (7,) posterior of the states, in the order of ``STATES``.
     onset_ns : when the labelled contact began, as believed.
     geometry : the touching elements of the labelled contact; None for free.
-    residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual of
-        its best hypothesis now (1: at the noise), the objective function's minimum; nan where no hypothesis has
-        seen enough motion yet.
+    residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual
+        of its best hypothesis now (1: at the noise), the objective function's minimum; nan where no
+        hypothesis has seen enough motion yet.
     """
 
     stamp_ns: int
