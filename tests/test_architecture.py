@@ -16,7 +16,7 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 LAYERS = (
     ("labels", "errors", "geometry"),
     ("poses", "truth", "gate"),
-    ("lift", "moments"),
+    ("lift",),
     ("contacts", "paper"),
     ("fit",),
     ("noise", "free_motion"),
@@ -35,7 +35,7 @@ LAYERS = (
 FIRST_EDGE_LAYER = LAYERS.index(("whole_file",))
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 READS_ITS_PRESETS = {"model"}  # of the core, only the model reads files: its own
-ALONE = {"hmm"}  # sees arrays only: imports numpy, and nothing else of ours
+ALONE = {"hmm", "fixed_lag"}  # see arrays only: import numpy, and nothing else of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",
     "mcap_ros2": "recording",
@@ -84,6 +84,10 @@ def ids(path: Path) -> str:
 
 
 PARTS = [p for p in sources() if part(p) not in {"__init__", "__main__"}]
+
+
+def test_the_table_names_nothing_that_is_gone() -> None:
+    assert {name for row in LAYERS for name in row} == {part(path) for path in PARTS}
 
 
 @pytest.mark.parametrize("path", PARTS, ids=ids)

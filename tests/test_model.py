@@ -130,6 +130,9 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
         ("transitions", "initial_f_f", 1.0),
         (None, "tick_s", 1e-9),
         (None, "tick_s", 1e6),
+        ("geometry", "reach_m", 1e-200),
+        ("motion", "foreknowledge", 1.5),
+        ("noise", "floor_position_m", 1e-200),
     ],
 )
 def test_what_cannot_work_is_out_of_range(tmp_path, section, key, value):

@@ -24,8 +24,8 @@ class Belief:
     onset_ns : when the labelled contact began, as believed.
     geometry : the touching elements of the labelled contact; None for free.
     residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual
-        of its best hypothesis now (1: at the noise), the objective function's minimum; nan where no
-        hypothesis has seen enough motion yet.
+        (1: at the noise) that its objective function leaves at its minimum over the last 25 ticks with
+        motion, or a little more; nan before there was so much motion.
     """
 
     stamp_ns: int

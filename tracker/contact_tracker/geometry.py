@@ -38,8 +38,8 @@ class Plane:
 class Line:
     """All ``point_m + s direction``; ``covariance`` (6, 6) is of (direction, point_m).
 
-    ``point_m`` is the point of the line nearest to where the contact took place, so the covariance has
-    no component along the line.
+    Of a found line ``point_m`` is its point nearest to the body's origin (in the world: to where that was on
+    average), so the covariance has no component along the line.
     """
 
     direction: Array

@@ -46,7 +46,7 @@ class Transitions:
     """Rates of change between the states, per second."""
 
     leave_per_s: float
-    """How often a contact ends."""
+    """How often a contact of a moving object ends; at rest it hardly ever does."""
     skip: float
     """Weight of a change that skips constraints, relative to one that gains or loses one."""
     initial_f_f: float
@@ -76,9 +76,15 @@ class Model:
     search: Search
 
 
-_RANGES: Final = {"tick_s": (1e-3, 10.0), "skip": (0.0, 1.0), "initial_f_f": (0.0, 1.0)}
+_RANGES: Final = {
+    "tick_s": (1e-3, 10.0),
+    "foreknowledge": (0.0, 1.0),
+    "reach_m": (1e-6, 1e6),
+    "skip": (0.0, 1.0),
+    "initial_f_f": (0.0, 1.0),
+}
 """Where a number must lie, both ends excluded; others are ``_POSITIVE``."""
-_POSITIVE: Final = (0.0, 1e9)
+_POSITIVE: Final = (1e-12, 1e9)
 _LEAST_WINDOW_TICKS: Final = 10
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
 from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import Model
@@ -24,6 +24,8 @@ from contact_tracker.transitions import log_initial, log_stay, log_transition
 Array = NDArray[np.float64]
 
 FREE: Final = Contact.FREE.column
+RESIDUAL_TICKS: Final = 25
+"""How much motion a belief's residuals are about: so little that hypotheses of it are still kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +171,7 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
     label = STATES[int(np.argmax(probability))]
     best = [int(np.argmax(b.joint)) if len(b) else -1 for b in state.banks]
-    residual = np.array([_residual(*pair) for pair in zip(state.banks, CONTACT_MODELS, strict=True)])
+    residual = np.array([_residual(living) for living in state.banks])
     if label is Contact.FREE:
         return Belief(stamp_ns, label, probability, state.free_since_ns, None, residual)
     living, row, contact = state.banks[label.column], best[label.column], CONTACT_MODELS[label.column]
@@ -178,10 +180,10 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     return Belief(stamp_ns, label, probability, int(living.onset_ns[row]), geometry, residual)
 
 
-def _residual(living: Bank, contact: ContactModel) -> float:
-    """Whitened residual of the best hypothesis that has seen more than it can adapt to; nan if none has."""
-    seasoned = np.flatnonzero(living.told > contact.family.PARAMETERS)
-    return float(living.rms[seasoned[np.argmax(living.joint[seasoned])]]) if len(seasoned) else float("nan")
+def _residual(living: Bank) -> float:
+    """Whitened residual of the hypothesis that has seen ``RESIDUAL_TICKS`` with motion, or few more."""
+    long_enough = np.flatnonzero(living.told >= RESIDUAL_TICKS)
+    return float(living.rms[long_enough[np.argmin(living.told[long_enough])]]) if len(long_enough) else np.nan
 
 
 def scales_of(model: Model) -> Scales:

@@ -4,21 +4,30 @@ import argparse
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 from contact_tracker.errors import UsageError
 from contact_tracker.model import preset_names
 from contact_tracker.whole_file import why_not_replaceable
 
+_MOST: Final = 1e9
+"""A longer time in seconds, about 30 years, is a slip of the hand."""
+
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """``LOG`` and which of its poses to take."""
     parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
-    parser.add_argument("--topic", help="take the poses of this topic")
-    parser.add_argument("--frame", help="take the poses of this frame: CHILD or 'PARENT->CHILD'")
+    add_source(parser)
     parser.add_argument(
         "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
     )
     parser.add_argument("--duration", type=positive, metavar="S", help="take S seconds (default: all)")
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """``--topic`` and ``--frame``."""
+    parser.add_argument("--topic", help="take the poses of this topic")
+    parser.add_argument("--frame", help="take the poses of this frame: CHILD or 'PARENT->CHILD'")
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +63,8 @@ def _number(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+    if abs(value) > _MOST:
+        raise argparse.ArgumentTypeError(f"{text!r} is beyond {_MOST:g}")
     return value
 
 

@@ -4,10 +4,17 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model
-from contact_tracker.cli.status import DAMAGED, DONE, INPUT
+from contact_tracker.cli.arguments import add_model, add_source
+from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, warn
-from contact_tracker.errors import InputError, NoPoses, NoTruth, UnreadableRecording, UsageError
+from contact_tracker.errors import (
+    AmbiguousSource,
+    InputError,
+    NoPoses,
+    NoTruth,
+    UnreadableRecording,
+    UsageError,
+)
 
 if TYPE_CHECKING:
     from contact_tracker.evaluation.evaluate import Evaluation
@@ -22,6 +29,7 @@ EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
+    add_source(parser)
     add_model(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
 
@@ -35,10 +43,10 @@ def run(args: argparse.Namespace) -> int:
     code = DONE
     for name in _recordings(args.logs):
         try:
-            evaluations[name], damage = _evaluate(name, model)
-        except InputError as error:  # the others are still worth their figures
+            evaluations[name], damage = _evaluate(name, args, model)
+        except (InputError, AmbiguousSource) as error:  # the others are still worth their figures
             fail(str(error))
-            code = INPUT
+            code = INPUT if isinstance(error, InputError) else USAGE
             continue
         if damage is not None:
             warn(f"{name}: {damage}")
@@ -65,7 +73,7 @@ def _recordings(logs: list[str]) -> list[str]:
     return list(names)
 
 
-def _evaluate(name: str, model: "Model") -> "tuple[Evaluation, str | None]":
+def _evaluate(name: str, args: argparse.Namespace, model: "Model") -> "tuple[Evaluation, str | None]":
     from contact_tracker.evaluation.evaluate import evaluate
     from contact_tracker.poses import Poses
     from contact_tracker.recording import open_log, read_truth
@@ -74,7 +82,7 @@ def _evaluate(name: str, model: "Model") -> "tuple[Evaluation, str | None]":
     truth = read_truth(name)
     if truth is None:
         raise NoTruth(f"{name}: no truth in it, neither truth.json nor /contact/truth")
-    log = open_log(name)
+    log = open_log(name, args.topic, args.frame)
     poses = Poses.collect(log)
     if not len(poses):
         raise NoPoses(f"{name}: no pose that can be used")

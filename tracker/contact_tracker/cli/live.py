@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.arguments import add_model, add_recording, positive, seconds
 from contact_tracker.cli.status import INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine
+from contact_tracker.errors import UsageError
 
 if TYPE_CHECKING:
     from contact_tracker.belief import Belief
@@ -45,7 +46,12 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.model import load_model
     from contact_tracker.recording import Follow, open_log
 
-    state = tracker.start(load_model(args.model), args.lag)
+    model = load_model(args.model)
+    if args.lag > model.search.window_s:
+        raise UsageError(
+            f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
+        )
+    state = tracker.start(model, args.lag)
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False

@@ -3,12 +3,16 @@
 import argparse
 import time
 from collections.abc import Iterable, Iterator
+from typing import Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import say, warn
 from contact_tracker.errors import NoPoses
 from contact_tracker.poses import Pose
 from contact_tracker.recording import PoseLog
+
+_LONGEST_WAIT_S: Final = 1e6
+"""More than a system may be asked to sleep for at once."""
 
 
 class Source:
@@ -71,5 +75,5 @@ def paced(poses: Iterable[Pose], rate: float) -> Iterator[Pose]:
             first_ns, begin_s = pose.stamp_ns, time.monotonic()
         wait_s = begin_s + (pose.stamp_ns - first_ns) * 1e-9 / rate - time.monotonic()
         if wait_s > 0:
-            time.sleep(wait_s)
+            time.sleep(min(wait_s, _LONGEST_WAIT_S))
         yield pose

@@ -24,7 +24,7 @@ def offline(viewpoint: Viewpoint, paper: bool) -> rrb.Blueprint:
     )
     smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, top=1.05, legend=True)
     filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, top=1.05)
-    minima = [_plot(canvas.RESIDUAL, "Residual of the best hypothesis (1 = noise)", everything, top=3.0)]
+    minima = [_plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", everything, top=3.0)]
     if paper:
         minima.append(
             _plot(canvas.PAPER, "Paper's objectives, fixed window (normalised)", everything, top=1.0)
@@ -44,7 +44,7 @@ def live() -> rrb.Blueprint:
     over_time = rrb.Vertical(
         _states(recent),
         _plot(canvas.P_FILTERED, "Probability", recent, top=1.05, legend=True),
-        _plot(canvas.RESIDUAL, "Residual of the best hypothesis (1 = noise)", recent, top=3.0),
+        _plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", recent, top=3.0),
         row_shares=[2, 3, 3],
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE, play_state="following")
