@@ -20,6 +20,8 @@ from contact_tracker.model import preset_names
 from contact_tracker.poses import Poses
 from contact_tracker.recording import write_recording
 from contact_tracker.truth import Truth
+from logs import START_NS as LOGS_START_NS
+from logs import Topic, poses_topic, smooth_poses, write_log
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = [sys.executable, "-m", "contact_tracker"]
@@ -374,6 +376,17 @@ def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:
         assert (done.returncode, done.stdout) == (0, ""), done.stderr
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
     assert "vision_30hz" in run("simulate", "--list").stdout
+
+
+def test_evaluate_names_what_needs_a_choice_and_goes_on(log: Path, tmp_path: Path) -> None:
+    topics = [poses_topic(smooth_poses(60), name) for name in ("/left", "/right")]
+    truth = Topic("/contact/truth", "std_msgs/msg/String", [(LOGS_START_NS, {"data": "free"})])
+    two = write_log(tmp_path / "two.mcap", [*topics, truth])
+    done = run("evaluate", two, log, "--json")
+    assert done.returncode == 2
+    assert all(word in done.stderr for word in ("two.mcap", "--topic", "/left", "/right"))
+    assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
+    assert run("evaluate", two, "--topic", "/left").returncode == 0
 
 
 def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, tmp_path: Path) -> None:

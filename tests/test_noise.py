@@ -78,6 +78,12 @@ def test_two_percent_of_outliers_hardly_matter():
     assert noise.estimate_noise(spoiled) == pytest.approx((3e-4, 2e-3), rel=0.15)
 
 
+def test_an_object_that_turns_in_place_is_not_held():
+    poses = moving(np.random.default_rng(3), 10.0, 200.0, 0.0, 2e-3, rms_m=0.0)
+    assert (np.ptp(poses.position_m, axis=0) == 0.0).all()
+    assert noise.estimate_noise(poses) == pytest.approx((0.0, 2e-3), rel=0.1)
+
+
 def test_held_poses_and_gaps_are_left_out():
     rng = np.random.default_rng(6)
     poses = moving(rng, 40.0, 200.0, 3e-4, 2e-3)

@@ -59,8 +59,7 @@ def advance(estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]) 
 
 def estimate_noise(poses: Poses) -> tuple[float, float]:
     """Standard deviations per axis (m, rad) of a whole recording, nan where it is too short to tell."""
-    moved = np.any(np.diff(poses.position_m, axis=0, prepend=np.nan) != 0, axis=1)
-    position, rotation = _third_differences(poses[moved])
+    position, rotation = _third_differences(poses[poses.fresh])
     return _median_sigma(position), _median_sigma(rotation)
 
 

@@ -51,6 +51,14 @@ class Poses:
         return Poses(self.stamp_ns[rows], self.position_m[rows], self.quat_xyzw[rows])
 
     @property
+    def fresh(self) -> NDArray[np.bool_]:
+        """(N,) whether a pose differs from the one before; one that is held says nothing new."""
+        new = np.ones(len(self), bool)
+        new[1:] = np.any(self.position_m[1:] != self.position_m[:-1], axis=1)
+        new[1:] |= np.any(self.quat_xyzw[1:] != self.quat_xyzw[:-1], axis=1)
+        return new
+
+    @property
     def rotation(self) -> Array:
         """Rotation matrices (N, 3, 3) of ``T_world_body``."""
         matrices: Array = Rotation.from_quat(self.quat_xyzw).as_matrix()
