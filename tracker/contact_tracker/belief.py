@@ -69,11 +69,13 @@ class Segmentation:
     segments : the Viterbi path, in order, covering every tick.
     beliefs : T beliefs with the Viterbi label and the smoothed posterior.
     filtered : T beliefs as ``step`` gave them, from data up to each tick only.
+    outliers : poses that were left out because they stood far from their neighbours.
     """
 
     segments: tuple[Segment, ...]
     beliefs: tuple[Belief, ...]
     filtered: tuple[Belief, ...]
+    outliers: int = 0
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""How much better than free motion does a contact explain a window? (docs/theory.md, section on the evidence)
+"""How much better than free motion does a contact explain a window? (docs/theory.md, T17, T19)
 
 Per tick and constraint, a residual r is N(0, V) if the contact holds and N(0, S) under free motion, where
 V is the noise of the residual and S - V the unpredictable motion in its direction. The log-likelihood ratio
@@ -122,19 +122,19 @@ def complexity(
     anchors: Array,
     hessian: Array,
     given: Array,
-    unit: Array,
+    foretold: Array,
     prior: Prior,
 ) -> Array:
     """Price (B,) in nats of geometry that was fitted: Laplace's volume ratio and the distance from the prior.
 
     What is not paid for: ``given`` (B, P, P), the information of the first tick (that a contact begins now
-    says that its elements touch now); and ``unit`` (B, K), the share of each row's information ``hessian``
-    (B, K, P, P) that free motion itself would have given of where the object will be.
+    says that its elements touch now); and ``foretold`` (B, K), the share of each row's information
+    ``hessian`` (B, K, P, P) that free motion itself would have given of where the object will be.
     """
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    before = before + np.einsum("bk,bkpq->bpq", unit, hessian)
+    before = before + np.einsum("bk,bkpq->bpq", foretold, hessian)
     volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(given + before)[1]
     off = x - prior.mean
     return np.asarray(0.5 * volume + 0.5 * np.einsum("bs,bst,bt->b", off, prior.precision, off))

@@ -1,8 +1,9 @@
-"""Free motion as a Kalman filter: how surprising would it be that a direction stays put? (docs/theory.md)
+"""Free motion as a Kalman filter: how surprising would it be that a direction stays put?
 
 Position and orientation of an unconstrained object move smoothly: constant acceleration, disturbed by
 white jerk whose strength follows the innovations. What the filter cannot predict, beyond the noise, is the
-*excess*: the variance with which a freely moving object would have left the constraint in this tick.
+*excess* (docs/theory.md, T18): the variance with which a freely moving object would have left the
+constraint in this tick.
 """
 
 from dataclasses import dataclass, replace

@@ -2,9 +2,8 @@
 
 A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may
 end at any later boundary. ``log_likelihood[h]`` at boundary b is that of all data between its onset and b.
-State i is left for j at boundary b with ``log_transition[b, i, j]``; staying costs nothing here (it belongs
-to the likelihood). See
-docs/theory.md, T20.
+State i is left for j at boundary b with ``log_transition[b, i, j]``; staying costs nothing here, it belongs
+to the likelihood (docs/theory.md, T20).
 """
 
 from collections.abc import Sequence

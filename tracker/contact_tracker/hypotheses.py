@@ -41,7 +41,7 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
     bank = _grow(bank, model, window)
     bank = replace(bank, settled=bank.settled + np.where(bank.onset < window.index[-1], log_stay, 0.0))
     bank = _refine(_adopt(bank, model, scales), model, scales)
-    bank = _settle_in(bank, model, scales)
+    bank = _refine_young(bank, model, scales)
     if window.index[-1] % SEARCH_EVERY == 0 and window.activity > AT_REST:
         due = np.isin(bank.told.astype(np.int64)[:, None] - np.arange(SEARCH_EVERY), SEARCH_AGES).any(axis=1)
         lost = due & (bank.rms > AT_THE_NOISE)
@@ -83,8 +83,8 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
         return bank
     oldest = window.cut(0, ticks)
     ratio = log_ratio(model, bank.x, oldest, scales).log_ratio
-    told = oldest.index > bank.onset[:, None]
-    return replace(bank, settled=bank.settled + np.where(told, ratio, 0.0).sum(axis=1))
+    after_onset = oldest.index > bank.onset[:, None]
+    return replace(bank, settled=bank.settled + np.where(after_onset, ratio, 0.0).sum(axis=1))
 
 
 def _anchors(bank: Bank, model: ContactModel) -> Array:
@@ -117,7 +117,7 @@ def _refine(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
     return replace(bank, x=found.x, hessian=found.hessian)
 
 
-def _settle_in(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
+def _refine_young(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
     """More steps for those whose geometry still moves far."""
     rows = np.flatnonzero(bank.told < FIRST_TICKS)
     if not len(rows):
@@ -178,13 +178,13 @@ def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array
 def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
     seen = log_ratio(model, bank.x, window, scales)
     mine = window.index >= bank.onset[:, None]
-    told = window.index > bank.onset[:, None]  # the first tick is given, and tells nothing
-    summed = np.where(told, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
+    after_onset = window.index > bank.onset[:, None]  # the first tick is given, and tells nothing
+    summed = np.where(after_onset, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
     anchors = _anchors(bank, model)
     prior = weak_prior(model.family, anchors, scales.reach_m)
     given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, anchors, bank.x)
-    unit = _foreknown(bank, model, window, scales, seen.gain, told)
-    price = complexity(model.family, bank.x, anchors, bank.hessian, given, unit, prior)
+    foretold = _foretold(bank, model, scales, seen.gain, after_onset)
+    price = complexity(model.family, bank.x, anchors, bank.hessian, given, foretold, prior)
     # relative to the moments' own weight, one over the noise variance of position
     relative = seen.row_weight * window.variance[:, :1]
     count = np.maximum(mine.sum(axis=1), 1)[:, None]
@@ -200,11 +200,12 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     )
 
 
-def _foreknown(
-    bank: Bank, model: ContactModel, window: Window, scales: Scales, gain: Array, told: NDArray[np.bool_]
+def _foretold(
+    bank: Bank, model: ContactModel, scales: Scales, gain: Array, after_onset: NDArray[np.bool_]
 ) -> Array:
     """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
     ticks = np.maximum(bank.told, 1.0)[:, None]
-    mean_gain = np.where(told[..., None], gain, 0.0).sum(axis=1) / np.maximum(told.sum(axis=1), 1)[:, None]
+    count = np.maximum(after_onset.sum(axis=1), 1)[:, None]
+    mean_gain = np.where(after_onset[..., None], gain, 0.0).sum(axis=1) / count
     needed = model.family.PARAMETERS / model.family.ROWS
     return np.asarray(scales.foreknowledge * needed / ticks * np.exp(-2.0 * mean_gain))

@@ -21,7 +21,7 @@ def geometry_of(
     tangent = model.family.tangent(one.x, anchors)[0]
     before = tangent.T @ (prior.precision[0] + np.diag(prior.flat)) @ tangent
     covariance = tangent @ np.linalg.inv(one.hessian[0].sum(axis=0) + before) @ tangent.T
-    found = model.geometry(one.x[0], covariance)
+    found = model.geometry(one.x[0], covariance, scales.reach_m)
     return ContactGeometry(found.object, shifted(found.environment, origin_m))
 
 

@@ -104,7 +104,7 @@ def _conclude(seen: _Pass, state: TrackerState) -> Segmentation:
                     online.residual,
                 )
             )
-    return Segmentation(tuple(segments), tuple(beliefs), tuple(seen.beliefs))
+    return Segmentation(tuple(segments), tuple(beliefs), tuple(seen.beliefs), state.outliers)
 
 
 def _merge_free(stretches: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:

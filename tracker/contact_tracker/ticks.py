@@ -47,13 +47,12 @@ class TickState:
     frames: tuple[Pose, ...]
     noise: NoiseEstimate
     motion: FreeMotion | None
-    last: Tick | None
 
 
 def begin(model: Model, first: Pose) -> TickState:
     """The grid of ticks and the world's origin start at the first pose."""
     estimate = noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    return TickState(first.stamp_ns, np.array(first.position_m), 0, (first,), estimate, None, None)
+    return TickState(first.stamp_ns, np.array(first.position_m), 0, (first,), estimate, None)
 
 
 def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list[Tick]]:
@@ -78,9 +77,7 @@ def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     """Finish the tick under way."""
     frames = Poses.collect(state.frames)
-    fresh = np.ones(len(frames), bool)
-    fresh[1:] = np.any(np.diff(frames.position_m, axis=0) != 0, axis=1)  # held poses say nothing new
-    frames = frames[fresh]
+    frames = frames[frames.fresh]  # held poses say nothing new
     estimate = noise.advance(
         state.noise, frames, (model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     )
@@ -103,7 +100,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
         )
     stamp_ns = state.frames[-1].stamp_ns
     tick = Tick(state.frames[0].stamp_ns, stamp_ns, zeta, count, len(frames) - count, excess)
-    return replace(state, frames=(), noise=estimate, motion=motion, last=tick), tick
+    return replace(state, frames=(), noise=estimate, motion=motion), tick
 
 
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple[Array, Array]:

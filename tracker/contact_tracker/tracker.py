@@ -32,10 +32,10 @@ RESIDUAL_TICKS: Final = 25
 class TrackerState:
     """Everything the tracker knows; bounded in size however long the stream.
 
-    ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each; ``banks``
-    of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a constant;
-    ``ticks`` seen, ``numbers`` of hypotheses given out; the label and since when it has been free; ``past``
-    (7, L, 7) of each state and the ``recent`` beliefs, where answers are given with a lag.
+    ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
+    ``banks`` of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a
+    constant; ``ticks`` seen, ``numbers`` of hypotheses given out, ``outliers`` among the poses; the label and
+    since when it has been free; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where answers lag.
     """
 
     model: Model
@@ -46,6 +46,7 @@ class TrackerState:
     log_left: Array
     ticks: int
     numbers: int
+    outliers: int
     label: Contact | None
     free_since_ns: int
     past: Array
@@ -59,11 +60,17 @@ def start(model: Model, lag_s: float = 0.0) -> TrackerState:
     length = lag + 1 if lag else 0
     banks = tuple(bank.blank(contact, 0, length) for contact in CONTACT_MODELS)
     past = np.zeros((len(STATES), length, len(STATES)))
-    return TrackerState(model, None, nothing, np.zeros(0), banks, log_initial(model), 0, 0, None, 0, past, ())
+    return TrackerState(
+        model, None, nothing, np.zeros(0), banks, log_initial(model), 0, 0, 0, None, 0, past, ()
+    )
 
 
 def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
-    """Take in one pose; a belief comes out when the pose closes a tick, from data up to that tick only."""
+    """Take in one pose; a belief comes out when the pose closes a tick, from data up to that tick only.
+
+    After a gap in the stream one pose closes several ticks, of which the last is told; who wants them all
+    calls what this is made of: ``gather``, ``observe`` and ``answer``.
+    """
     state, closed = gather(state, pose)
     belief = None
     for tick in closed:
@@ -128,6 +135,7 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
         log_left=log_left - best,
         ticks=state.ticks + 1,
         numbers=state.numbers + len(STATES),
+        outliers=state.outliers + tick.outliers,
         label=label,
         free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
         past=np.array(pasts),
@@ -170,11 +178,11 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     """What the weights say: posterior of the states, and the best hypothesis of the most probable one."""
     probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
     label = STATES[int(np.argmax(probability))]
-    best = [int(np.argmax(b.joint)) if len(b) else -1 for b in state.banks]
     residual = np.array([_residual(living) for living in state.banks])
     if label is Contact.FREE:
         return Belief(stamp_ns, label, probability, state.free_since_ns, None, residual)
-    living, row, contact = state.banks[label.column], best[label.column], CONTACT_MODELS[label.column]
+    living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
+    row = int(np.argmax(living.joint))
     assert state.averaging is not None
     geometry = geometry_of(living, row, contact, scales_of(state.model), state.averaging.origin_m)
     return Belief(stamp_ns, label, probability, int(living.onset_ns[row]), geometry, residual)
@@ -192,9 +200,13 @@ def scales_of(model: Model) -> Scales:
     return Scales(model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, model.tick_s)
 
 
+def _window_ticks(model: Model) -> int:
+    return round(model.search.window_s / model.tick_s)
+
+
 def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
     """Sum up what the window is about to lose, and forget hypotheses' share in it."""
-    surplus = len(state.window) + 1 - round(state.model.search.window_s / state.model.tick_s)
+    surplus = len(state.window) + 1 - _window_ticks(state.model)
     pairs = zip(state.banks, CONTACT_MODELS, strict=True)
     return tuple(hypotheses.settle(b, contact, state.window, scales, surplus) for b, contact in pairs)
 
@@ -202,7 +214,7 @@ def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
 def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
     """The window with the tick, with the variances that today's noise estimate gives all its ticks."""
     assert state.averaging is not None
-    keep = round(state.model.search.window_s / state.model.tick_s)
+    keep = _window_ticks(state.model)
     old = state.window
     frames = np.append(state.frames, float(tick.count))[-keep:]
     variance = np.array(ticks.tick_variances(state.averaging.noise, frames, state.model)).T

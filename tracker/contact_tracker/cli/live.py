@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         state = observe(*tracker.gather_rest(state))
         for belief in tracker.remaining(state):
             say(belief)
-    code = source.finish()
+    code = source.finish(state.outliers)
     return INTERRUPTED if interrupted else code
 
 

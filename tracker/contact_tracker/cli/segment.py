@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         _print(found, source.origin_ns)
     else:
         _write(found, args.output)
-    return source.finish()
+    return source.finish(found.outliers)
 
 
 def _print(found: "Segmentation", origin_ns: int) -> None:

@@ -52,17 +52,18 @@ class Source:
             where = "in the interval that --start and --duration leave" if seen else "that can be used"
             raise NoPoses(f"{self._name}: no pose {where}{self._noted()}")
 
-    def finish(self) -> int:
-        """Say what was read and what was not; returns the exit code."""
+    def finish(self, outliers: int) -> int:
+        """Say what was read and what was not used of it; returns the exit code."""
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
-        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
+        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted(outliers)}")
         if self._log.damage is None:
             return DONE
         warn(f"{self._name}: {self._log.damage}")
         return DAMAGED
 
-    def _noted(self) -> str:
-        counts = ", ".join(f"{kind} {count}" for kind, count in self._log.counts.items() if count)
+    def _noted(self, outliers: int = 0) -> str:
+        kinds = {**self._log.counts, "outlier": outliers}
+        counts = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
         return f"; noted: {counts}" if counts else ""
 
 

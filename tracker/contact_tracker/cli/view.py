@@ -46,4 +46,4 @@ def run(args: argparse.Namespace) -> int:
         open_viewer(*shown)
     else:
         write_rrd(args.save, *shown)
-    return source.finish()
+    return source.finish(found.outliers)

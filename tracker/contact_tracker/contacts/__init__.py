@@ -1,4 +1,4 @@
-"""The six contacts behind one contract; adding a contact is adding a line here."""
+"""The six contacts behind one contract, in the order of ``CONTACTS``."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,9 +11,9 @@ from contact_tracker import lift
 from contact_tracker.contacts import edge_edge, edge_face, face_face, vertex_face
 from contact_tracker.contacts.base import Array, Family, Frames, Measurement, lift_of_inverse
 from contact_tracker.geometry import ContactGeometry
-from contact_tracker.labels import CONTACTS, Contact
+from contact_tracker.labels import Contact
 
-__all__ = ["CONTACT_MODELS", "ContactModel", "Measurement"]
+__all__ = ["CONTACT_MODELS", "ContactModel"]
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,17 @@ class ContactModel:
         of_1_in_2 = zeta if self.body_in_1 else lift_of_inverse(zeta)
         return self.family.measure(x, Frames.of(of_1_in_2, self.body_in_1))
 
-    def geometry(self, x: Array, covariance: Array) -> ContactGeometry:
+    def geometry(self, x: Array, covariance: Array, reach_m: float) -> ContactGeometry:
         """Object's and environment's elements of one x (S,) with the covariance (S, S) of x."""
-        first, second = self.family.elements(x, covariance)
+        first, second = self.family.elements(x, covariance, reach_m)
         return ContactGeometry(first, second) if self.body_in_1 else ContactGeometry(second, first)
 
 
-_FAMILIES: Final = {
-    Contact.FF: ContactModel(Contact.FF, face_face),
-    Contact.EF: ContactModel(Contact.EF, edge_face),
-    Contact.FE: ContactModel(Contact.FE, edge_face, body_in_1=False),
-    Contact.VF: ContactModel(Contact.VF, vertex_face),
-    Contact.FV: ContactModel(Contact.FV, vertex_face, body_in_1=False),
-    Contact.EE: ContactModel(Contact.EE, edge_edge),
-}
-CONTACT_MODELS: Final = tuple(_FAMILIES[contact] for contact in CONTACTS)
+CONTACT_MODELS: Final = (
+    ContactModel(Contact.FF, face_face),
+    ContactModel(Contact.EF, edge_face),
+    ContactModel(Contact.FE, edge_face, body_in_1=False),
+    ContactModel(Contact.VF, vertex_face),
+    ContactModel(Contact.FV, vertex_face, body_in_1=False),
+    ContactModel(Contact.EE, edge_edge),
+)

@@ -3,7 +3,7 @@
 A contact pairs an element that is fixed in frame 1 with an element that is fixed in frame 2, for a pose that
 maps frame 1 to frame 2. For f-f, e-f, v-f and e-e frame 1 is the body and frame 2 the world. Its swapped form
 (f-e, f-v) is the same contact of the inverse pose, whose lift is a signed permutation of the pose's lift: so
-there is one file per family and ``Mirrored`` makes the other one.
+there is one file per family, and ``ContactModel`` with ``body_in_1=False`` makes the other one.
 
 Elements are stacked in one parameter vector x (..., S); unit vectors stay on the sphere, so that only P <= S
 directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, in frame 1 and in frame 2:
@@ -84,7 +84,7 @@ class Family(Protocol):
     def measure(self, x: Array, frames: "Frames") -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on T poses."""
 
-    def elements(self, x: Array, covariance: Array) -> tuple[Element, Element]:
+    def elements(self, x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
         """The elements in frame 1 and frame 2 of one x (S,) whose covariance is (S, S)."""
 
 

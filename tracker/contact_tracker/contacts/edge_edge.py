@@ -140,7 +140,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
     return Measurement(residual, np.maximum(reach_sq - height_sq, 0.0), reach_sq)
 
 
-def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
     first = Line(x[D1], x[Q1], covariance[:6, :6])
     return first, Line(x[D2], x[Q2], covariance[6:, 6:])
 

@@ -120,6 +120,6 @@ def measure(x: Array, frames: Frames) -> Measurement:
     return Measurement(residual, np.maximum(reach_sq - height**2, 0.0), reach_sq)
 
 
-def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
     line = Line(x[D], x[Q], covariance[:6, :6])
     return line, Plane(x[N], float(x[9]), covariance[6:, 6:])

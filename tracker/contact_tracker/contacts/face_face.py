@@ -32,8 +32,6 @@ ROWS: Final = 3
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
 RANDOM_STARTS: Final = 4
-UNKNOWN_OFFSET_M: Final = 0.3
-"""How far the faces may lie from the body's origin: motion cannot tell, so it is a standard deviation."""
 
 
 def rows(x: Array) -> Array:
@@ -106,10 +104,10 @@ def measure(x: Array, frames: Frames) -> Measurement:
     return Measurement(residual, zero, zero)
 
 
-def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
     """The faces as they would be if they went through the body's origin; how far they do not is unknown."""
     unknown = np.zeros((4, 4))
-    unknown[3, 3] = UNKNOWN_OFFSET_M**2
+    unknown[3, 3] = reach_m**2
     first = np.zeros((4, 4))
     first[:3, :3] = covariance[M, M]
     return Plane(x[M], 0.0, first + unknown), Plane(x[N], float(x[6]), covariance[3:, 3:] + unknown)

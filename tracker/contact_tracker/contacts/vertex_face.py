@@ -104,6 +104,6 @@ def measure(x: Array, frames: Frames) -> Measurement:
     return Measurement(residual[:, None, :], np.maximum(reach_sq - height**2, 0.0), reach_sq)
 
 
-def elements(x: Array, covariance: Array) -> tuple[Element, Element]:
+def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
     plane = Plane(x[N], float(x[6]), covariance[3:, 3:])
     return Point(x[Q], covariance[Q, Q]), plane
