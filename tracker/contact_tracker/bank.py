@@ -32,8 +32,8 @@ class Bank:
     told : (H,) how many ticks with motion it has seen.
     x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
     row_weight : (H, K) precision of the residuals relative to that of the position.
-    settled : (H,) of the log-likelihood, what is no longer looked at: of staying, and of ticks that have left
-        the window.
+    settled, earned : (H,) of the log-likelihood and of its gain, what is no longer looked at: ticks that have
+        left the window, and of the former what staying has cost.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
     past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
@@ -52,6 +52,7 @@ class Bank:
     hessian: Array
     row_weight: Array
     settled: Array
+    earned: Array
     log_likelihood: Array
     rms: Array
     past: Array
@@ -90,6 +91,7 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         hessian=np.zeros((count, k, p, p)),
         row_weight=np.ones((count, k)),
         settled=column,
+        earned=column,
         log_likelihood=column,
         rms=column + 1.0,
         past=np.zeros((count, lag, len(STATES))),

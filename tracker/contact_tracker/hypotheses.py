@@ -82,9 +82,13 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
     if not len(bank) or ticks <= 0:
         return bank
     oldest = window.cut(0, ticks)
-    ratio = log_ratio(model, bank.x, oldest, scales).log_ratio
+    seen = log_ratio(model, bank.x, oldest, scales)
     after_onset = oldest.index > bank.onset[:, None]
-    return replace(bank, settled=bank.settled + np.where(after_onset, ratio, 0.0).sum(axis=1))
+    return replace(
+        bank,
+        settled=bank.settled + np.where(after_onset, seen.log_ratio, 0.0).sum(axis=1),
+        earned=bank.earned + np.where(after_onset, seen.gain.sum(axis=2), 0.0).sum(axis=1),
+    )
 
 
 def _anchors(bank: Bank, model: ContactModel) -> Array:
@@ -185,6 +189,7 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, anchors, bank.x)
     foretold = _foretold(bank, model, scales, seen.gain, after_onset)
     price = complexity(model.family, bank.x, anchors, bank.hessian, given, foretold, prior)
+    earned = np.where(after_onset, seen.gain.sum(axis=2), 0.0).sum(axis=1) + bank.earned
     # relative to the moments' own weight, one over the noise variance of position
     relative = seen.row_weight * window.variance[:, :1]
     count = np.maximum(mine.sum(axis=1), 1)[:, None]
@@ -194,7 +199,7 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     )
     return replace(
         bank,
-        log_likelihood=summed - price,
+        log_likelihood=summed - np.minimum(price, earned),  # geometry never costs more than it has explained
         row_weight=row_weight,
         rms=np.sqrt(chi_sq),
     )
