@@ -15,7 +15,7 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 # Data flows down this table: a module imports only from rows above its own, or from its own row.
 LAYERS = (
     ("labels", "errors", "geometry"),
-    ("poses", "truth", "gate"),
+    ("poses", "truth", "gate", "polyhedron"),
     ("lift",),
     ("contacts", "paper"),
     ("fit",),

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.labels import Contact
+from contact_tracker.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.simulate.chart import Chart, Rigid
-from contact_tracker.simulate.polyhedron import Feature, Polyhedron, unit
 
 Array = NDArray[np.float64]
 

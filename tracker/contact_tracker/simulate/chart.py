@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry import ContactGeometry
 from contact_tracker.labels import Contact
-from contact_tracker.simulate.polyhedron import Feature, unit
+from contact_tracker.polyhedron import Feature, unit
 
 Array = NDArray[np.float64]
 

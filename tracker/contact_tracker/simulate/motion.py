@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.labels import Contact
+from contact_tracker.polyhedron import Feature, unit
 from contact_tracker.simulate.anchors import SETTLE_S, Anchor, sample_normal, sample_point
 from contact_tracker.simulate.chart import Chart, Rigid
 from contact_tracker.simulate.plan import Leg
-from contact_tracker.simulate.polyhedron import Feature, unit
 from contact_tracker.simulate.signals import band_limited, blend, drift, smooth_step, within
 
 Array = NDArray[np.float64]

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from contact_tracker.labels import Contact
+from contact_tracker.polyhedron import Polyhedron
 from contact_tracker.simulate.anchors import Anchor, choose_chart, meet
 from contact_tracker.simulate.chart import Chart
-from contact_tracker.simulate.polyhedron import Polyhedron
 from contact_tracker.simulate.scenarios import Phase
 
 _LEAD_S = 0.8  # to reach, or to leave, a pose of rest or of singular motion
