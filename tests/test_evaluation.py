@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.belief import Belief, Segment, Segmentation
 from contact_tracker.errors import NoTruth
-from contact_tracker.evaluation.elements import angle_rad, deviation_sd, distance_m, nearest
+from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m, nearest
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.report import Report
@@ -127,8 +127,8 @@ def test_deviations_of_an_honest_covariance_are_those_of_a_normal_variable(kind:
         true = element(kind, rng, far_m=3.0)
         place = nearest(true, rng.normal(size=3))
         found = scattered(kind, true, place, rng)
-        deviations.append(deviation_sd(found, true, place))
-        assert deviation_sd(flipped(found), true, place) == pytest.approx(deviations[-1], rel=1e-4)
+        deviations.append(deviation(found, true, place).sd)
+        assert deviation(flipped(found), true, place).sd == pytest.approx(deviations[-1], rel=1e-4)
     for sd, share in ((1, 0.6827), (2, 0.9545), (3, 0.9973)):
         tolerance = 3.5 * np.sqrt(share * (1 - share) / 1500)
         assert np.mean(np.array(deviations) <= sd) == pytest.approx(share, abs=tolerance)
@@ -136,16 +136,16 @@ def test_deviations_of_an_honest_covariance_are_those_of_a_normal_variable(kind:
 
 def test_deviations_are_known_only_with_a_covariance_and_far_ones_stay_finite() -> None:
     origin = Point(np.zeros(3))
-    assert np.isnan(deviation_sd(origin, origin, np.zeros(3)))
-    assert np.isnan(deviation_sd(replace(origin, covariance=np.full((3, 3), np.nan)), origin, np.zeros(3)))
-    assert np.isnan(deviation_sd(replace(origin, covariance=np.zeros((3, 3))), origin, np.zeros(3)))
+    assert np.isnan(deviation(origin, origin, np.zeros(3)).sd)
+    assert np.isnan(deviation(replace(origin, covariance=np.full((3, 3), np.nan)), origin, np.zeros(3)).sd)
+    assert np.isnan(deviation(replace(origin, covariance=np.zeros((3, 3))), origin, np.zeros(3)).sd)
     sure = replace(origin, covariance=1e-6 * np.eye(3))
-    assert deviation_sd(sure, Point(np.array([0, 0, 1.0])), np.zeros(3)) == pytest.approx(1000)
+    assert deviation(sure, Point(np.array([0, 0, 1.0])), np.zeros(3)).sd == pytest.approx(1000)
 
 
 def test_one_free_direction_is_measured_in_its_own_standard_deviation() -> None:
     found = Point(np.zeros(3), np.diag([0.01, 0, 0]))
-    assert deviation_sd(found, Point(np.array([0.25, 0, 0])), np.zeros(3)) == pytest.approx(2.5)
+    assert deviation(found, Point(np.array([0.25, 0, 0])), np.zeros(3)).sd == pytest.approx(2.5)
 
 
 # --- segments --------------------------------------------------------------------------------------------

@@ -55,7 +55,7 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
     simulated = recorded(contacts)
     errors = geometry_errors(simulated.poses, simulated.truth, segmented(contacts).segments)
     assert errors.found_segments == errors.true_segments == 2
-    assert all(row.deviation_sd < 3.5 for row in errors.rows)
+    assert all(row.deviation.sd < 3.5 for row in errors.rows)
     assert errors.within_3_sd >= 0.75
     assert np.median(errors.angle_deg) < 3.0
     assert np.median(errors.distance_mm) < 10.0

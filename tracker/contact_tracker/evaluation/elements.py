@@ -4,7 +4,7 @@ Far from the contact a tiny angle is a large distance, so distances are taken, a
 at a place given by the caller. ``(n, h)`` and ``(-n, -h)`` are one plane, ``d`` and ``-d`` one direction.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,25 @@ Array = NDArray[np.float64]
 
 NEGLIGIBLE: Final = 1e-13
 """Variance below this share of the largest is a direction in which the element cannot move."""
+
+
+class Deviation(NamedTuple):
+    """A normalised error: ``e^T covariance^-1 e`` and its degrees of freedom; nan and 0 where unknown."""
+
+    squared: float
+    freedom: int
+
+    @property
+    def sd(self) -> float:
+        """The number of standard deviations at which a one-dimensional error would be as improbable."""
+        if not self.freedom:
+            return float("nan")
+        tail = float(gammaincc(self.freedom / 2, self.squared / 2))
+        # Where the tail underflows, 37 deviations away, the plain distance serves.
+        return float(np.sqrt(2) * erfcinv(tail)) if tail > 0 else float(np.sqrt(self.squared))
+
+
+UNKNOWN: Final = Deviation(float("nan"), 0)
 
 
 def nearest(element: Element, place: Array) -> Array:
@@ -42,32 +61,46 @@ def angle_rad(found: Element, true: Element) -> float:
     return float("nan")
 
 
-def deviation_sd(found: Element, true: Element, place: Array) -> float:
-    """Error of ``found`` in standard deviations of its covariance; nan where that is unknown.
+def deviation(found: Element, true: Element, place: Array) -> Deviation:
+    """Error of ``found`` against its covariance.
 
-    The Mahalanobis distance on the element's tangent space (3 dimensions for planes and points, 4 for
-    lines; fewer where the covariance is singular), as the number of standard deviations at which a
-    one-dimensional error would be as improbable: 3 has the same meaning whatever the dimension.
+    On the element's tangent space: 3 dimensions for planes and points, 4 for lines, fewer where the
+    covariance is singular.
     """
     match found, true:
         case Plane(), Plane():
             error, basis = _plane_error(found, true, place)
             shift = np.eye(4)  # offset at `place`: h - n . place
             shift[3, :3] = -place
-            return _equivalent_sd(found.covariance, basis.T @ shift, error)
+            return _deviation(found.covariance, basis.T @ shift, error)
         case Line(), Line():
             error, basis = _line_error(found, true)
-            return _equivalent_sd(found.covariance, basis.T, error)
+            return _deviation(found.covariance, basis.T, error)
         case Point(), Point():
-            return _equivalent_sd(found.covariance, np.eye(3), true.point_m - found.point_m)
+            return _deviation(found.covariance, np.eye(3), true.point_m - found.point_m)
     raise TypeError(f"{type(found).__name__} against {type(true).__name__}")
 
 
-def normal_deviation_sd(found: Plane, true: Plane) -> float:
-    """As ``deviation_sd``, of the normal alone: where the offset cannot be determined (f-f)."""
+def normal_deviation(found: Plane, true: Plane) -> Deviation:
+    """As ``deviation``, of the normal alone: where the offset cannot be determined (f-f)."""
     tangent = _tangent(found.normal)
     covariance = None if found.covariance is None else found.covariance[:3, :3]
-    return _equivalent_sd(covariance, tangent.T, tangent.T @ _turn(found.normal, true.normal))
+    return _deviation(covariance, tangent.T, tangent.T @ _turn(found.normal, true.normal))
+
+
+def error_at(found: Element, true: Element, place: Array) -> Array:
+    """Error in coordinates of ``true``: its two angles (rad), if any, then its distances (m) at ``place``.
+
+    ``place`` lies on ``true``; shapes are (3,) for planes and points, (4,) for lines.
+    """
+    match found, true:
+        case Plane(), Plane():
+            return _plane_error(true, found, place)[0]
+        case Line(), Line():
+            return _line_error(Line(true.direction, place), found)[0]
+        case Point(), Point():
+            return found.point_m - true.point_m
+    raise TypeError(f"{type(found).__name__} against {type(true).__name__}")
 
 
 def _plane_error(found: Plane, true: Plane, place: Array) -> tuple[Array, Array]:
@@ -100,14 +133,11 @@ def _tangent(direction: Array) -> Array:
     return np.linalg.svd(direction[None])[2][1:].T
 
 
-def _equivalent_sd(covariance: Array | None, to_tangent: Array, error: Array) -> float:
+def _deviation(covariance: Array | None, to_tangent: Array, error: Array) -> Deviation:
     if covariance is None or not np.isfinite(covariance).all():
-        return float("nan")
+        return UNKNOWN
     variance, axes = np.linalg.eigh(to_tangent @ covariance @ to_tangent.T)
     free = variance > NEGLIGIBLE * variance[-1]
     if not free.any() or variance[-1] <= 0:
-        return float("nan")
-    squared = float(np.sum((axes[:, free].T @ error) ** 2 / variance[free]))
-    tail = float(gammaincc(free.sum() / 2, squared / 2))
-    # Where the tail underflows, 37 deviations away, the plain distance serves.
-    return float(np.sqrt(2) * erfcinv(tail)) if tail > 0 else float(np.sqrt(squared))
+        return UNKNOWN
+    return Deviation(float(np.sum((axes[:, free].T @ error) ** 2 / variance[free])), int(free.sum()))

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from contact_tracker.belief import Segment
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.elements import (
+    Deviation,
     angle_rad,
-    deviation_sd,
+    deviation,
     distance_m,
     nearest,
-    normal_deviation_sd,
+    normal_deviation,
 )
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.labels import Contact
@@ -37,7 +38,7 @@ class ElementError:
     """One found element against the true one; nan where a figure does not apply or is unknown.
 
     ``angle_deg`` of normals or directions; ``distance_mm`` of the true element's point nearest to the
-    contact from the found element; ``deviation_sd`` in standard deviations of the found covariance.
+    contact from the found element; ``deviation`` against the found covariance.
     """
 
     contact: Contact
@@ -45,7 +46,7 @@ class ElementError:
     kind: str
     angle_deg: float
     distance_mm: float
-    deviation_sd: float
+    deviation: Deviation
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,8 @@ class GeometryErrors:
     @property
     def within_3_sd(self) -> float:
         """Share of the elements with a covariance that lie within 3 standard deviations of the truth."""
-        deviation = _known(row.deviation_sd for row in self.rows)
-        return float(np.mean(deviation <= 3)) if len(deviation) else float("nan")
+        sd = _known(row.deviation.sd for row in self.rows)
+        return float(np.mean(sd <= 3)) if len(sd) else float("nan")
 
 
 def geometry_errors(poses: Poses, truth: Truth, segments: Sequence[Segment]) -> GeometryErrors:
@@ -153,14 +154,14 @@ def _compare(
     match found.object, found.environment, true.object, true.environment:
         case Plane() as body, Plane() as world, Plane() as true_body, Plane() as true_world:
             return _compare_faces((body, world), (true_body, true_world), poses)
-    in_body, in_world = _places(true, poses)
+    in_body, in_world = places(true, poses)
     return [
         _element_error(contact, "object", found.object, true.object, in_body),
         _element_error(contact, "environment", found.environment, true.environment, in_world),
     ]
 
 
-def _places(true: ContactGeometry, poses: Poses) -> tuple[Array, Array]:
+def places(true: ContactGeometry, poses: Poses) -> tuple[Array, Array]:
     """Where each true element was touched, in its own frame: the mean place of its partner, put on it."""
     rotation, position = poses.rotation, poses.position_m
     on_object = nearest(true.object, np.zeros(3))
@@ -177,7 +178,7 @@ def _element_error(contact: Contact, side: str, found: Element, true: Element, p
         type(true).__name__.lower(),
         float(np.degrees(angle_rad(found, true))),
         1e3 * distance_m(found, place),
-        deviation_sd(found, true, place),
+        deviation(found, true, place),
     )
 
 
@@ -197,7 +198,7 @@ def _compare_faces(found: tuple[Plane, Plane], true: tuple[Plane, Plane], poses:
             "plane",
             float(np.degrees(angle_rad(face, true_face))),
             distance_mm,
-            normal_deviation_sd(face, true_face),
+            normal_deviation(face, true_face),
         )
         for side, face, true_face, distance_mm in zip(SIDES, found, true, distances_mm, strict=True)
     ]
