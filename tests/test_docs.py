@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from contact_tracker.labels import Contact
 from contact_tracker.model import Model, load_model, preset_names
@@ -116,10 +116,20 @@ def test_the_conventions_name_every_count() -> None:
     assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == counted_kinds() | by_the_tracker
 
 
+def tables_of(kind: Any, name: str = "") -> dict[str, Any]:
+    """A model's tables by their names in the file."""
+    tables = {name: kind}
+    for f in fields(kind):
+        if is_dataclass(f.type):
+            tables |= tables_of(f.type, f"{name}.{f.name}".lstrip("."))
+    return tables
+
+
 def test_the_models_page_names_every_parameter_under_its_table() -> None:
-    pages = re.split(r"^`\[(\w+)\]`", MODELS.partition("## Parameters")[2].partition("\n## ")[0], flags=re.M)
+    page = MODELS.partition("## Parameters")[2].partition("\n## ")[0]
+    pages = re.split(r"^`\[([\w.]+)\]`", page, flags=re.M)
     named = {"": pages[0], **dict(zip(pages[1::2], pages[2::2], strict=True))}
-    tables = {"": Model} | {f.name: f.type for f in fields(Model) if is_dataclass(f.type)}
+    tables = tables_of(Model)
     assert named.keys() == tables.keys()
     for name, kind in tables.items():
         wanted = {f.name for f in fields(kind) if not is_dataclass(f.type)}

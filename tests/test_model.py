@@ -1,7 +1,9 @@
 """Models are read whole or refused with the key and the reason; nothing of a file is guessed."""
 
 import os
+import tomllib
 from dataclasses import asdict, fields, is_dataclass, replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,8 @@ from hypothesis import strategies as st
 from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.model import Model, load_model, preset_names
 
-DEFAULT = asdict(load_model())
+MODELS = Path(__file__).resolve().parent.parent / "models"
+DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
 
 
 def toml(table, prefix=""):
@@ -31,7 +34,7 @@ def numbers(kind=Model, prefix=""):
     rows = []
     for field in fields(kind):
         if is_dataclass(field.type):
-            rows += [(field.name, f.name) for f in fields(field.type)]
+            rows += [(field.name, f.name) for f in fields(field.type) if f.type is float]
         elif field.type is float:
             rows.append((None, field.name))
     return rows
@@ -91,9 +94,46 @@ def test_presets_differ_in_what_their_sensors_differ_in(name):
 
 def test_a_file_says_all_of_a_model(tmp_path):
     path = tmp_path / "mine.toml"
-    wanted = replace(load_model(), name="größer", tick_s=0.25)
-    path.write_text(toml(asdict(wanted)), encoding="utf-8")
-    assert load_model(str(path)) == wanted
+    path.write_text(toml(DEFAULT | {"name": "größer", "tick_s": 0.25}), encoding="utf-8")
+    assert load_model(str(path)) == replace(load_model(), name="größer", tick_s=0.25)
+
+
+SEEN = {"begins": {"free": 2.0}, "moving_s": {"f-f": 3.5}, "changes": {"f-f": {"e-f": 1.5}, "free": {}}}
+
+
+def with_seen(table):
+    return toml(DEFAULT | {"transitions": DEFAULT["transitions"] | {"seen": table}})
+
+
+def test_what_is_missing_in_a_table_of_contacts_was_not_seen(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(with_seen(SEEN))
+    seen = load_model(str(path)).transitions.seen
+    assert seen.begins == (0.0,) * 6 + (2.0,)
+    assert seen.moving_s == (3.5, *(0.0,) * 6)
+    assert seen.changes[0] == (0.0, 1.5, *(0.0,) * 5)
+    assert seen.changes[1:] == ((0.0,) * 7,) * 6
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "reason"),
+    [
+        ({"begins": {"f-g": 1.0}}, "begins.f-g", "known are f-f"),
+        ({"begins": {"f-f": -1.0}}, "begins.f-f", "zero or more"),
+        ({"begins": {"f-f": float("nan")}}, "begins.f-f", "zero or more"),
+        ({"begins": 3.0}, "begins", "table"),
+        ({"moving_s": {"free": "long"}}, "moving_s.free", "number"),
+        ({"moving_s": {"free": 10**400}}, "moving_s.free", "zero or more"),
+        ({"changes": {"f-f": 1.0}}, "changes.f-f", "table"),
+        ({"changes": {"f-f": {"up": 1.0}}}, "changes.f-f.up", "known are f-f"),
+        ({"changes": {"free": {"free": 1.0}}}, "changes.free.free", "into itself"),
+        ({"change": {}}, "change", "unknown"),
+    ],
+)
+def test_tables_of_contacts_are_checked_to_the_last_number(tmp_path, table, key, reason):
+    error = refused(tmp_path, with_seen(SEEN | table))
+    assert error.key == f"transitions.seen.{key}"
+    assert reason in error.reason
 
 
 def test_whole_numbers_are_numbers(tmp_path):

@@ -222,7 +222,7 @@ def test_any_stream_gives_beliefs(stream):
 def at_rest(ticks):
     """Beliefs (ticks, 7) of an object that lies still, and what the Markov chain alone would believe."""
     beliefs, _ = run(still(20 * ticks))
-    stay = np.diag([np.exp(log_stay(MODEL, 0.0))] * len(CONTACTS) + [0.0])
+    stay = np.diag(np.append(np.exp(log_stay(MODEL, 0.0))[: len(CONTACTS)], 0.0))
     step = np.exp(log_transition(MODEL, 0.0)) + stay
     chain = [np.exp(log_initial(MODEL)) @ np.linalg.matrix_power(step, t) for t in range(ticks)]
     return np.array([b.probability for b in beliefs]), np.array(chain)

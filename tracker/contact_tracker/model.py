@@ -1,12 +1,21 @@
 """Model parameters: typed, validated on load, one TOML file per kind of sensor (docs/models.md)."""
 
+import math
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
 from contact_tracker.errors import ModelError
+from contact_tracker.labels import STATES, Contact
+
+ByState = tuple[float, ...]
+"""A number for each of the seven states; in the file a table of their names, without those that are zero."""
+ByChange = tuple[ByState, ...]
+"""Numbers (7, 7), from row to column; in the file a table of tables."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +51,30 @@ class Geometry:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What calibration has counted: how states began, lasted and ended in recordings; zeros without."""
+
+    begins: ByState
+    """Recordings that began in each state."""
+    moving_s: ByState
+    """Time in each state, weighted by the activity."""
+    changes: ByChange
+    """Changes from state to state; of a contact into itself those to other elements."""
+
+
+@dataclass(frozen=True)
 class Transitions:
-    """Rates of change between the states, per second."""
+    """How states follow each other: a prior from the containment lattice, and what was seen."""
 
     leave_per_s: float
-    """How often a contact of a moving object ends; at rest it hardly ever does."""
+    """How often a state of a moving object ends; at rest it hardly ever does."""
     skip: float
     """Weight of a change that skips constraints, relative to one that gains or loses one."""
     initial_f_f: float
     """Probability that the recording starts in f-f: things lie on faces."""
+    prior_changes: float
+    """What the three above weigh against what was seen: as much as so many changes out of each state."""
+    seen: Seen
 
 
 @dataclass(frozen=True)
@@ -103,6 +127,8 @@ def load_model(name_or_path: str = "default") -> Model:
     model: Model = _build(Model, table, "")
     if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
         raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
+    if model.transitions.seen.changes[Contact.FREE.column][Contact.FREE.column]:
+        raise ModelError("transitions.seen.changes.free.free", "free motion does not change into itself")
     return model
 
 
@@ -152,11 +178,43 @@ def _value(wanted: Any, value: Any, key: str) -> Any:
         if not isinstance(value, str):
             raise ModelError(key, f"must be a string, not {type(value).__name__}")
         return value
-    if wanted is not float:
-        return _build(wanted, value, f"{key}.")
+    if wanted is float:
+        low, high = _RANGES.get(key.rpartition(".")[2], _POSITIVE)
+        number = _number(value, key)
+        if not low < number < high:
+            raise ModelError(key, f"must lie between {low:g} and {high:g}")
+        return number
+    if wanted == ByState:
+        return _by_state(value, key, _count, 0.0)
+    if wanted == ByChange:
+        return _by_state(value, key, partial(_by_state, entry=_count, absent=0.0), (0.0,) * len(STATES))
+    return _build(wanted, value, f"{key}.")
+
+
+def _number(value: Any, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ModelError(key, f"must be a number, not {type(value).__name__}")
-    low, high = _RANGES.get(key.rpartition(".")[2], _POSITIVE)
-    if not low < value < high:
-        raise ModelError(key, f"must lie between {low:g} and {high:g}")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def _count(value: Any, key: str) -> float:
+    number = _number(value, key)
+    if not 0.0 <= number < _POSITIVE[1]:
+        raise ModelError(key, f"must be zero or more, below {_POSITIVE[1]:g}")
+    return number
+
+
+def _by_state(table: Any, key: str, entry: Callable[[Any, str], Any], absent: Any) -> tuple[Any, ...]:
+    """Seven values from a table of the states' names, ``absent`` where one is not in it."""
+    if not isinstance(table, dict):
+        raise ModelError(key, "must be a table")
+    for name in table:
+        if name not in {state.value for state in STATES}:
+            raise ModelError(f"{key}.{name}", f"unknown; known are {', '.join(STATES)}")
+    return tuple(
+        entry(table[state.value], f"{key}.{state.value}") if state.value in table else absent
+        for state in STATES
+    )

@@ -121,7 +121,7 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
             living, contact, state.ticks, tick.start_ns, number, float(entry[column]), past[column]
         )
         more = replace(more, past=fixed_lag.grown(more.past, column))
-        grown.append(hypotheses.advance(more, contact, window, scales, stay))
+        grown.append(hypotheses.advance(more, contact, window, scales, float(stay[column])))
     log_left = np.array([*(hmm.log_sum_exp(b.joint) for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
     best = max(float(entry[FREE]), *(float(b.joint.max()) for b in grown))

@@ -1,55 +1,99 @@
-"""Start and change of the states: the hidden Markov model's arrays from the containment lattice."""
+"""Start and change of the states: the hidden Markov model's arrays from the lattice and from what was seen.
 
+The containment lattice gives a prior of a known weight, ``prior_changes``; counts of calibration add to it
+(docs/models.md). So nothing is impossible, and few data leave the lattice as it is.
+"""
+
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.labels import CONTACTS, STATES, Contact
-from contact_tracker.model import Model
+from contact_tracker.model import Model, Transitions
 
 Array = NDArray[np.float64]
 
 AT_REST: Final = 0.02
 """Share of the changes that happen in a tick without visible motion."""
+FREE: Final = Contact.FREE.column
+
+
+def initial(transitions: Transitions) -> Array:
+    """Probability (7,) of the state in which a recording begins: mean of the Dirichlet posterior."""
+    first = transitions.initial_f_f
+    others = (1.0 - first) / (len(STATES) - 1)
+    prior = np.array([first if state is Contact.FF else others for state in STATES])
+    return _mixed(prior, np.array(transitions.seen.begins), transitions.prior_changes)
+
+
+def leave_per_s(transitions: Transitions) -> Array:
+    """Rate (7,) at which each state is left while the object moves: mean of the gamma posterior."""
+    weight, seen = transitions.prior_changes, transitions.seen
+    left = weight + np.array(seen.changes).sum(axis=1)
+    return np.asarray(left / (weight / transitions.leave_per_s + np.array(seen.moving_s)))
+
+
+def split(transitions: Transitions) -> Array:
+    """Where one goes (7, 7) from a state (row) that is left: rows are means of Dirichlet posteriors.
+
+    The prior is the lattice: gaining or losing one step of it, and leaving the surface or meeting it, are
+    likely; what skips a step is rarer by ``skip``; the same contact with other elements is rarer still.
+    """
+    lattice = np.full((len(STATES), len(STATES)), transitions.skip)
+    for i, a in enumerate(STATES):
+        for j, b in enumerate(STATES):
+            if a is b:
+                lattice[i, j] = 0.0 if a is Contact.FREE else transitions.skip**2
+            elif Contact.FREE in (a, b) or _adjacent(a, b):
+                lattice[i, j] = 1.0
+    prior = lattice / lattice.sum(axis=1, keepdims=True)
+    return _mixed(prior, np.array(transitions.seen.changes), transitions.prior_changes)
 
 
 def log_initial(model: Model) -> Array:
     """Log probability (7,) of the state in which a recording begins."""
-    first = model.transitions.initial_f_f
-    others = (1.0 - first) / (len(STATES) - 1)
-    return np.log([first if state is Contact.FF else others for state in STATES])
+    return np.log(initial(model.transitions))
 
 
-def log_stay(model: Model, activity: float) -> float:
-    """Log probability that a state lasts through a tick of this ``activity`` (0 at rest, 1 in motion).
+def log_stay(model: Model, activity: float) -> Array:
+    """Log probability (7,) that a state lasts through a tick of this ``activity`` (0 at rest, 1 in motion).
 
     Contacts change by moving: at rest what was believed hardly loosens.
     """
-    return -model.transitions.leave_per_s * model.tick_s * max(activity, AT_REST)
+    return -_rates(model.transitions)[0] * exposure_s(model, activity)
 
 
 def log_transition(model: Model, activity: float) -> Array:
     """Log weight (7, 7), row to column, of a change at the boundary before a tick of this ``activity``.
 
-    Gaining or losing one step of the containment lattice, and leaving the surface or meeting it, are likely;
-    what skips a step is rarer by ``skip``; the same contact with other elements is rarer still. Free motion
-    has no onset to remember: it stays free by this matrix, contacts stay by ``log_stay``.
+    Free motion has no onset to remember: it stays free by this matrix, contacts stay by ``log_stay``.
     """
-    split = np.full((len(STATES), len(STATES)), model.transitions.skip)
-    for i, a in enumerate(STATES):
-        for j, b in enumerate(STATES):
-            if a is b:
-                split[i, j] = model.transitions.skip**2
-            elif Contact.FREE in (a, b) or _adjacent(a, b):
-                split[i, j] = 1.0
-    split[Contact.FREE.column, Contact.FREE.column] = 0.0
-    with np.errstate(divide="ignore"):
-        leave = np.log(-np.expm1(log_stay(model, activity))) + np.log(
-            split / split.sum(axis=1, keepdims=True)
-        )
-    leave[Contact.FREE.column, Contact.FREE.column] = log_stay(model, activity)
+    stay = log_stay(model, activity)
+    leave = np.log(-np.expm1(stay))[:, None] + _rates(model.transitions)[1]
+    leave[FREE, FREE] = stay[FREE]
     return np.asarray(leave)
+
+
+def exposure_s(model: Model, activity: float) -> float:
+    """How long (s) a state could have been left in a tick of this ``activity``."""
+    return model.tick_s * max(activity, AT_REST)
+
+
+@lru_cache(maxsize=8)
+def _rates(transitions: Transitions) -> tuple[Array, Array]:
+    """Rate of leaving (7,) and log of the split (7, 7), read-only."""
+    with np.errstate(divide="ignore"):
+        rate, log_split = leave_per_s(transitions), np.log(split(transitions))
+    for values in (rate, log_split):
+        values.flags.writeable = False
+    return rate, log_split
+
+
+def _mixed(prior: Array, counts: Array, weight: float) -> Array:
+    """Probabilities along the last axis from ``counts`` and a ``prior`` that weighs as much as so many."""
+    return np.asarray((weight * prior + counts) / (weight + counts.sum(axis=-1, keepdims=True)))
 
 
 def _adjacent(a: Contact, b: Contact) -> bool:
