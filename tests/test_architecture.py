@@ -16,18 +16,19 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 LAYERS = (
     ("labels", "errors", "geometry"),
     ("poses", "truth", "gate", "polyhedron"),
+    ("knowledge",),
     ("lift",),
     ("contacts", "paper"),
     ("fit",),
     ("noise", "free_motion"),
-    ("bank", "evidence", "hypotheses", "readout"),
+    ("bank", "evidence", "hypotheses", "observability", "readout", "separability"),
     ("hmm",),
     ("belief",),
     ("model",),
     ("ticks", "transitions"),
     ("tracker", "segmenter", "fixed_lag", "windows"),
     ("whole_file",),
-    ("recording", "simulate", "evaluation"),
+    ("recording", "simulate", "evaluation", "known"),
     ("outputs",),
     ("viewer",),
     ("cli",),
@@ -43,6 +44,7 @@ SINGLE_IMPORTER = {
     "filterpy": "free_motion",
     "tqdm": "cli",
     "argparse": "cli",
+    "trimesh": "known",
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}

@@ -10,7 +10,8 @@
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
         |-- AmbiguousSource       several pose sources: choose with --topic / --frame
-        `-- ModelError            a model file with a missing or impossible value
+        |-- ModelError            a model file with a missing or impossible value
+        `-- KnowledgeError        what the user says to know is impossible or cannot be read
 
 A damaged recording of which a part can be read is no error: what is readable is processed and the
 damage is reported as a status (exit code 3). A fit that does not converge is a status as well.
@@ -54,5 +55,14 @@ class ModelError(UsageError):
 
     def __init__(self, key: str, reason: str) -> None:
         super().__init__(f"model parameter {key}: {reason}")
+        self.key = key
+        self.reason = reason
+
+
+class KnowledgeError(UsageError):
+    """What is given as known has a key that is missing, unknown, of the wrong type or out of range."""
+
+    def __init__(self, key: str, reason: str) -> None:
+        super().__init__(f"known {key}: {reason}")
         self.key = key
         self.reason = reason

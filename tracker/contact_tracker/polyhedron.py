@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from contact_tracker.geometry import Element, Line, Plane, Point
 
@@ -104,6 +104,13 @@ class Polyhedron:
     def of_kind(self, kind: str) -> tuple[Feature, ...]:
         return tuple(f for f in self.features if f.kind == kind)
 
+    def depth_m(self, points: Array) -> Array:
+        """How far (m) ``points`` (n, 3) lie below the surface."""
+        faces = self.of_kind("f")
+        normals = np.array([face.normals[0] for face in faces])
+        offsets = np.array([face.normals[0] @ face.points[0] for face in faces])
+        return np.asarray((offsets - points @ normals.T).min(axis=1), float)
+
     @property
     def radius(self) -> float:
         """Largest distance (m) of a vertex from the origin."""
@@ -116,11 +123,21 @@ class Polyhedron:
         return tuple(f for f in self.features if f.indices <= top.indices)
 
 
-def convex(vertices: Array) -> Polyhedron:
-    """The polyhedron whose corners are ``vertices`` (n, 3)."""
-    hull = ConvexHull(vertices)
+def convex(points: Array, tolerance_m: float = 0.0) -> Polyhedron:
+    """The convex hull of ``points`` (n, 3); what leaves a face by less than ``tolerance_m`` lies in it.
+
+    Raises
+    ------
+    ValueError : the points span no solid.
+    """
+    try:
+        hull = ConvexHull(points, qhull_options=f"Qt C-{tolerance_m:.9f}")
+    except QhullError as error:
+        raise ValueError("these points span no solid") from error
+    outer = np.sort(hull.vertices)
+    vertices = points[outer]
     planes: dict[tuple[float, ...], set[int]] = {}
-    for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
+    for simplex, equation in zip(np.searchsorted(outer, hull.simplices), hull.equations, strict=True):
         planes.setdefault(tuple(np.round(equation, 6) + 0.0), set()).update(map(int, simplex))
     loops = [_ordered(vertices, members, np.array(key[:3])) for key, members in sorted(planes.items())]
     normals = [_loop_normal(vertices[loop]) for loop in loops]
