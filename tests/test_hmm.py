@@ -1,5 +1,7 @@
 """Inference with explicit onsets against the sum and the maximum over all paths, one by one."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -79,6 +81,21 @@ def test_posterior_and_evidence_are_the_sum_over_all_paths(seed):
             expected[onset:end, case.state[h]] += share
     np.testing.assert_allclose(posterior, expected, atol=1e-9)
     np.testing.assert_allclose(posterior.sum(axis=1), 1.0)
+
+
+@many
+@given(seed=seeds)
+def test_expected_changes_are_the_sum_over_all_paths(seed):
+    case = Case(seed)
+    posterior, changes, log_evidence = hmm.expect(case.trellis, *case.model)
+    expected = np.zeros_like(changes)
+    for weight, stretches in case.paths():
+        for (before, *_), (after, onset, _) in pairwise(stretches):
+            expected[onset, case.state[before], case.state[after]] += np.exp(weight - log_evidence)
+    np.testing.assert_allclose(changes, expected, atol=1e-9)
+    begun = np.diff(posterior, axis=0)  # what begins less what ends is what there is more of
+    np.testing.assert_allclose(changes[1:].sum(axis=1) - changes[1:].sum(axis=2), begun, atol=1e-9)
+    np.testing.assert_array_equal(posterior, hmm.smooth(case.trellis, *case.model)[0])
 
 
 @many

@@ -88,6 +88,18 @@ def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list
 
 def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, float]:
     """Posterior (T, states) of the state at each tick given all data, and the log evidence of the data."""
+    posterior, _, log_evidence = expect(trellis, log_initial, log_transition)
+    return posterior, log_evidence
+
+
+def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, Array, float]:
+    """What smoothing expects of each tick and of each boundary.
+
+    Returns
+    -------
+    posterior (T, N) of the state at each tick given all data; changes (T, N, N), the probability that at the
+    boundary before each tick i is left and j begins (zero before the first); the log evidence of the data.
+    """
     states, ticks, count = len(log_initial), len(trellis.alive), len(trellis.state)
     entry = np.full(count, -np.inf)
     left = np.full((ticks + 1, states), -np.inf)
@@ -101,7 +113,7 @@ def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
     onward = np.full((ticks + 1, states), -np.inf)  # of what follows, given that a state is left at b
     onward[ticks] = 0.0
     inward = np.full(count, -np.inf)  # of a hypothesis' data and all that follows
-    posterior = np.zeros((ticks, states))
+    posterior, changes = np.zeros((ticks, states)), np.zeros((ticks, states, states))
     held = np.zeros(count)  # probability that a hypothesis ends at b or later
     for b in range(ticks, 0, -1):
         alive, likelihood = trellis.alive[b - 1], trellis.log_likelihood[b - 1]
@@ -113,4 +125,7 @@ def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
         fresh = alive[trellis.onset[alive] == b - 1]
         begin = by_state(inward[fresh], trellis.state[fresh], states)
         onward[b - 1] = log_sum_exp(log_transition[b - 1] + begin[None, :], axis=1)
-    return posterior / posterior.sum(axis=1, keepdims=True), log_evidence
+        if b > 1:
+            changes[b - 1] = np.exp(left[b - 1][:, None] + log_transition[b - 1] + begin - log_evidence)
+    total = posterior.sum(axis=1)  # one, but for rounding
+    return posterior / total[:, None], changes / total[:, None, None], log_evidence

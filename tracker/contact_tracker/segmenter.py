@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class _Pass:
+class Pass:
     """What the forward pass leaves behind, tick by tick."""
 
     beliefs: list[Belief] = field(default_factory=list)
@@ -38,6 +38,18 @@ class _Pass:
             state, belief = tracker.observe(state, tick)
             self._note(state, tick, belief)
         return state
+
+    @property
+    def activity(self) -> Array:
+        """How far the motion in each tick (T,) rose above the noise."""
+        return np.array([newest.activity for newest in self.newest])
+
+    @property
+    def trellis(self) -> hmm.Trellis:
+        """All hypotheses that were met: one of each state begins with each tick."""
+        count = len(self.beliefs) * len(STATES)
+        states, onsets = np.arange(count) % len(STATES), np.arange(count) // len(STATES)
+        return hmm.Trellis(states, onsets, self.alive, self.log_likelihood)
 
     def _note(self, state: TrackerState, tick: Tick, belief: Belief) -> None:
         free = np.array([state.numbers - len(STATES) + FREE])
@@ -62,24 +74,28 @@ def segment(
     -------
     Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
     """
-    seen, state = _Pass(), tracker.start(model)
+    seen, state = forward(poses, model, progress)
+    return conclude(seen, state) if seen.beliefs else Segmentation((), (), ())
+
+
+def forward(
+    poses: Iterable[Pose], model: Model, progress: Callable[[int], None] | None = None
+) -> tuple[Pass, TrackerState]:
+    """The online pass over a whole recording."""
+    seen, state = Pass(), tracker.start(model)
     for count, pose in enumerate(poses, start=1):
         state, closed = tracker.gather(state, pose)
         state = seen.follow(state, closed)
         if progress is not None and closed:
             progress(count)
-    state = seen.follow(*tracker.gather_rest(state))
-    return _conclude(seen, state) if seen.beliefs else Segmentation((), (), ())
+    return seen, seen.follow(*tracker.gather_rest(state))
 
 
-def _conclude(seen: _Pass, state: TrackerState) -> Segmentation:
-    ticks = len(seen.beliefs)
-    count = state.numbers
-    trellis = hmm.Trellis(
-        np.arange(count) % len(STATES), np.arange(count) // len(STATES), seen.alive, seen.log_likelihood
-    )
+def conclude(seen: Pass, state: TrackerState) -> Segmentation:
+    """Viterbi and smoothing over a forward pass of at least one tick."""
+    ticks, trellis = len(seen.beliefs), seen.trellis
     initial = log_initial(state.model)
-    transition = np.array([log_transition(state.model, newest.activity) for newest in seen.newest])
+    transition = np.array([log_transition(state.model, activity) for activity in seen.activity])
     posterior, _ = hmm.smooth(trellis, initial, transition)
     stretches = _merge_free(
         [(h % len(STATES), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
