@@ -26,6 +26,7 @@ class Belief:
     residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual
         (1: at the noise) that its objective function leaves at its minimum over the last 25 ticks with
         motion, or a little more; nan before there was so much motion.
+    inseparable : states that the motion since the onset does not tell from ``contact``.
     """
 
     stamp_ns: int
@@ -34,6 +35,7 @@ class Belief:
     onset_ns: int
     geometry: ContactGeometry | None
     residual: Array
+    inseparable: tuple[Contact, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The object that ``live --json`` and ``segment -o FILE.jsonl`` write."""
@@ -42,6 +44,7 @@ class Belief:
             "contact": self.contact.value,
             "probability": {state.value: float(p) for state, p in zip(STATES, self.probability, strict=True)},
             "onset_ns": int(self.onset_ns),
+            "inseparable": [state.value for state in self.inseparable],
             "geometry": self.geometry.to_json() if self.geometry else {},
         }
 
@@ -50,7 +53,8 @@ class Belief:
 class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline.
 
-    ``probability`` is the smoothed posterior of ``contact``, averaged over the segment.
+    ``probability`` is the smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are
+    the states that the segment's motion does not tell from ``contact``.
     """
 
     start_ns: int
@@ -58,6 +62,7 @@ class Segment:
     contact: Contact
     probability: float
     geometry: ContactGeometry | None
+    inseparable: tuple[Contact, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,26 @@ environment's (docs/conventions.md). Units are metres and radians; a covariance 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Unobserved:
+    """How an element could still move without the motion having shown it (docs/theory.md, T22).
+
+    ``how`` it moves, with the unit vector ``direction`` (3,): it turns about that axis or shifts along it.
+    """
+
+    how: Literal["turns_about", "shifts_along"]
+    direction: Array
+
+    def to_json(self) -> dict[str, Any]:
+        return {self.how: _numbers(self.direction)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +35,7 @@ class Plane:
     normal: Array
     offset_m: float
     covariance: Array | None = None
+    unobserved: tuple[Unobserved, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         sd = _standard_deviations(self.covariance, 4)
@@ -30,7 +45,8 @@ class Plane:
                 "offset_m": float(self.offset_m),
                 "normal_sd": _numbers(sd[:3]),
                 "offset_sd_m": _number(sd[3]),
-            }
+            },
+            "unobserved": [way.to_json() for way in self.unobserved],
         }
 
 
@@ -45,6 +61,7 @@ class Line:
     direction: Array
     point_m: Array
     covariance: Array | None = None
+    unobserved: tuple[Unobserved, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         sd = _standard_deviations(self.covariance, 6)
@@ -54,7 +71,8 @@ class Line:
                 "point_m": _numbers(self.point_m),
                 "direction_sd": _numbers(sd[:3]),
                 "point_sd_m": _numbers(sd[3:]),
-            }
+            },
+            "unobserved": [way.to_json() for way in self.unobserved],
         }
 
 
@@ -64,11 +82,13 @@ class Point:
 
     point_m: Array
     covariance: Array | None = None
+    unobserved: tuple[Unobserved, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         return {
             "point_m": _numbers(self.point_m),
             "point_sd_m": _numbers(_standard_deviations(self.covariance, 3)),
+            "unobserved": [way.to_json() for way in self.unobserved],
         }
 
 

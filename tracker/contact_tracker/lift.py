@@ -56,5 +56,22 @@ def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:
     return c
 
 
+def perturbations() -> Array:
+    """Six linear maps (6, 25, 25): what zeta changes by when the pose is a little off.
+
+    First by turns about the body's axes, ``dR = R [e_i]x``, then by shifts along the world's, ``dt = e_i``.
+    """
+    out = np.zeros((6, SIZE, SIZE))
+    eye = np.eye(3)
+    for axis, turn, shift in zip(eye, out[:3], out[3:], strict=True):
+        cross = _cross_matrix(axis)
+        turn[np.ix_(R, R)] = turn[np.ix_(TXR, TXR)] = np.kron(eye, cross.T)
+        turn[np.ix_(U, U)] = cross.T
+        shift[np.ix_(T, ONE)] = axis[:, None]
+        shift[np.ix_(U, R)] = np.kron(axis, eye)
+        shift[np.ix_(TXR, R)] = np.kron(cross, eye)
+    return out
+
+
 def _cross_matrix(v: Array) -> Array:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]], float)

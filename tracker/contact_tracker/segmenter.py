@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, hypotheses, tracker
+from contact_tracker import hmm, hypotheses, separability, tracker
 from contact_tracker.belief import Belief, Segment, Segmentation
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Window
@@ -104,10 +104,11 @@ def conclude(seen: Pass, state: TrackerState) -> Segmentation:
     segments, beliefs = [], []
     for column, first, end in stretches:
         contact = STATES[column]
-        geometry = _geometry(window, first, end, column, state)
+        geometry, inseparable = _told(window.cut(first, end), contact, state)
         probability = float(posterior[first:end, column].mean())
         stop_ns = seen.start_ns[end] - 1 if end < ticks else seen.beliefs[-1].stamp_ns
-        segments.append(Segment(seen.start_ns[first], stop_ns, contact, probability, geometry))
+        start_ns = seen.start_ns[first]
+        segments.append(Segment(start_ns, stop_ns, contact, probability, geometry, inseparable))
         for tick in range(first, end):
             online = seen.beliefs[tick]
             beliefs.append(
@@ -115,9 +116,10 @@ def conclude(seen: Pass, state: TrackerState) -> Segmentation:
                     online.stamp_ns,
                     contact,
                     posterior[tick],
-                    seen.start_ns[first],
+                    start_ns,
                     geometry,
                     online.residual,
+                    inseparable,
                 )
             )
     return Segmentation(tuple(segments), tuple(beliefs), tuple(seen.beliefs), state.outliers)
@@ -132,12 +134,18 @@ def _merge_free(stretches: list[tuple[int, int, int]]) -> list[tuple[int, int, i
     return [(stretches[i][0], stretches[i][1], stretches[j - 1][2]) for i, j in pairwise(bounds)]
 
 
-def _geometry(
-    window: Window, first: int, end: int, column: int, state: TrackerState
-) -> ContactGeometry | None:
-    """Elements of a contact fitted to ticks ``first`` to ``end``, with the final estimate of the noise."""
-    if STATES[column] is Contact.FREE or state.averaging is None:
-        return None
-    contact, scales = CONTACT_MODELS[column], tracker.scales_of(state.model)
-    bank = hypotheses.fit_stretch(contact, window.cut(first, end), scales)
-    return geometry_of(bank, 0, contact, scales, state.averaging.origin_m)
+def _told(
+    stretch: Window, label: Contact, state: TrackerState
+) -> tuple[ContactGeometry | None, tuple[Contact, ...]]:
+    """What the ticks of a segment tell, with the final estimate of the noise: elements, and what else fits.
+
+    All contacts are fitted to the same ticks from scratch.
+    """
+    scales = tracker.scales_of(state.model)
+    fits = [hypotheses.fit_stretch(contact, stretch, scales) for contact in CONTACT_MODELS]
+    evidence = np.array([*(f.log_likelihood[0] for f in fits), 0.0])
+    inseparable = separability.inseparable(label, evidence, stretch, older=False)
+    if label is Contact.FREE or state.averaging is None:
+        return None, inseparable
+    fitted, contact = fits[label.column], CONTACT_MODELS[label.column]
+    return geometry_of(fitted, 0, contact, scales, stretch, state.averaging.origin_m), inseparable

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
+from contact_tracker import bank, fixed_lag, hmm, hypotheses, separability, ticks
 from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
@@ -171,7 +171,9 @@ def _looking_back(state: TrackerState, row: int) -> Belief:
     telling = next((b for b in state.recent[row:] if b.contact is contact), then)
     onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
     geometry = telling.geometry if telling.contact is contact else None
-    return Belief(then.stamp_ns, contact, probability, min(onset_ns, then.stamp_ns), geometry, then.residual)
+    inseparable = telling.inseparable if telling.contact is contact else ()
+    onset_ns = min(onset_ns, then.stamp_ns)
+    return Belief(then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable)
 
 
 def believe(state: TrackerState, stamp_ns: int) -> Belief:
@@ -179,13 +181,20 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
     label = STATES[int(np.argmax(probability))]
     residual = np.array([_residual(living) for living in state.banks])
-    if label is Contact.FREE:
-        return Belief(stamp_ns, label, probability, state.free_since_ns, None, residual)
-    living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
-    row = int(np.argmax(living.joint))
-    assert state.averaging is not None
-    geometry = geometry_of(living, row, contact, scales_of(state.model), state.averaging.origin_m)
-    return Belief(stamp_ns, label, probability, int(living.onset_ns[row]), geometry, residual)
+    tick_ns = round(state.model.tick_s * 1e9)
+    onset_ns, geometry = state.free_since_ns, None
+    onset = state.ticks - 1 - (stamp_ns - onset_ns) // tick_ns
+    if label is not Contact.FREE:
+        living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
+        row = int(np.argmax(living.joint))
+        assert state.averaging is not None
+        scales, origin_m = scales_of(state.model), state.averaging.origin_m
+        geometry = geometry_of(living, row, contact, scales, state.window, origin_m)
+        onset_ns, onset = int(living.onset_ns[row]), int(living.onset[row])
+    evidence = separability.evidence_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
+    since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
+    inseparable = separability.inseparable(label, evidence, since, onset < state.window.index[0])
+    return Belief(stamp_ns, label, probability, onset_ns, geometry, residual, inseparable)
 
 
 def _residual(living: Bank) -> float:

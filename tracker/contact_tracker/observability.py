@@ -1,0 +1,114 @@
+"""What the motion has shown of a geometry, and what it has not (docs/theory.md, T21, T22).
+
+Poses that only jitter seem to tell something about every direction, the more the longer they do. So what the
+motion tells is what exceeds what the noise of the poses alone would feign.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from contact_tracker import fit, lift
+from contact_tracker.bank import Bank
+from contact_tracker.contacts import ContactModel
+from contact_tracker.evidence import Scales, weak_prior
+from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, Unobserved
+
+Array = NDArray[np.float64]
+
+SHOWN: Final = 10.0
+"""A direction is observed if the window tells this many times what prior and noise say of it."""
+OPEN: Final = 0.1
+"""An element could still move if the prior lets it do so by this share of a radian or of the reach."""
+_PERTURBATIONS: Final = lift.perturbations()
+
+
+def observed_geometry(
+    bank: Bank, row: int, model: ContactModel, scales: Scales, variance: Array
+) -> ContactGeometry:
+    """Elements of hypothesis ``row``, with covariance, and with the directions that the motion left open.
+
+    Parameters
+    ----------
+    variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
+
+    Returns
+    -------
+    ContactGeometry in the frames in which the bank works.
+    """
+    one = bank.pick(np.array([row]))
+    anchors = model.anchors(one.place_sum / one.weight[:, None])
+    weak = weak_prior(model.family, anchors, scales.reach_m)
+    tangent = model.family.tangent(one.x, anchors)[0]
+    prior = tangent.T @ (weak.precision[0] + np.diag(weak.flat)) @ tangent
+    known = prior + feigned_information(one, model, anchors, variance)
+    told, ways = eigh(one.hessian[0].sum(axis=0), known)
+    dual = known @ ways  # of the precision's own space, where ways are orthonormal
+    shown = dual * np.maximum(told - 1.0, 0.0) @ dual.T
+    covariance = tangent @ np.linalg.inv(shown + prior) @ tangent.T
+    left = ways[:, told < SHOWN]
+    could = tangent @ left @ np.linalg.inv(left.T @ prior @ left) @ left.T @ tangent.T
+    found = model.geometry(one.x[0], covariance, scales.reach_m)
+    free = model.geometry(one.x[0], could, 0.0)
+    return ContactGeometry(
+        replace(found.object, unobserved=_ways(free.object, scales.reach_m)),
+        replace(found.environment, unobserved=_ways(free.environment, scales.reach_m)),
+    )
+
+
+def feigned_information(one: Bank, model: ContactModel, anchors: Array, variance: Array) -> Array:
+    """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis."""
+    select = model.lifted(np.eye(lift.SIZE)).T
+    values, vectors = np.linalg.eigh(one.moments[0])
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    sigma = np.sqrt(variance[[1, 1, 1, 0, 0, 0]])[:, None, None]
+    jitter = np.swapaxes(sigma * (select @ _PERTURBATIONS @ select.T @ root), 1, 2).reshape(-1, len(root))
+    rows = np.zeros(len(jitter), np.int64)
+    return np.asarray(
+        fit.information(
+            model.family, jitter, one.row_weight[rows], one.moments[rows], anchors[rows], one.x[rows]
+        ).sum(axis=0)
+    )
+
+
+def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
+    """How an element can move whose covariance is that of what was left open."""
+    covariance = np.zeros((6, 6)) if free.covariance is None else free.covariance
+    match free:
+        case Point():
+            return _shifts(covariance, reach_m)
+        case Line(direction):
+            turns, shifts = _turns(direction, covariance)
+            return turns + _shifts(shifts, reach_m)
+        case Plane(normal):
+            turns, along_normal = _turns(normal, covariance)
+            return turns + _shifts(along_normal * np.outer(normal, normal), reach_m)
+
+
+def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Array]:
+    """Turns of a unit vector, and the covariance of the rest of the element where it has not turned."""
+    turned, rest = covariance[:3, :3], covariance[3:, 3:]
+    wide = _wide(turned, OPEN)
+    turns = tuple(Unobserved("turns_about", _signed(np.cross(axis, to))) for to in wide.T)
+    with_turn = covariance[3:, :3] @ wide
+    explained = with_turn @ np.linalg.inv(wide.T @ turned @ wide) @ with_turn.T
+    return turns, rest - explained
+
+
+def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
+    wide = _wide(covariance, OPEN * reach_m)
+    return tuple(Unobserved("shifts_along", _signed(along)) for along in wide.T)
+
+
+def _wide(covariance: Array, sd: float) -> Array:
+    """Orthonormal directions (3, n) in which ``covariance`` is wider than ``sd``, the widest first."""
+    variance, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes[:, variance > sd**2][:, ::-1])
+
+
+def _signed(axis: Array) -> Array:
+    """Of the two unit vectors along an axis the one whose largest component is positive."""
+    return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))]))

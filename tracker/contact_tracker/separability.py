@@ -1,0 +1,113 @@
+"""Which contacts the motion so far cannot tell from the one believed (docs/theory.md, T23, T24).
+
+Judged over about the same span of time and without what is usual in transitions: a label may be preferred for
+being usual, and yet the motion has not shown it.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigvalsh
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.bank import Bank
+from contact_tracker.evidence import Window
+from contact_tracker.labels import CONTACTS, STATES, Contact
+from contact_tracker.lift import R, T
+
+Array = NDArray[np.float64]
+
+DECISIVE: Final = float(np.log(20.0))
+"""Evidence (nats) that tells two contacts apart: twenty to one."""
+SAME_SPAN: Final = 0.25
+"""Onsets that differ by this share of the contact's age are about the same span: of old ones few are kept."""
+SAME_SPAN_TICKS: Final = 3
+STRIDE_TICKS: Final = 5
+"""Motion is looked at in steps so long that slow motion rises above the noise."""
+USED: Final = 10.0
+"""The motion uses a direction if it moves there by so many times the variance of the noise."""
+SIX: Final = 6
+TINY: Final = 1e-9
+LEAST_MOTION_TICKS: Final = 10.0
+"""With less motion in the window a contact that is older than the window is judged by its evidence alone."""
+
+
+def inseparable(label: Contact, evidence: Array, window: Window, older: bool) -> tuple[Contact, ...]:
+    """The other states that the motion does not tell from ``label``.
+
+    Those whose ``evidence`` (7,) in nats does not fall decisively short of the label's. And where the motion
+    makes no use of the freedom that the label leaves: all that these contain, since standing still in one
+    more direction says nothing then.
+
+    Parameters
+    ----------
+    window : the ticks since the onset, as far as they are at hand; ``older`` if there were others before.
+    """
+    least = evidence[label.column] - DECISIVE
+    close = {state for state in STATES if evidence[state.column] > least}
+    judged = not older or float(_activity(window).sum()) >= LEAST_MOTION_TICKS
+    if judged and used_directions(window) < SIX - label.codimension:
+        close |= {state for state in STATES if any(fits.contains(state) for fits in close)}
+    return tuple(state for state in STATES if state in close and state is not label)
+
+
+def used_directions(window: Window) -> int:
+    """How many of its six directions the object moves in, beyond the noise: the rank of its twists (T24).
+
+    Each step of ``STRIDE_TICKS`` has a twist in the world's frame, which stays the same as long as the object
+    turns about one axis: that is one direction, however far it goes. Translation in a plane is two.
+    """
+    if len(window) <= STRIDE_TICKS:
+        return 0
+    turn = Rotation.from_matrix(window.zeta[:, R].reshape(-1, 3, 3))
+    place = window.zeta[:, T] - window.zeta[:, T].mean(axis=0)
+    first, last = slice(None, -STRIDE_TICKS), slice(STRIDE_TICKS, None)
+    turned = (turn[last] * turn[first].inv()).as_rotvec()
+    half = 0.5 * np.linalg.norm(turned, axis=1, keepdims=True)
+    turned = turned * np.where(half > 1e-6, np.tan(half) / np.maximum(half, 1e-6), 1.0)  # exact about an axis
+    middle = 0.5 * (place[first] + place[last])
+    shifted = place[last] - place[first] - np.cross(turned, middle)
+    twist = np.concatenate([shifted, turned], axis=1)
+    weight = _activity(window)[last] + TINY
+    power = (twist * weight[:, None]).T @ twist / weight.sum()
+    position, rotation = 2.0 * np.median(window.variance, axis=0)
+    lever_sq = np.mean(np.square(middle).sum(axis=1)) * 2.0 / 3.0
+    noise = [position + rotation * lever_sq] * 3 + [rotation] * 3
+    return int(np.sum(eigvalsh(power, np.diag(noise)) > USED))
+
+
+def _activity(window: Window) -> Array:
+    """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
+    return np.asarray(np.max(window.excess / (window.excess + window.variance), axis=1, initial=0.0))
+
+
+def evidence_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Array:
+    """Evidence (7,) for each state against the label, in nats, of the data since about ``onset_ns``.
+
+    Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
+    just that onset on. -inf where all such hypotheses have been dropped as hopeless.
+    """
+    slack_ns = max(SAME_SPAN_TICKS * tick_ns, SAME_SPAN * (now_ns - onset_ns))
+    against = np.zeros(len(STATES))
+    for contact, bank in zip(CONTACTS, banks, strict=True):
+        near = np.flatnonzero(np.abs(bank.onset_ns - onset_ns) <= slack_ns)
+        if contact is label:
+            continue
+        against[contact.column] = -np.inf
+        if len(near):
+            best = int(near[np.argmax(bank.joint[near])])
+            of_label = _evidence(banks, label, int(bank.onset_ns[best]) - onset_ns, onset_ns)
+            against[contact.column] = bank.log_likelihood[best] - of_label
+    against[-1] = -_evidence(banks, label, 0, onset_ns)
+    return against
+
+
+def _evidence(banks: Sequence[Bank], label: Contact, after_ns: int, onset_ns: int) -> float:
+    """The label's evidence against free motion since ``after_ns`` after its onset, between its hypotheses."""
+    if label is Contact.FREE:
+        return 0.0
+    bank = banks[label.column]
+    since = (bank.onset_ns - onset_ns).astype(float)  # stamps since 1970 do not fit into floats
+    return float(np.interp(after_ns, since, bank.log_likelihood))
