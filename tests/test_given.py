@@ -1,0 +1,146 @@
+"""Known elements as priors: the mean fulfils the contact, the information is how exactly they are known."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from contact_tracker.assumptions import UNLISTED, assumptions
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts.given import given
+from contact_tracker.geometry import Line, Plane, Point
+from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
+from contact_tracker.labels import CONTACTS
+from contact_tracker.lift import lift
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+
+ACCURACY = Accuracy(2e-3, 0.01)
+FREEDOM = {"f": 3, "e": 4, "v": 3}
+each_contact = pytest.mark.parametrize("model", CONTACT_MODELS, ids=list(CONTACTS))
+
+
+@cache
+def touching(contact):
+    """Exact poses that keep a contact, and its true elements with an accuracy."""
+    scenario = Scenario((Phase(contact, 1.0),), sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    simulated = simulate(scenario, 5)
+    geometry, poses = simulated.truth.intervals[0].geometry, simulated.poses
+    return poses, known_to(geometry.object, ACCURACY), known_to(geometry.environment, ACCURACY)
+
+
+def prior(model, object=True, environment=True):
+    poses, ours, theirs = touching(model.contact)
+    anchors = model.anchors(poses.position_m.mean(axis=0))
+    return given(model, ours if object else None, theirs if environment else None, anchors), anchors
+
+
+@each_contact
+def test_true_elements_keep_their_contact(model):
+    poses = touching(model.contact)[0]
+    known, anchors = prior(model)
+    seen = model.measure(known.mean[None], lift(poses.rotation, poses.position_m))
+    assert np.abs(seen.residual).max() < 1e-9
+    np.testing.assert_allclose(model.family.normalise(known.mean, anchors), known.mean, atol=1e-12)
+
+
+def numbers(element):
+    match element:
+        case Plane(normal, offset_m):
+            return np.append(normal, offset_m)
+        case Line(direction, point_m):
+            return np.concatenate([direction, point_m])
+        case Point(point_m):
+            return point_m
+
+
+def drawn(element, rng, count):
+    """Numbers (count, n) of elements as they may be, with the given covariance."""
+    size = len(numbers(element))
+    return rng.multivariate_normal(numbers(element), element.covariance, count, method="eigh").reshape(
+        -1, size
+    )
+
+
+@each_contact
+def test_information_is_how_exactly_the_elements_are_known(model):
+    """Elements drawn from their covariances are as far from the mean as a Gaussian of so many dimensions."""
+    known, anchors = prior(model)
+    rng, count = np.random.default_rng(3), 4000
+    ours, theirs = (drawn(element, rng, count) for element in touching(model.contact)[1:])
+    if model.contact.value == "f-f":
+        x = np.concatenate([-ours[:, :3], theirs[:, :3], ours[:, 3:] + theirs[:, 3:]], axis=1)
+    else:
+        x = np.concatenate([ours, theirs] if model.body_in_1 else [theirs, ours], axis=1)
+    tangent = model.family.tangent(known.mean, anchors)
+    off = (model.family.normalise(x, anchors) - known.mean) @ np.linalg.pinv(tangent).T
+    along = tangent.T @ known.information @ tangent
+    squared = np.einsum("bp,pq,bq->b", off, along, off)
+    assert squared.mean() == pytest.approx(model.family.PARAMETERS, rel=0.05)
+    np.testing.assert_allclose(known.information, known.information.T, atol=1e-9 * np.abs(along).max())
+
+
+@each_contact
+def test_of_one_element_only_its_own_part_is_given(model):
+    both = prior(model)[0]
+    one, other = prior(model, environment=False)[0], prior(model, object=False)[0]
+    if model.contact.value == "f-f":  # the offset takes both
+        assert np.linalg.matrix_rank(one.information) == np.linalg.matrix_rank(other.information) == 2
+        np.testing.assert_allclose((one.mean + other.mean)[:6], both.mean[:6])
+    else:
+        object_kind, _, environment_kind = model.contact.value
+        assert np.linalg.matrix_rank(one.information) == FREEDOM[object_kind]
+        assert np.linalg.matrix_rank(other.information) == FREEDOM[environment_kind]
+        np.testing.assert_allclose(one.mean + other.mean, both.mean)
+        np.testing.assert_allclose(one.information + other.information, both.information, atol=1e-6)
+    nothing = prior(model, object=False, environment=False)[0]
+    assert not nothing.mean.any()
+    assert not nothing.information.any()
+
+
+def knowledge(**changes):
+    corners = [Known(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
+    table = Known("table", touching(CONTACTS[3])[2])
+    return Knowledge(**({"object": tuple(corners), "environment": (table,)} | changes))
+
+
+@pytest.mark.parametrize("complete", [(False, False), (True, False), (False, True), (True, True)])
+def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
+    known = knowledge(object_complete=complete[0], environment_complete=complete[1])
+    for model in CONTACT_MODELS:
+        pairs = assumptions(known, model)
+        object_kind, _, environment_kind = model.contact.value
+        impossible = (complete[0] and object_kind != "v") or (complete[1] and environment_kind != "f")
+        assert sum(np.exp(pair.log_share) for pair in pairs) == pytest.approx(0.0 if impossible else 1.0)
+        assert len({pair.touching for pair in pairs}) == len(pairs)
+
+
+def test_what_is_known_touches_as_often_as_what_is_not():
+    (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
+    pairs = assumptions(knowledge(), v_f)
+    assert len(pairs) == 5 * 2
+    unknown = [pair for pair in pairs if pair.environment is None]
+    assert sum(np.exp(pair.log_share) for pair in unknown) == pytest.approx(UNLISTED)
+    assert [pair.touching for pair in pairs if pair.certain] == [(f"corner {i}", "table") for i in range(4)]
+
+
+def test_nothing_known_is_one_unknown_pair():
+    for model in CONTACT_MODELS:
+        (pair,) = assumptions(NOTHING, model)
+        assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
+        assert not pair.given(model, np.zeros(6), np.zeros(3)).information.any()
+
+
+def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
+    up = Up(np.array([0.0, 0.6, 0.8]), 0.02)
+    for model in CONTACT_MODELS:
+        pairs = assumptions(knowledge(up=up), model)
+        for pair in pairs:
+            assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
+    (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
+    (pair,) = assumptions(Knowledge(up=up), v_f)
+    known = pair.given(v_f, np.zeros(6), np.array([5.0, 6.0, 7.0]))
+    np.testing.assert_allclose(known.mean[3:6], up.direction)
+    tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
+    assert tilt @ known.information @ tilt == pytest.approx(0.02**-2, rel=1e-3)
+    assert np.abs(known.information[[0, 1, 2, 6]][:, [0, 1, 2, 6]]).max() < 1e-5

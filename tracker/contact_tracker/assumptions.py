@@ -1,0 +1,83 @@
+"""Which known elements a hypothesis may assume: all pairs that a contact allows, and their shares."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.given import Given, given
+from contact_tracker.geometry import Array, Element, Plane
+from contact_tracker.knowledge import Knowledge, Known, Up
+from contact_tracker.readout import shifted
+
+UNLISTED: Final = 0.5
+"""Prior probability that what touches is not on a list of known elements, where that is not complete."""
+_ANYWHERE_M: Final = 1e3
+"""Spread of the offset of a face of which only the direction is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assumption:
+    """A pair of elements of one contact: known ones, or None for any.
+
+    ``log_share`` of the contact's weight; those of all pairs of a contact add up to one.
+    """
+
+    object: Known | None
+    environment: Known | None
+    log_share: float
+    up: Up | None = None
+
+    @property
+    def touching(self) -> tuple[str | None, str | None]:
+        """What is known to touch: names of the object's and of the environment's element."""
+        return _name(self.object), _name(self.environment)
+
+    @property
+    def certain(self) -> bool:
+        """Whether nothing of the geometry is left to be found."""
+        return self.object is not None and self.environment is not None
+
+    def given(self, model: ContactModel, anchors: Array, origin_m: Array) -> Given:
+        """The prior on x; ``origin_m`` is the world's origin in which x is."""
+        environment = None if self.environment is None else shifted(self.environment.element, -origin_m)
+        object = None if self.object is None else self.object.element
+        return given(model, object, environment or _facing(self.up), anchors)
+
+
+def assumptions(knowledge: Knowledge, model: ContactModel) -> tuple[Assumption, ...]:
+    """All that one contact may assume; none where it is impossible."""
+    object_kind, environment_kind = model.contact.value[0], model.contact.value[2]
+    up = knowledge.up if environment_kind == "f" else None
+    return tuple(
+        Assumption(ours, theirs, our_share + their_share, up if theirs is None else None)
+        for ours, our_share in _choices(knowledge.object, object_kind, knowledge.object_complete)
+        for theirs, their_share in _choices(
+            knowledge.environment, environment_kind, knowledge.environment_complete
+        )
+    )
+
+
+def _choices(listed: tuple[Known, ...], kind: str, complete: bool) -> list[tuple[Known | None, float]]:
+    """Elements of a kind, and None for an unlisted one, with log shares."""
+    known = [element for element in listed if element.kind == kind]
+    if not known:
+        return [] if complete else [(None, 0.0)]
+    unlisted = 0.0 if complete else UNLISTED
+    listed_share = float(np.log((1.0 - unlisted) / len(known)))
+    others = [(None, float(np.log(unlisted)))] if unlisted else []
+    return [*((element, listed_share) for element in known), *others]
+
+
+def _name(known: Known | None) -> str | None:
+    return None if known is None else known.name
+
+
+def _facing(up: Up | None) -> Element | None:
+    if up is None:
+        return None
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3] = up.spread_rad**2 * (np.eye(3) - np.outer(up.direction, up.direction))
+    covariance[3, 3] = _ANYWHERE_M**2
+    return Plane(up.direction, 0.0, covariance)

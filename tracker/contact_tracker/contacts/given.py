@@ -1,0 +1,107 @@
+"""Known elements as a Gaussian prior on a contact's parameter vector x, which stacks both elements.
+
+Normals point out of the bodies that they bound, so that faces that touch look at each other.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.contacts import ContactModel, face_face
+from contact_tracker.contacts.base import Array
+from contact_tracker.geometry import Element, Line, Plane, Point
+
+_SMALLEST: Final = 1e-12
+"""Variances below this share of the largest are no variances: directions in which an element cannot move."""
+
+
+class Given(NamedTuple):
+    """Mean (S,) and information (S, S) on x; both zero where nothing is given."""
+
+    mean: Array
+    information: Array
+
+
+def given(model: ContactModel, object: Element | None, environment: Element | None, anchors: Array) -> Given:
+    """The prior of a contact of these elements; None is an unknown one.
+
+    Elements have covariances, and are given in the frames in which x is; ``anchors`` (6,) as in ``base``.
+    """
+    first, second = (object, environment) if model.body_in_1 else (environment, object)
+    if model.family is face_face:
+        assert not isinstance(first, Line | Point)
+        assert not isinstance(second, Line | Point)
+        return _faces(first, second)
+    kinds = model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
+    widths = [_WIDTHS[kind] for kind in kinds]
+    mean, information = np.zeros(sum(widths)), np.zeros((sum(widths), sum(widths)))
+    for element, end, width, anchor in zip(
+        (first, second), np.cumsum(widths), widths, (anchors[:3], anchors[3:]), strict=True
+    ):
+        if element is not None:
+            block = slice(int(end) - width, int(end))
+            mean[block], covariance = _numbers(element, anchor)
+            information[block, block] = _inverse(covariance, _LENGTHS[type(element)])
+    return Given(mean, information)
+
+
+_WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
+_LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
+
+
+def _faces(first: Plane | None, second: Plane | None) -> Given:
+    """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
+    size = face_face.SIZE
+    mean, covariance, known = np.zeros(size), np.zeros((size, size)), np.zeros(size)
+    if first is not None:
+        mean[face_face.M], known[face_face.M] = -first.normal, 1.0
+        covariance[face_face.M, face_face.M] = _covariance(first)[:3, :3]
+    if second is not None:
+        mean[face_face.N], known[face_face.N] = second.normal, 1.0
+        covariance[face_face.N, face_face.N] = _covariance(second)[:3, :3]
+    if first is not None and second is not None:
+        of_first, of_second = _covariance(first), _covariance(second)
+        h = size - 1
+        mean[h], known[h] = second.offset_m + first.offset_m, 1.0
+        covariance[h, face_face.M] = covariance[face_face.M, h] = -of_first[:3, 3]
+        covariance[h, face_face.N] = covariance[face_face.N, h] = of_second[:3, 3]
+        covariance[h, h] = of_first[3, 3] + of_second[3, 3]
+    return Given(mean, _inverse(covariance, face_face.H) * np.outer(known, known))
+
+
+def _numbers(element: Element, anchor: Array) -> tuple[Array, Array]:
+    """An element's part of x and its covariance; a line is given by its point nearest to ``anchor``."""
+    covariance = _covariance(element)
+    match element:
+        case Plane(normal, offset_m):
+            return np.append(normal, offset_m), covariance
+        case Point(point_m):
+            return point_m, covariance
+        case Line(direction, point_m):
+            along = float(direction @ (anchor - point_m))
+            across = np.eye(3) - np.outer(direction, direction)
+            shift = np.zeros((6, 6))
+            shift[:3, :3] = shift[3:, 3:] = across
+            shift[3:, :3] = along * across
+            moved = shift @ covariance @ shift.T
+            return np.concatenate([direction, point_m + along * direction]), moved
+
+
+def _covariance(element: Element) -> Array:
+    if element.covariance is None:
+        raise ValueError("a known element says how exactly it is known")
+    return element.covariance
+
+
+def _inverse(covariance: Array, lengths: slice) -> Array:
+    """Inverse on the directions in which there is variance; ``lengths`` are in m, the rest in rad."""
+    scale = np.ones(len(covariance))
+    is_length = np.zeros(len(covariance), bool)
+    is_length[lengths] = True
+    for part in (is_length, ~is_length):
+        variance = np.diag(covariance)[part]
+        scale[part] = np.sqrt(variance.max()) if variance.any() else 1.0
+    values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    good = values > _SMALLEST * max(float(values[-1]), 0.0)
+    inverse = (axes[:, good] / values[good]) @ axes[:, good].T
+    return np.asarray(inverse / np.outer(scale, scale))
