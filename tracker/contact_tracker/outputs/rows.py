@@ -7,7 +7,7 @@ from typing import Final, TextIO
 
 from contact_tracker.belief import Belief, Segment
 
-CSV_COLUMNS: Final = ("start_ns", "end_ns", "contact", "probability", "geometry")
+CSV_COLUMNS: Final = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable")
 
 
 def json_line(belief: Belief) -> str:
@@ -21,7 +21,7 @@ def write_jsonl(beliefs: Iterable[Belief], file: TextIO) -> None:
 
 
 def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
-    """One row per segment; ``geometry`` is JSON text, ``{}`` for free."""
+    """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks."""
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     for segment in segments:
@@ -33,5 +33,6 @@ def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
                 segment.contact.value,
                 segment.probability,
                 json.dumps(geometry, allow_nan=False),
+                " ".join(segment.inseparable),
             )
         )

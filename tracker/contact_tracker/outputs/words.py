@@ -1,13 +1,13 @@
 """Beliefs and segments for people: lines of fixed width, geometry in words."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
 
 from contact_tracker.belief import Belief, Segment
-from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point
-from contact_tracker.labels import STATES
+from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point, Unobserved
+from contact_tracker.labels import STATES, Contact
 
 _GEOMETRY: Final = "the object's element (body frame) on the surroundings' (world frame)"
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
@@ -19,7 +19,7 @@ def change_line(belief: Belief, origin_ns: int) -> str:
     return (
         f"{_seconds(belief.stamp_ns, origin_ns):8.2f}  {belief.contact.value:<7} "
         f"{belief.probability[belief.contact.column]:5.2f}  {_seconds(belief.onset_ns, origin_ns):8.2f}  "
-        f"{describe(belief.geometry)}"
+        f"{describe(belief.geometry, belief.inseparable)}"
     ).rstrip()
 
 
@@ -34,35 +34,52 @@ def status_text(belief: Belief, origin_ns: int) -> str:
 
 
 def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
-    """A line per segment; times in seconds after ``origin_ns``."""
+    """A line per segment; times in seconds after ``origin_ns``. The last says how much is left untold."""
     yield TABLE_HEADER
+    total_s = untold_s = 0.0
     for segment in segments:
         start, end = (_seconds(t, origin_ns) for t in (segment.start_ns, segment.end_ns))
         yield (
             f"{start:8.2f}  {end:8.2f}  {segment.contact.value:<7} {segment.probability:5.2f}  "
-            f"{describe(segment.geometry)}"
+            f"{describe(segment.geometry, segment.inseparable)}"
         ).rstrip()
+        total_s += end - start
+        untold_s += end - start if segment.inseparable else 0.0
+    if untold_s:
+        yield f"The motion leaves the contact open for {untold_s:.2f} of {total_s:.2f} s."
 
 
-def describe(geometry: ContactGeometry | None) -> str:
-    """``edge ... on face ...``; after +/- the standard deviation in the worst direction."""
-    if geometry is None:
-        return ""
-    return f"{_element(geometry.object)} on {_element(geometry.environment)}"
+def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()) -> str:
+    """``edge ... on face ...; or v-f, free``; after +/- the standard deviation in the worst direction.
+
+    After ``or`` stand the states that the motion does not tell from the one named.
+    """
+    others = "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
+    where = "" if geometry is None else f"{_element(geometry.object)} on {_element(geometry.environment)}"
+    return "; ".join(filter(None, [where, others and f"or {others}"]))
 
 
 def _element(element: Element) -> str:
+    open_ways = ", ".join(_way(way) for way in element.unobserved)
     match element:
         case Plane(normal, offset_m, covariance):
             tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             offset = f"{_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
-            return f"face normal {tilt} at {offset}"
+            name, ways, where = "face", 3, f" normal {tilt} at {offset}"
         case Line(direction, point_m, covariance):
             along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
-            return f"edge along {along} through {through}"
+            name, ways, where = "edge", 4, f" along {along} through {through}"
         case Point(point_m, covariance):
-            return f"vertex {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
+            name, ways = "vertex", 3
+            where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
+    if len(element.unobserved) == ways:
+        return f"{name} (unobserved)"
+    return f"{name}{where}" + (f" (unobserved: {open_ways})" if open_ways else "")
+
+
+def _way(way: Unobserved) -> str:
+    return f"{'turn about' if way.how == 'turns_about' else 'shift along'} {_vector(way.direction, 2)}"
 
 
 def _worst(covariance: Array | None, block: slice) -> float | None:

@@ -72,7 +72,8 @@ class LiveViewer:
         if changed:
             self._contact = contact
             sheet.states(canvas.FILTERED, stamp, [contact])
-            sheet.events(stamp, [contact], [event(belief.stamp_ns - self._origin_ns, p, belief.geometry)])
+            text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
+            sheet.events(stamp, [contact], [text])
         if changed or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
             self._drawn_ns = belief.stamp_ns
             geometry = belief.geometry

@@ -110,7 +110,7 @@ def _segments(sheet: Canvas, poses: Poses, segmentation: Segmentation, extent: E
         drawings.append(None if segment.geometry is None else draw(segment.geometry, within, extent))
     sheet.drawings(starts, drawings)
     origin, contacts = int(poses.stamp_ns[0]), [s.contact for s in segments]
-    texts = [event(s.start_ns - origin, s.probability, s.geometry) for s in segments]
+    texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
     sheet.events(starts, contacts, texts)
     _changes(sheet, canvas.SMOOTHED, starts, contacts)
 
