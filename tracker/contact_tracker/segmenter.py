@@ -14,6 +14,7 @@ from contact_tracker.evidence import Window
 from contact_tracker.geometry import ContactGeometry
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import Model
+from contact_tracker.polish import polish
 from contact_tracker.poses import Pose
 from contact_tracker.readout import geometry_of
 from contact_tracker.ticks import Tick
@@ -147,5 +148,6 @@ def _told(
     inseparable = separability.inseparable(label, evidence, stretch, older=False)
     if label is Contact.FREE or state.averaging is None:
         return None, inseparable
-    fitted, contact = fits[label.column], CONTACT_MODELS[label.column]
+    contact = CONTACT_MODELS[label.column]
+    fitted = polish(fits[label.column], contact, stretch, scales)
     return geometry_of(fitted, 0, contact, scales, stretch, state.averaging.origin_m), inseparable

@@ -1,0 +1,121 @@
+"""The Cramer-Rao bound of a contact's elements: how well poses with white noise let anyone know them.
+
+The true poses are unknown as well, but for the contact that they keep. Per frame, to first order, noise e
+of the pose makes the residuals ``(dr/dpose) e``, an error of the geometry ``(dr/dtheta) dtheta``: what the
+frame tells of theta is the second in units of the first (docs/theory.md, T25). Derivatives are finite
+differences of the contact's exact residuals at the true poses and elements, and know nothing of a fit.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.evaluation.elements import error_at
+from contact_tracker.evaluation.geometry_errors import places
+from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.lift import lift
+from contact_tracker.poses import Poses
+
+Array = NDArray[np.float64]
+
+_STEP: Final = 1e-5
+
+
+def errors(found: ContactGeometry, true: ContactGeometry, true_poses: Poses) -> tuple[Array, Array]:
+    """Errors of the object's and of the environment's element where they touch, as ``elements.error_at``.
+
+    Of two faces motion tells both normals, but only the difference of their offsets: (2,) of the object's
+    and (3,) of the environment's, as if the body's origin were on the object's.
+    """
+    found, true = _told(found, true_poses), _told(true, true_poses)
+    in_body, in_world = places(true, true_poses)
+    of_object = error_at(found.object, true.object, in_body)
+    of_environment = error_at(found.environment, true.environment, in_world)
+    return of_object[:2] if _are_faces(true) else of_object, of_environment
+
+
+def cramer_rao(
+    model: ContactModel,
+    true: ContactGeometry,
+    true_poses: Poses,
+    sigma_position_m: float,
+    sigma_rotation_rad: float,
+) -> tuple[Array, Array]:
+    """Least covariances (d, d) that unbiased estimates of the object's and environment's ``errors`` can have.
+
+    Parameters
+    ----------
+    true_poses : poses without noise, one for each measured frame.
+    sigma_position_m, sigma_rotation_rad : white noise per axis of a measured frame.
+    """
+    x = _stacked(model, _told(true, true_poses))
+    anchors = model.anchors(true_poses.position_m.mean(axis=0))
+    x = model.family.normalise(x, anchors)
+    tangent = model.family.tangent(x, anchors)
+    steps = np.concatenate([tangent.T, -tangent.T]) * _STEP
+    around = model.family.normalise(x + steps, anchors)
+    information = _information(model, x, around, true_poses, (sigma_position_m, sigma_rotation_rad))
+    none = np.zeros((len(x), len(x)))
+    moved = [errors(model.geometry(one, none, 0.0), true, true_poses) for one in around]
+    half = len(moved) // 2
+    bounds = []
+    for side in range(2):
+        rows = np.array([pair[side] for pair in moved])
+        jacobian = (rows[:half] - rows[half:]).T / (2.0 * _STEP)
+        bounds.append(jacobian @ np.linalg.solve(information, jacobian.T))
+    return bounds[0], bounds[1]
+
+
+def _information(
+    model: ContactModel, x: Array, around: Array, true_poses: Poses, sigma: tuple[float, float]
+) -> Array:
+    """Fisher information (P, P) of the free directions of x, between which and back lie ``around``."""
+    rotation, position = true_poses.rotation, true_poses.position_m
+
+    def seen(x: Array, shift: Array, turn: Array) -> Array:
+        turned = rotation @ Rotation.from_rotvec(turn).as_matrix()
+        return model.measure(x, lift(turned, position + shift)).residual
+
+    by_geometry = seen(around, np.zeros(3), np.zeros(3))
+    half = len(around) // 2
+    j_theta = (by_geometry[:half] - by_geometry[half:]) / (2.0 * _STEP)  # (P, K, N)
+    noise = 0.0
+    for axis in np.eye(3) * _STEP:
+        for scale, shift, turn in ((sigma[0], axis, 0 * axis), (sigma[1], 0 * axis, axis)):
+            j = (seen(x[None], shift, turn) - seen(x[None], -shift, -turn))[0] * scale / (2.0 * _STEP)
+            noise = noise + np.einsum("kn,ln->nkl", j, j)
+    weighted = np.linalg.solve(noise, np.moveaxis(j_theta, -1, 0).swapaxes(1, 2))  # (N, K, P)
+    return np.asarray(np.einsum("pkn,nkq->pq", j_theta, weighted))
+
+
+def _are_faces(pair: ContactGeometry) -> bool:
+    return isinstance(pair.object, Plane) and isinstance(pair.environment, Plane)
+
+
+def _told(pair: ContactGeometry, poses: Poses) -> ContactGeometry:
+    """The pair itself; of two faces one with both offsets in the environment's."""
+    match pair.object, pair.environment:
+        case Plane(m, below_m), Plane(n, offset_m):
+            alike = np.sign(np.mean(poses.rotation @ m, axis=0) @ n)
+            return ContactGeometry(Plane(m, 0.0), Plane(n, float(offset_m - alike * below_m)))
+    return pair
+
+
+def _stacked(model: ContactModel, pair: ContactGeometry) -> Array:
+    """The parameter vector x (S,) whose elements are ``pair``."""
+    first, second = (pair.object, pair.environment) if model.body_in_1 else (pair.environment, pair.object)
+    numbers = _numbers(first)
+    return np.concatenate([numbers[:3] if _are_faces(pair) else numbers, _numbers(second)])
+
+
+def _numbers(element: Element) -> Array:
+    match element:
+        case Plane(normal, offset_m):
+            return np.append(normal, offset_m)
+        case Line(direction, point_m):
+            return np.concatenate([direction, point_m])
+        case Point(point_m):
+            return point_m

@@ -1,0 +1,126 @@
+"""Elements of a stretch at their greatest likelihood: the last steps, with the noise of every tick.
+
+A running fit sees its ticks through moments: rows weighted by their mean noise, ticks by their motion
+(docs/theory.md, T13). That finds the minimum in microseconds, but neither quite the best estimate nor quite
+its accuracy. Here each tick counts as its own noise says (T16), rest as well, that noise follows the
+geometry, and the size of each row's noise is that of its residuals (docs/theory.md, T26).
+"""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.bank import Bank
+from contact_tracker.contacts import ContactModel
+from contact_tracker.evidence import Scales, Window, weak_prior
+from contact_tracker.fit import Prior
+
+Array = NDArray[np.float64]
+
+ROUNDS: Final = 2
+"""Of fitting, and of learning the noise from what the fit leaves."""
+STEPS: Final = 20
+TOLERANCE_NATS: Final = 1e-4
+PRIOR_TICKS: Final = 3.0
+"""Weight of the noise as it was believed against that of the residuals."""
+LEAST_SCALE: Final = 1e-6
+LEAST_CURVATURE: Final = 1e-9
+_STEP: Final = 1e-6
+"""Of finite differences, in radians and metres."""
+
+
+def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """Bring the one hypothesis of ``bank`` from near the minimum to it; ``window`` is its whole stretch.
+
+    Returns
+    -------
+    Bank with ``x`` (1, S) of the greatest posterior density, its information ``hessian`` (1, K, P, P) by row,
+    and with ``moments`` and ``row_weight`` of the weights that the ticks have here. Where no step improves on
+    it, x stays what it was.
+    """
+    family = model.family
+    anchors = model.anchors(bank.place_sum / bank.weight[:, None])
+    prior = weak_prior(family, anchors, scales.reach_m)
+    x, weight = bank.x, np.ones(family.ROWS)
+    for _ in range(ROUNDS):
+        x = _maximise(model, x, weight, anchors, window, prior)
+        weight = _row_weight(_whitened(model, x, window)[0], family.PARAMETERS / family.ROWS)
+    jacobian = _linearised(model, x, anchors, window)[1]
+    lifted, position = model.lifted(window.zeta), window.variance[:, 0]
+    return replace(
+        bank,
+        x=x,
+        hessian=np.einsum("ktp,k,ktq->kpq", jacobian, weight, jacobian)[None],
+        moments=np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)[None],
+        row_weight=weight * np.mean(position / _noise(model, x, window)[1], axis=2),
+    )
+
+
+def _maximise(
+    model: ContactModel, x: Array, weight: Array, anchors: Array, window: Window, prior: Prior
+) -> Array:
+    """Levenberg-Marquardt on the weighted squares of all whitened residuals, from x (1, S)."""
+
+    def cost(x: Array) -> float:
+        off = (x - prior.mean)[0]
+        squares = weight @ np.sum(_whitened(model, x, window)[0] ** 2, axis=1)
+        return float(0.5 * squares + 0.5 * off @ prior.precision[0] @ off)
+
+    damping, now = 1e-6, cost(x)
+    whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+    for _ in range(STEPS):
+        pull = tangent.T @ prior.precision[0]
+        weighted = weight[:, None, None] * jacobian
+        gradient = np.einsum("ktp,kt->p", weighted, whitened) + pull @ (x - prior.mean)[0]
+        curvature = np.einsum("ktp,ktq->pq", weighted, jacobian) + pull @ tangent
+        ridge = damping * np.diag(curvature) + LEAST_CURVATURE
+        step = -np.linalg.solve(curvature + np.diag(ridge), gradient)
+        proposal = model.family.normalise(x + step @ tangent.T, anchors)
+        proposed = cost(proposal)
+        if proposed < now:
+            x, now, damping = proposal, proposed, damping * 0.1
+            whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+        else:
+            damping *= 100.0
+        if abs(gradient @ step) < TOLERANCE_NATS:
+            break
+    return x
+
+
+def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:
+    """Residuals of x (B, S) and their noise variances, (B, K, W) both."""
+    seen = model.measure(x, window.zeta)
+    position, rotation = window.variance.T
+    variance = np.empty_like(seen.residual)
+    variance[:, :-1] = rotation
+    variance[:, -1] = position + rotation * seen.lever_sq
+    return seen.residual, variance
+
+
+def _whitened(model: ContactModel, x: Array, window: Window) -> Array:
+    """Residuals of x (B, S) in units of their noise, (B, K, W)."""
+    residual, variance = _noise(model, x, window)
+    return np.asarray(residual / np.sqrt(variance))
+
+
+def _linearised(model: ContactModel, x: Array, anchors: Array, window: Window) -> tuple[Array, Array, Array]:
+    """Whitened residuals (K, W) at x (1, S), their derivative (K, W, P) along the tangent (S, P)."""
+    tangent = model.family.tangent(x, anchors)[0]
+    steps = _STEP * tangent.T
+    around = model.family.normalise(x + np.concatenate([steps, -steps]), anchors)
+    seen = _whitened(model, np.concatenate([x, around]), window)
+    half = len(steps)
+    jacobian: Array = (seen[1 : half + 1] - seen[half + 1 :]) / (2.0 * _STEP)
+    return seen[0], np.moveaxis(jacobian, 0, -1), tangent
+
+
+def _row_weight(whitened: Array, fitted: float) -> Array:
+    """How much less than believed the noise of each row is, (K,): of its whitened residuals (K, W).
+
+    ``fitted`` degrees of freedom of each row went into the fit; where few are left, the belief stands.
+    """
+    free = max(whitened.shape[1] - fitted, 0.0)
+    square = np.sum(whitened**2, axis=1) / max(free, 1.0)
+    return np.asarray(np.maximum(square, LEAST_SCALE) ** (-free / (free + PRIOR_TICKS)))
