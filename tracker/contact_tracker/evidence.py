@@ -113,7 +113,7 @@ def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:
     """Touching points lie within reach of the body (anchors (B, 6)); directions are anything."""
     pull = np.diag(family.SPREAD / reach_m**2)
     precision = np.broadcast_to(pull, (len(anchors), *pull.shape))
-    return Prior(family.place(anchors), precision, 1.0 - family.SPREAD)
+    return Prior.around(family.place(anchors), precision, 1.0 - family.SPREAD)
 
 
 def complexity(
@@ -136,5 +136,4 @@ def complexity(
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
     before = before + np.einsum("bk,bkpq->bpq", foretold, hessian)
     volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(given + before)[1]
-    off = x - prior.mean
-    return np.asarray(0.5 * volume + 0.5 * np.einsum("bs,bst,bt->b", off, prior.precision, off))
+    return np.asarray(0.5 * volume + prior.cost(x))

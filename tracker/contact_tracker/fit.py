@@ -16,22 +16,40 @@ from contact_tracker.contacts.base import Family
 Array = NDArray[np.float64]
 
 _LEAST_CURVATURE: Final = 1e-12
+_LEAST_SHARE: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of x before the window: Gaussian around ``mean``, plus a width for free directions.
+    """What is known of x before the window: ``1/2 x P x - information x + constant``, in nats.
 
-    ``mean`` (B, S); ``precision`` (B, S, S) pulls towards it; ``flat`` (S,) is the precision that an
-    otherwise unknown direction has by living on a sphere: it counts in volumes but pulls nowhere.
+    ``precision`` P (B, S, S), ``information`` (B, S), ``constant`` (B,); priors add up. ``flat`` (S,) is the
+    precision that an otherwise unknown direction has by living on a sphere: it counts in volumes but pulls
+    nowhere.
     """
 
-    mean: Array
     precision: Array
+    information: Array
+    constant: Array
     flat: Array
 
+    @classmethod
+    def around(cls, mean: Array, precision: Array, flat: Array) -> "Prior":
+        """Gaussians around ``mean`` (B, S)."""
+        information = np.einsum("bst,bt->bs", precision, mean)
+        return cls(precision, information, 0.5 * np.einsum("bs,bs->b", information, mean), flat)
+
     def pick(self, rows: NDArray[np.generic]) -> "Prior":
-        return Prior(self.mean[rows], self.precision[rows], self.flat)
+        return Prior(self.precision[rows], self.information[rows], self.constant[rows], self.flat)
+
+    def gradient(self, x: Array) -> Array:
+        """Derivative (B, S) of the cost at x (B, S)."""
+        return np.asarray(np.einsum("bst,bt->bs", self.precision, x) - self.information)
+
+    def cost(self, x: Array) -> Array:
+        """Half the squared distance (B,) of x (B, S) from the mean."""
+        half = np.einsum("bs,bs->b", x, self.gradient(x) - self.information)
+        return np.asarray(0.5 * half + self.constant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +91,7 @@ def minimise(
     """
     damping = np.full(len(x), 1e-3)
     converged = np.zeros(len(x), bool)
+    x = complete(family, moments, row_weight, prior, anchors, x)
     cost_now = cost(family, moments, row_weight, prior, x)
     for _ in range(iterations):
         tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
@@ -83,6 +102,7 @@ def minimise(
         damped = curvature + np.eye(curvature.shape[-1]) * ridge[:, None, :]
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         proposal = family.normalise(x + np.einsum("bsp,bp->bs", tangent, step), anchors)
+        proposal = complete(family, moments, row_weight, prior, anchors, proposal)
         proposed_cost = cost(family, moments, row_weight, prior, proposal)
         better = proposed_cost < cost_now
         converged = np.abs(np.einsum("bp,bp->b", gradient, step)) < tolerance
@@ -100,9 +120,25 @@ def cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Arr
     c = family.rows(x)
     squares = np.einsum("bkc,bkc->bk", c @ moments, c)
     row_weight = _per_metre(family, moments, row_weight, x)
-    off = x - prior.mean
-    pull = np.einsum("bs,bst,bt->b", off, prior.precision, off)
-    return np.asarray(0.5 * (np.einsum("bk,bk->b", squares, row_weight) + pull))
+    return np.asarray(0.5 * np.einsum("bk,bk->b", squares, row_weight) + prior.cost(x))
+
+
+def complete(
+    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
+) -> Array:
+    """x (B, S) with its coordinates where they cost least, its directions as they are: a linear problem."""
+    linear = family.LINEAR
+    x = x.copy()
+    x[:, linear] = 0.0
+    design = family.rows_derivative(x)[:, :, linear]
+    weight = _per_metre(family, moments, row_weight, x)
+    seen = weight[..., None, None] * (design @ moments[:, None])
+    normal = (seen @ np.swapaxes(design, -1, -2)).sum(axis=1) + prior.precision[:, linear[:, None], linear]
+    pull = np.einsum("bklc,bkc->bl", seen, family.rows(x)) + prior.gradient(x)[:, linear]
+    trace = np.einsum("bll->b", normal)[:, None, None]
+    ridge = (_LEAST_SHARE * trace + _LEAST_CURVATURE) * np.eye(len(linear))
+    x[:, linear] = -np.linalg.solve(normal + ridge, pull[..., None])[..., 0]
+    return family.normalise(x, anchors)
 
 
 def information(
@@ -129,8 +165,7 @@ def _normal_equations(
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
     gradient = np.einsum("bkpc,bkc->bp", weighted, c)
     hessian = weighted @ np.swapaxes(jacobian, -1, -2)
-    pull = np.einsum("bst,bt->bs", prior.precision, x - prior.mean)
-    gradient = gradient + np.einsum("bps,bs->bp", along, pull)
+    gradient = gradient + np.einsum("bps,bs->bp", along, prior.gradient(x))
     held = along @ prior.precision @ tangent
     return tangent, gradient, hessian, held
 

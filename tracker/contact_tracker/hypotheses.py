@@ -63,9 +63,8 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
         weight=bank.weight + weight,
         told=bank.told + np.where(begins, 1.0, window.activity),
     )
-    # what begins now touches now, in the directions of the best that there was
-    x = np.where(begins[:, None], model.family.complete(bank.x, bank.moments), bank.x)
-    return replace(bank, x=model.family.normalise(x, _anchors(bank, model)))
+    # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
+    return replace(bank, x=model.family.normalise(bank.x, _anchors(bank, model)))
 
 
 def fit_stretch(model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -172,7 +171,7 @@ def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array
     many = bank.pick(rows)
     row_weight, prior, anchors = _problem(many, model, scales)
     x = family.normalise(np.tile(raw, (len(bank), 1)), anchors)
-    x = family.normalise(family.complete(x, regular[rows]), anchors)
+    x = fit.complete(family, many.moments, row_weight, prior, anchors, x)
     cost = fit.cost(family, many.moments, row_weight, prior, x).reshape(len(bank), -1)
     best = np.argsort(cost, axis=1)[:, :SCREENED]
     screened = np.take_along_axis(x.reshape(len(bank), -1, family.SIZE), best[..., None], axis=1)

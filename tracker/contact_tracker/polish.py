@@ -64,16 +64,15 @@ def _maximise(
     """Levenberg-Marquardt on the weighted squares of all whitened residuals, from x (1, S)."""
 
     def cost(x: Array) -> float:
-        off = (x - prior.mean)[0]
         squares = weight @ np.sum(_whitened(model, x, window)[0] ** 2, axis=1)
-        return float(0.5 * squares + 0.5 * off @ prior.precision[0] @ off)
+        return float(0.5 * squares + prior.cost(x)[0])
 
     damping, now = 1e-6, cost(x)
     whitened, jacobian, tangent = _linearised(model, x, anchors, window)
     for _ in range(STEPS):
         pull = tangent.T @ prior.precision[0]
         weighted = weight[:, None, None] * jacobian
-        gradient = np.einsum("ktp,kt->p", weighted, whitened) + pull @ (x - prior.mean)[0]
+        gradient = np.einsum("ktp,kt->p", weighted, whitened) + tangent.T @ prior.gradient(x)[0]
         curvature = np.einsum("ktp,ktq->pq", weighted, jacobian) + pull @ tangent
         ridge = damping * np.diag(curvature) + LEAST_CURVATURE
         step = -np.linalg.solve(curvature + np.diag(ridge), gradient)

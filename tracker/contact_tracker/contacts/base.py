@@ -51,6 +51,8 @@ class Family(Protocol):
     SPREAD: Array
     """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
 
+    LINEAR: NDArray[np.int64]
+    """Entries of x in which the residuals are affine once the directions are given."""
     RANDOM_STARTS: int
     """How many random directions a search screens: more where minima are narrow."""
 
@@ -76,10 +78,8 @@ class Family(Protocol):
         """x (..., S) with its points and lines at ``anchors`` (..., 6) and all else zero: a prior's mean."""
 
     def starts(self, moments: Array) -> Array:
-        """Where to start a search, (B, N, S): relaxed solutions from moments (B, C, C)."""
-
-    def complete(self, x: Array, moments: Array) -> Array:
-        """x (..., S) with its coordinates solved for linearly, its directions given, from moments."""
+        """Where to start a search, (B, N, S): directions of relaxed solutions from moments (B, C, C), all
+        coordinates zero."""
 
     def measure(self, x: Array, frames: "Frames") -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on T poses."""
@@ -139,20 +139,6 @@ def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Arr
         out[..., rows, column : column + p] = directions
         column += p
     return out
-
-
-def linear_least_squares(design: Array, target: Array, moments: Array, ridge: Array) -> Array:
-    """Minimise ``(target + z @ design) M (...)^T + ridge . z^2`` over z (..., Z).
-
-    ``design`` (..., Z, C) and ``target`` (..., C) are coefficients on the lift, ``moments`` (..., C, C);
-    ``ridge`` (Z,) is relative to the mean square of the lifted poses.
-    """
-    dm = design @ moments
-    normal = dm @ np.swapaxes(design, -1, -2)
-    weight = np.trace(moments, axis1=-2, axis2=-1)[..., None]
-    normal = normal + np.apply_along_axis(np.diag, -1, ridge * weight)
-    right = np.einsum("...zc,...c->...z", dm, target)
-    return np.asarray(-np.linalg.solve(normal, right[..., None])[..., 0])
 
 
 def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:

@@ -18,7 +18,6 @@ from contact_tracker.contacts.base import (
     block_tangent,
     dot,
     line_tangent,
-    linear_least_squares,
     normalise_line,
     outer,
     outer_derivative_first,
@@ -38,6 +37,7 @@ PARAMETERS: Final = 8
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.TXR, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
+LINEAR: Final = np.array([3, 4, 5, 9, 10, 11])
 RANDOM_STARTS: Final = 300
 SINE_SQ_FLOOR: Final = 1e-4
 TINY: Final = 1e-300
@@ -109,17 +109,7 @@ def starts(moments: Array) -> Array:
     left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
     zero = np.zeros((*c.shape[:-1], 3))
     x = np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)
-    return complete(x, moments[..., None, :, :])
-
-
-def complete(x: Array, moments: Array) -> Array:
-    d1, d2 = x[..., D1], x[..., D2]
-    design = np.zeros((*x.shape[:-1], 6, len(COLUMNS)))
-    design[..., :3, :9] = outer_derivative_second(d2)
-    design[..., 3:, :9] = outer_derivative_first(d1)
-    target = np.concatenate([np.zeros((*x.shape[:-1], 9)), outer(d2, d1), np.zeros_like(x[..., :1])], axis=-1)
-    m = linear_least_squares(design, target, moments, RIDGE * np.ones(6))
-    return np.concatenate([d1, np.cross(d1, m[..., :3]), d2, np.cross(d2, m[..., 3:])], axis=-1)
+    return x
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

@@ -36,6 +36,7 @@ PARAMETERS: Final = 7
 ROWS: Final = 2
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 0])
+LINEAR: Final = np.array([3, 4, 5, 9])
 RANDOM_STARTS: Final = 32
 
 
@@ -98,12 +99,7 @@ def starts(moments: Array) -> Array:
     )
     d = np.linalg.eigh(spread)[1][..., 0]
     x = np.concatenate([d, np.zeros_like(d), n, np.zeros_like(n[..., :1])], axis=-1)
-    return complete(x, moments[..., None, :, :])
-
-
-def complete(x: Array, moments: Array) -> Array:
-    vertex = vertex_face.complete(x[..., Q.start :], moments)
-    return np.concatenate([x[..., D], vertex], axis=-1)
+    return x
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

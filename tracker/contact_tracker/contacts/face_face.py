@@ -15,7 +15,6 @@ from contact_tracker.contacts.base import (
     Frames,
     Measurement,
     block_tangent,
-    dot,
     outer,
     outer_derivative_first,
     sphere_tangent,
@@ -31,6 +30,7 @@ PARAMETERS: Final = 5
 ROWS: Final = 3
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
+LINEAR: Final = np.array([6])
 RANDOM_STARTS: Final = 4
 
 
@@ -87,12 +87,7 @@ def starts(moments: Array) -> Array:
     left, _, right = np.linalg.svd(mean)
     n = np.swapaxes(left, -1, -2)
     x = np.concatenate([right, n, np.zeros_like(n[..., :1])], axis=-1)
-    return complete(x, moments[..., None, :, :])
-
-
-def complete(x: Array, moments: Array) -> Array:
-    height = dot(x[..., N], moments[..., 9:12, 12] / moments[..., 12:, 12])
-    return np.concatenate([x[..., :6], height[..., None]], axis=-1)
+    return x
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

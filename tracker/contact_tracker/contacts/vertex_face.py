@@ -14,7 +14,6 @@ from contact_tracker.contacts.base import (
     Measurement,
     block_tangent,
     dot,
-    linear_least_squares,
     outer,
     outer_derivative_first,
     outer_derivative_second,
@@ -32,6 +31,7 @@ PARAMETERS: Final = 6
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
+LINEAR: Final = np.array([0, 1, 2, 6])
 RANDOM_STARTS: Final = 16
 RIDGE: Final = 1e-7
 """Of the relaxed problems only: keeps what the motion does not show near the origin."""
@@ -78,18 +78,7 @@ def starts(moments: Array) -> Array:
     c = np.swapaxes(smallest_directions(moments, slice(9, 12), RIDGE), -1, -2)
     n = unit(c[..., 9:12])
     x = np.concatenate([np.zeros_like(n), n, np.zeros_like(n[..., :1])], axis=-1)
-    return complete(x, moments[..., None, :, :])
-
-
-def complete(x: Array, moments: Array) -> Array:
-    n = x[..., N]
-    design = np.zeros((*x.shape[:-1], 4, len(COLUMNS)))
-    design[..., :3, :9] = outer_derivative_second(n)
-    design[..., 3, 12] = -1.0
-    target = np.zeros((*x.shape[:-1], len(COLUMNS)))
-    target[..., 9:12] = n
-    z = linear_least_squares(design, target, moments, RIDGE * np.array([1.0, 1, 1, 0]))
-    return np.concatenate([z[..., :3], n, z[..., 3:]], axis=-1)
+    return x
 
 
 def measure(x: Array, frames: Frames) -> Measurement:
