@@ -144,8 +144,10 @@ def _told(
     """
     scales = tracker.scales_of(state.model)
     fits = [hypotheses.fit_stretch(contact, stretch, scales) for contact in CONTACT_MODELS]
-    evidence = np.array([*(f.log_likelihood[0] for f in fits), 0.0])
-    inseparable = separability.inseparable(label, evidence, stretch, older=False)
+    rivals = separability.Rivals(
+        np.array([*(f.log_likelihood[0] for f in fits), 0.0]), np.array([*(f.rms[0] for f in fits), 1.0])
+    )
+    inseparable = separability.inseparable(label, rivals, stretch, older=False)
     if label is Contact.FREE or state.averaging is None:
         return None, inseparable
     contact = CONTACT_MODELS[label.column]
