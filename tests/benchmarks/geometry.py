@@ -111,7 +111,7 @@ class Judged(NamedTuple):
 
 
 def judge(path: Path) -> Judged:
-    """Segment one recording and compare; its bounds are those of the measured motion and the estimated noise."""
+    """Segment a recording and compare it; bounds are of the measured motion and the estimated noise."""
     poses, truth = Poses.collect(open_log(str(path))), read_truth(str(path))
     assert truth is not None, f"{path}: no truth"
     bounds = {}
