@@ -9,6 +9,7 @@ from contact_tracker.calibration.learned import How, Learned
 from contact_tracker.calibration.processes import Runner
 from contact_tracker.calibration.study import Judged, Source, Study, judge, look
 from contact_tracker.errors import NoTruth
+from contact_tracker.evaluation.evaluate import Evaluation
 from contact_tracker.model import Model
 
 
@@ -46,6 +47,13 @@ class Calibration:
     lesson: Lesson
     held_out: tuple[HeldOut, ...]
 
+    @property
+    def log_loss(self) -> tuple[float, float] | None:
+        """Before and after, on the held out recordings with truth, of filtered and smoothed beliefs alike."""
+        before = [h.before.evaluation for h in self.held_out if h.before.evaluation is not None]
+        after = [h.after.evaluation for h in self.held_out if h.after.evaluation is not None]
+        return (mean_log_loss(before), mean_log_loss(after)) if before else None
+
 
 def calibrate(plan: Plan, run: Runner) -> Calibration:
     """Learn from all recordings, and in folds.
@@ -65,14 +73,19 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
     return Calibration(plan, tuple(studies), lesson, tuple(_hold_out(plan, studies, run)))
 
 
+def mean_log_loss(evaluations: Sequence[Evaluation]) -> float:
+    """Nats, over filtered and smoothed beliefs of all scored time; nan where there is none."""
+    tallies = [tally for e in evaluations for tally in (e.online, e.offline)]
+    seconds = sum(tally.seconds() for tally in tallies)
+    return sum(tally.log_loss_s for tally in tallies) / seconds if seconds else float("nan")
+
+
 def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Runner) -> Lesson:
     """Learn from the recordings in ``rows``."""
 
     def loss(model: Model) -> float:
         judged = run(judge, [(plan.sources[row], model) for row in rows if studies[row].has_truth])
-        told = [j.evaluation for j in judged if j.evaluation is not None]
-        lost = sum(e.online.log_loss_s + e.offline.log_loss_s for e in told)
-        return lost / max(sum(e.online.seconds() + e.offline.seconds() for e in told), 1e-9)
+        return mean_log_loss([j.evaluation for j in judged if j.evaluation is not None])
 
     return learn(plan.start, [studies[row] for row in rows], plan.wanted, loss)
 

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from contact_tracker.calibration.learned import with_value
-from contact_tracker.calibration.stretches import Residuals, Stretch, refined
+from contact_tracker.calibration.stretches import CLIP, Residuals, Stretch, refined
 from contact_tracker.labels import CONTACTS
 from contact_tracker.model import Model
 
@@ -18,8 +18,6 @@ Array = NDArray[np.float64]
 
 FEWEST: Final = 100
 """Residuals below which a floor is left as it was."""
-CLIP: Final = 3.0
-"""A residual counts as at most so many of its standard deviations: a bounce is no floor."""
 LEAST: Final = 1e-6
 """A floor (m, rad) that is as good as none."""
 MOST: Final = 0.1
@@ -27,7 +25,7 @@ ROUNDS: Final = 8
 FIRST_STEPS: Final = 6
 CONVERGED: Final = 1e-3
 _MEAN: Final = float(chi2.cdf(CLIP**2, 3) + CLIP**2 * chi2.sf(CLIP**2, 1))
-"""Mean of the clipped square of a standard normal number."""
+"""Mean square of a standard normal number that counts as ``CLIP`` beyond it."""
 POSITION: Final = "noise.floor_position_m"
 ROTATION: Final = "noise.floor_rotation_rad"
 

@@ -20,6 +20,9 @@ SHORTEST_TICKS: Final = 15
 """With motion; less tells too little beside the geometry that is fitted."""
 MARGIN_TICKS: Final = 1
 """Left out at either end, where a tick may hold both sides of a change."""
+CLIP: Final = 3.0
+"""Beyond so many of its standard deviations a residual pulls the less the larger it is: a bounce is no
+contact."""
 STEP: Final = 1e-6
 """For derivatives by differences, in rad and m."""
 
@@ -63,7 +66,7 @@ def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretc
 
 
 def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residuals]:
-    """The stretch with its geometry at the least whitened squares under the floors of ``model``."""
+    """The stretch with its geometry at the least (robust) whitened squares under the floors of ``model``."""
     contact = CONTACT_MODELS[stretch.column]
     anchors = contact.anchors(stretch.window.zeta[:, 9:12].mean(axis=0))
     pull = contact.family.SPREAD / model.geometry.reach_m**2
@@ -80,11 +83,14 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
 
     def cost(x: Array) -> float:
         residual, noise, _ = measured(x[None])
-        return float((residual**2 / noise).sum() + pull @ (x - place) ** 2)
+        beyond = np.maximum(residual**2 / noise / CLIP**2, 1.0)
+        square = np.where(beyond > 1.0, CLIP**2 * (1.0 + np.log(beyond)), residual**2 / noise)
+        return float(square.sum() + pull @ (x - place) ** 2)
 
     for _ in range(steps + 1):
         tangent = contact.family.tangent(x, anchors)
         residual, noise, lever_sq = (values[0] for values in measured(x[None]))
+        noise = noise * np.maximum(residual**2 / noise / CLIP**2, 1.0)
         shifts = STEP * np.concatenate([tangent, -tangent], axis=1).T
         ahead, behind = np.split(measured(contact.family.normalise(x + shifts, anchors))[0], 2)
         slope = (ahead - behind) / (2.0 * STEP)  # (P, K, T)

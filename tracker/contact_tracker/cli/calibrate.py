@@ -13,6 +13,7 @@ from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, warn
 from contact_tracker.errors import UsageError
+from contact_tracker.model import preset_names
 
 if TYPE_CHECKING:
     from contact_tracker.calibration.calibrate import Calibration
@@ -44,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--start",
         default="default",
         metavar="NAME|FILE",
-        help="the model to start from (default: %(default)s)",
+        help=f"start from a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)",
     )
     parser.add_argument(
         "--only",
@@ -112,6 +113,9 @@ def run(args: argparse.Namespace) -> int:
         found = calibrate(plan, Runner(args.processes, count))
     _write(found, args)
     print(to_text(found))
+    if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
+        loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
+        warn(f"worse on recordings held out: log-loss {loss}; --only leaves out what does harm")
     code = DONE
     for study in found.studies:
         if study.damage is not None:
@@ -167,11 +171,12 @@ def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
 
 def _command(args: argparse.Namespace) -> str:
     """The command line, without what does not change the result."""
-    start = args.start if not Path(args.start).suffix else os.path.relpath(args.start)
+    start = os.path.relpath(args.start) if Path(args.start).suffix else args.start
+    output = os.path.relpath(args.output)
     words = ["contact-tracker", "calibrate", *map(os.path.relpath, args.logs)]
     words += ["--topic", args.topic] if args.topic else []
     words += ["--frame", args.frame] if args.frame else []
     words += ["--start", start] if args.start != "default" else []
     words += ["--unlabelled"] if args.unlabelled else []
     words += ["--only", *args.only] if args.only else []
-    return shlex.join([*words, "-o", os.path.relpath(args.output)])
+    return shlex.join([*words, "-o", args.output.name if output.startswith(os.pardir) else output])
