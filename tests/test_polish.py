@@ -1,5 +1,6 @@
 """Geometry is as good as it can be, and its covariance says how good: against the Cramer-Rao bound."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.stats import chi2
 from benchmarks.stretches import NOISES, find_simulated, stretch_geometry
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao
-from contact_tracker.evaluation.elements import angle_rad
+from contact_tracker.evaluation.elements import angle_rad, deviation
 from contact_tracker.geometry import Plane
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.simulate import Scenario, simulate
@@ -50,6 +51,20 @@ def test_covariances_follow_the_residuals_where_the_model_expects_worse():
     noise = NOISES["robot"]._replace(seconds=3.0)
     deviations = [d for seed in range(6) for d in find_simulated(Contact.EF, noise, seed).deviation]
     assert 0.4 < np.mean([d.squared / d.freedom for d in deviations]) < 2.5
+
+
+def test_frames_of_what_came_before_do_not_bend_the_geometry():
+    """A segment begins with a tick; the contact began somewhere in it, here with a landing at 8 cm/s."""
+    made = simulate(Scenario((Phase(Contact.VF, 5.0),)), 3)
+    true = made.truth.intervals[0].geometry
+    height_m = 0.08 * np.maximum(12.0 - np.arange(len(made.poses)), 0.0) / 200.0
+    position_m = made.poses.position_m + height_m[:, None] * true.environment.normal
+    alone, early = (
+        stretch_geometry(poses, Contact.VF)
+        for poses in (made.poses, replace(made.poses, position_m=position_m))
+    )
+    assert np.linalg.norm(early.object.point_m - alone.object.point_m) < 0.0005
+    assert deviation(early.object, true.object, np.zeros(3)).sd < 3.0
 
 
 # --- the bound itself --------------------------------------------------------------------------------------
