@@ -25,7 +25,7 @@ LAYERS = (
     ("hmm",),
     ("belief",),
     ("model",),
-    ("ticks", "transitions"),
+    ("ticks", "transitions", "encounter"),
     ("tracker", "segmenter", "fixed_lag", "windows"),
     ("whole_file",),
     ("recording", "simulate", "evaluation", "known"),

@@ -80,7 +80,7 @@ def test_a_small_example_by_hand() -> None:
     assert result.macro_f1 == pytest.approx((4.0 / 4.4 + 3.2 / 3.6) / 2)
     assert result.boundary_s == pytest.approx([0.4])
     assert result.delay_s == pytest.approx([0.4])
-    assert (result.boundaries_missed, result.never_detected) == (0, 0)
+    assert (result.missed_share, result.never_share) == (0.0, 0.0)
     assert result.sure_wrong == pytest.approx(0.1)
     assert result.brier == pytest.approx(0.1 * 2)
     assert result.calibration_error == pytest.approx(0.1)
@@ -113,8 +113,8 @@ def test_a_change_that_is_not_found_is_missed() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("free", 2000), ("v-f", 1000), ("free", 1000)))
     result = judge(scored, columns_of(stamps, ("free", 4000)))
-    assert (result.boundaries_missed, result.never_detected) == (2, 1)
-    assert result.missed_share == 1.0
+    # it was free all the time: right after the second change, but no change was found
+    assert (result.missed_share, result.never_share) == (1.0, 0.5)
 
 
 def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
@@ -150,8 +150,31 @@ def test_subsets_follow_the_motion() -> None:
     scored = scoring(frames(3200), truth)
     seconds = {s: scored.seconds[scored.subsets[s]].sum() for s in Subset}
     assert seconds[Subset.MOVED] == pytest.approx(2.2)
-    assert seconds[Subset.AMBIGUOUS] == pytest.approx(2.2)
-    assert seconds[Subset.IDENTIFIABLE] == pytest.approx(1.0)
+    assert seconds[Subset.AMBIGUOUS] == pytest.approx(1.7)
+    assert seconds[Subset.IDENTIFIABLE] == pytest.approx(1.5)
+
+
+def test_what_cannot_be_told_is_scored_apart() -> None:
+    """f-f at rest, then moved; e-f in pure translation; free. Found: f-f, then free for good."""
+    truth = make_truth(
+        ("f-f", 1000), ("f-f", 1000), ("e-f", 1000), ("free", 1000),
+        motion=("rest", "normal", "translation", "normal"), singular=(2,),
+    )  # fmt: skip
+    stamps = frames(4000)
+    scored = scoring(stamps, truth)
+    columns = columns_of(stamps, ("f-f", 2100), ("free", 1900))
+    main, apart = (judge(scored.within(s), columns) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
+    assert (main.seconds(), apart.seconds()) == (pytest.approx(2.0), pytest.approx(2.0))
+    assert (main.accuracy(), main.sure_wrong, main.brier) == (1.0, 0.0, 0.0)
+    assert apart.accuracy() == pytest.approx(0.5)
+    assert apart.brier == pytest.approx(1.0)
+    # a change belongs to what follows it; free was found 0.9 s early
+    assert (main.into.tolist(), apart.into.tolist()) == ([Contact.FREE.column], [Contact.EF.column])
+    assert main.boundary_s == pytest.approx([0.9])
+    assert apart.missed_share == 1.0
+    together = main + apart
+    assert figures(together)[1::2][0] == pytest.approx(4.0)
+    assert together.brier == pytest.approx(judge(scored, columns).brier)
 
 
 def test_a_dropout_weighs_a_tenth_of_a_second() -> None:
@@ -212,6 +235,60 @@ def test_a_calibrated_belief_has_no_calibration_error() -> None:
     assert honest.log_loss < boastful.log_loss
     assert honest.brier < boastful.brier
     assert honest.sure_wrong < boastful.sure_wrong
+
+
+# --- state by state --------------------------------------------------------------------------------------
+
+
+def test_figures_by_state_by_hand() -> None:
+    """2 s f-f, 1 s e-f, 1 s free, believed with 0.7 of f-f and 0.3 of e-f throughout."""
+    stamps = frames(4000)
+    scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 1000), ("free", 1000)))
+    result = judge(scored, np.zeros(400, np.int64), np.tile([0.7, 0.3, 0, 0, 0, 0, 0], (400, 1)))
+    ff, ef, ee, free = (c.column for c in (Contact.FF, Contact.EF, Contact.EE, Contact.FREE))
+    assert result.seconds_by_state[[ff, ef, ee, free]] == pytest.approx([2.0, 1.0, 0.0, 1.0])
+    assert result.recall[[ff, ef, ee, free]] == pytest.approx([1.0, 0.0, np.nan, 0.0], nan_ok=True)
+    assert result.f1[[ff, ef, ee, free]] == pytest.approx([2 / 3, 0.0, np.nan, 0.0], nan_ok=True)
+    assert result.macro_f1 == pytest.approx(2 / 9)
+    assert result.log_loss_by_state[[ff, ef, free]] == pytest.approx(-np.log([0.7, 0.3, 1e-12]))
+    # f-f: half the time 0.3 off, half the time 0.7; e-f: a quarter 0.7 off, else 0.3; free: a quarter 1
+    expected = [(0.09 + 0.49) / 2, 0.49 / 4 + 0.09 * 0.75, 0.0, 0.25]
+    assert result.brier_by_state[[ff, ef, ee, free]] == pytest.approx(expected)
+    # f-f is true half the time and believed with 0.7, e-f a quarter with 0.3, free a quarter with nothing
+    assert result.calibration_error_by_state[[ff, ef, ee, free]] == pytest.approx([0.2, 0.05, 0.0, 0.25])
+    assert result.calibration_error == pytest.approx(0.2)
+    assert result.into.tolist() == [ef, free]
+    assert np.isnan(result.detection_delay_s).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS)
+def test_the_states_add_up(seed: int) -> None:
+    """Brier's score and its parts against sampling: every state's probability is a forecast of its own."""
+    scored, _, stamps, ticks, labels, p = random_case(seed, unscored=True)
+    tick = tick_containing(stamps, ticks)
+    result = tally(scored, tick, labels, p)
+    taken = scored.subsets[Subset.ALL]
+    seconds, truth = scored.seconds[taken], scored.truth[taken]
+    if not len(truth):
+        return
+    posterior = np.vstack([p, np.full(7, 1 / 7)])[tick][taken]
+    label = np.append(labels, -1)[tick][taken]
+    for state in range(7):
+        hit = truth == state
+        square = (posterior[:, state] - hit) ** 2
+        assert result.brier_by_state[state] == pytest.approx(np.average(square, weights=seconds))
+        if hit.any():
+            right = np.average(label[hit] == state, weights=seconds[hit])
+            loss = np.average(-np.log(np.maximum(posterior[hit, state], 1e-12)), weights=seconds[hit])
+            assert result.recall[state] == pytest.approx(right)
+            assert result.log_loss_by_state[state] == pytest.approx(loss)
+        else:
+            assert np.isnan([result.recall[state], result.f1[state], result.log_loss_by_state[state]]).all()
+    shares = result.seconds_by_state / result.seconds()
+    present = shares > 0
+    assert shares[present] @ result.recall[present] == pytest.approx(result.accuracy())
+    assert shares[present] @ result.log_loss_by_state[present] == pytest.approx(result.log_loss)
 
 
 # --- oracle: what every millisecond says -------------------------------------------------------------------
@@ -311,7 +388,12 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
         delay.append(next((t - b for t in lasting), None))
     assert result.boundary_s == pytest.approx([e * 1e-3 for e in boundary if e is not None])
     assert result.delay_s == pytest.approx([d * 1e-3 for d in delay if d is not None])
-    assert (result.boundaries_missed, result.never_detected) == (boundary.count(None), delay.count(None))
+    assert result.boundary_error_s == pytest.approx(
+        [np.nan if e is None else e * 1e-3 for e in boundary], nan_ok=True
+    )
+    assert result.detection_delay_s == pytest.approx(
+        [np.nan if d is None else d * 1e-3 for d in delay], nan_ok=True
+    )
 
 
 # --- what always holds -----------------------------------------------------------------------------------
@@ -331,7 +413,7 @@ def test_a_perfect_belief_is_perfect(seed: int) -> None:
         assert (result.log_loss, result.brier, result.sure_wrong) == (0, 0, 0)
     assert not result.boundary_s.any()
     assert not result.delay_s.any()
-    assert (result.boundaries_missed, result.never_detected) == (0, 0)
+    assert not np.isnan([result.boundary_error_s, result.detection_delay_s]).any()
 
 
 @settings(max_examples=40, deadline=None)

@@ -49,8 +49,8 @@ def test_the_stream_in_any_portions_is_the_whole():
     poses = moving(np.random.default_rng(3), 5.0, 200.0, 3e-4, 2e-3)
     whole = noise.advance(noise.begin(1.0, 1.0), poses, (1.0, 1.0))
     *_, portions = streamed(poses, 7, (1.0, 1.0))
-    np.testing.assert_allclose(portions.position_sq, whole.position_sq, rtol=1e-9)
-    np.testing.assert_allclose(portions.rotation_sq, whole.rotation_sq, rtol=1e-6)
+    np.testing.assert_allclose(portions.position, whole.position, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(portions.rotation, whole.rotation, rtol=1e-6, atol=1e-12)
 
 
 def test_memory_is_bounded_and_the_noise_may_change():
@@ -60,13 +60,13 @@ def test_memory_is_bounded_and_the_noise_may_change():
     *_, estimate = streamed(quiet, 10, prior)
     for later in range(0, len(loud), 10):
         estimate = noise.advance(estimate, loud[later : later + 10], prior)
-        assert len(estimate.position_sq) <= noise.MEMORY_FRAMES
+        assert len(estimate.position) == len(estimate.turn) <= noise.MEMORY_FRAMES
         assert len(estimate.recent) <= noise.ORDER
     assert estimate.sigma_position_m == pytest.approx(1e-3, rel=0.1)
 
 
 def test_two_percent_of_outliers_hardly_matter():
-    """Each spoils four differences of a hundred samples: the median rises by a tenth, not tenfold."""
+    """Each spoils four differences: the median rises by a tenth, not tenfold."""
     rng = np.random.default_rng(5)
     poses = moving(rng, 30.0, 200.0, 3e-4, 2e-3)
     wrong = rng.random(len(poses)) < 0.02
@@ -101,6 +101,50 @@ def test_anisotropic_noise_counts_by_its_mean_square():
     assert noise.estimate_noise(poses) == pytest.approx(expected, rel=0.1)
 
 
+def last(poses, prior=(5e-4, 4e-3)):
+    *_, estimate = streamed(poses, 20, prior)
+    return estimate
+
+
+def test_each_axis_has_its_noise():
+    """Of the position in the world's axes, of the orientation in the body's, whatever the object does."""
+    sigma_m, sigma_rad = np.array([2e-4, 2e-4, 1e-3]), np.array([4e-3, 1e-3, 1e-3])
+    estimate = last(moving(np.random.default_rng(11), 30.0, 100.0, sigma_m, sigma_rad, rms_rad=1.0))
+    np.testing.assert_allclose(np.sqrt(np.diag(estimate.position_m2)), sigma_m, rtol=0.2)
+    np.testing.assert_allclose(np.sqrt(np.diag(estimate.rotation_rad2)), sigma_rad, rtol=0.2)
+    cross = estimate.position_m2 / np.sqrt(np.outer(*2 * [np.diag(estimate.position_m2)]))
+    assert np.abs(cross - np.eye(3)).max() < 0.15
+    assert estimate.sigma_position_m == pytest.approx(np.sqrt(np.mean(sigma_m**2)), rel=0.1)
+
+
+def test_the_centre_of_the_noise_is_found_wherever_the_body_frame_is():
+    """Markers measure where their middle is: half a metre beside it the origin swings with each error."""
+    rng = np.random.default_rng(12)
+    poses, centre = moving(rng, 20.0, 200.0, 3e-4, 2.6e-3), np.array([-0.3, 0.3, -0.3])
+    turn = Rotation.from_quat(poses.quat_xyzw)
+    beside = Poses(poses.stamp_ns, poses.position_m - turn.apply(centre), poses.quat_xyzw)
+    here, there = last(poses), last(beside)
+    np.testing.assert_allclose(here.centre_m, 0.0, atol=0.02)
+    np.testing.assert_allclose(there.centre_m, centre, atol=0.02)
+    np.testing.assert_allclose(there.position_m2, here.position_m2, atol=0.15 * 3e-4**2)
+    np.testing.assert_allclose(there.rotation_rad2, here.rotation_rad2, rtol=1e-6, atol=1e-9)
+    swung = np.hypot(3e-4, np.sqrt(2.0 / 3.0) * 2.6e-3 * np.linalg.norm(centre))
+    assert there.sigma_position_m == pytest.approx(swung, rel=0.1)
+
+
+def test_noise_of_axes_turns_with_the_frames():
+    rng = np.random.default_rng(13)
+    poses = moving(rng, 10.0, 200.0, np.array([1e-4, 3e-4, 5e-4]), np.array([1e-3, 2e-3, 4e-3]))
+    world, body = Rotation.random(2, random_state=rng)
+    turned = world * Rotation.from_quat(poses.quat_xyzw) * body
+    found, same = last(Poses(poses.stamp_ns, world.apply(poses.position_m), turned.as_quat())), last(poses)
+    w, b = world.as_matrix(), body.as_matrix()
+    np.testing.assert_allclose(found.position_m2, w @ same.position_m2 @ w.T, atol=1e-12)
+    np.testing.assert_allclose(found.rotation_rad2, b.T @ same.rotation_rad2 @ b, atol=1e-10)
+    np.testing.assert_allclose(found.centre_m, b.T @ same.centre_m, atol=1e-6)
+    assert found.sigma_position_m == pytest.approx(same.sigma_position_m, rel=1e-6)
+
+
 def test_noise_is_the_same_in_every_frame_and_for_either_sign_of_the_quaternion():
     rng = np.random.default_rng(8)
     poses = moving(rng, 10.0, 200.0, 3e-4, 2e-3)
@@ -108,7 +152,7 @@ def test_noise_is_the_same_in_every_frame_and_for_either_sign_of_the_quaternion(
     turned = world * Rotation.from_quat(poses.quat_xyzw) * Rotation.random(random_state=rng)
     sign = rng.choice([-1.0, 1.0], size=(len(poses), 1))
     same = Poses(poses.stamp_ns, world.apply(poses.position_m) + 100.0, turned.as_quat() * sign)
-    assert noise.estimate_noise(same) == pytest.approx(noise.estimate_noise(poses), rel=0.05)
+    assert noise.estimate_noise(same) == pytest.approx(noise.estimate_noise(poses), rel=1e-6)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.poses import Poses
-from contact_tracker.segmenter import segment
+from contact_tracker.segmenter import forward, segment
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
 TICK_NS = round(MODEL.tick_s * 1e9)
@@ -59,6 +59,15 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
     assert errors.within_3_sd >= 0.75
     assert np.median(errors.angle_deg) < 3.0
     assert np.median(errors.distance_mm) < 10.0
+
+
+def test_every_tick_has_the_noise_that_is_known_at_the_end():
+    """What the model expects at the start, 0.5 mm, is not what its first ticks are weighed by."""
+    seen, state = forward(recorded(FACE_TO_EDGE).poses[:200], MODEL)
+    deviation_m, _ = np.sqrt(seen.window(state).variance).T
+    per_tick = np.hypot(state.averaging.noise.sigma_position_m / np.sqrt(20), MODEL.noise.floor_position_m)
+    np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
+    assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick
 
 
 @each_recording

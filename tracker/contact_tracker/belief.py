@@ -37,6 +37,11 @@ class Belief:
     residual: Array
     inseparable: tuple[Contact, ...] = ()
 
+    @property
+    def touching(self) -> tuple[str | None, str | None]:
+        """Names of the object's and the environment's element, None for one that nobody knows."""
+        return self.geometry.names if self.geometry else (None, None)
+
     def to_json(self) -> dict[str, Any]:
         """The object that ``live --json`` and ``segment -o FILE.jsonl`` write."""
         return {
@@ -63,6 +68,11 @@ class Segment:
     probability: float
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...] = ()
+
+    @property
+    def touching(self) -> tuple[str | None, str | None]:
+        """As ``Belief.touching``."""
+        return self.geometry.names if self.geometry else (None, None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
 """Planes, lines and points with their uncertainty: the elements that touch.
 
 An element is given in the frame it is fixed to: the body frame for the object's, the world frame for the
-environment's (docs/conventions.md). Units are metres and radians; a covariance is None where unknown.
+environment's (docs/conventions.md). Units are metres and radians; a covariance is None where unknown, and a
+name where the element is none of those that the user knows.
 """
 
 from collections.abc import Mapping
@@ -36,6 +37,7 @@ class Plane:
     offset_m: float
     covariance: Array | None = None
     unobserved: tuple[Unobserved, ...] = ()
+    name: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         sd = _standard_deviations(self.covariance, 4)
@@ -47,6 +49,7 @@ class Plane:
                 "offset_sd_m": _number(sd[3]),
             },
             "unobserved": [way.to_json() for way in self.unobserved],
+            "name": self.name,
         }
 
 
@@ -62,6 +65,7 @@ class Line:
     point_m: Array
     covariance: Array | None = None
     unobserved: tuple[Unobserved, ...] = ()
+    name: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         sd = _standard_deviations(self.covariance, 6)
@@ -73,6 +77,7 @@ class Line:
                 "point_sd_m": _numbers(sd[3:]),
             },
             "unobserved": [way.to_json() for way in self.unobserved],
+            "name": self.name,
         }
 
 
@@ -83,12 +88,14 @@ class Point:
     point_m: Array
     covariance: Array | None = None
     unobserved: tuple[Unobserved, ...] = ()
+    name: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         return {
             "point_m": _numbers(self.point_m),
             "point_sd_m": _numbers(_standard_deviations(self.covariance, 3)),
             "unobserved": [way.to_json() for way in self.unobserved],
+            "name": self.name,
         }
 
 
@@ -101,6 +108,11 @@ class ContactGeometry:
 
     object: Element
     environment: Element
+
+    @property
+    def names(self) -> tuple[str | None, str | None]:
+        """What the user calls them, None for an element that is not known."""
+        return self.object.name, self.environment.name
 
     def to_json(self) -> dict[str, Any]:
         return {"object": self.object.to_json(), "environment": self.environment.to_json()}

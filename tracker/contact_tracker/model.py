@@ -137,6 +137,11 @@ def preset_names() -> list[str]:
     return sorted(p.name.removesuffix(".toml") for p in _presets().iterdir() if p.name.endswith(".toml"))
 
 
+def limits(key: str) -> tuple[float, float]:
+    """Between what the number of ``key`` must lie, both ends excluded."""
+    return _RANGES.get(key.rpartition(".")[2], _POSITIVE)
+
+
 def _presets() -> Any:
     packaged = resources.files("contact_tracker") / "models"
     if packaged.is_dir():
@@ -179,7 +184,7 @@ def _value(wanted: Any, value: Any, key: str) -> Any:
             raise ModelError(key, f"must be a string, not {type(value).__name__}")
         return value
     if wanted is float:
-        low, high = _RANGES.get(key.rpartition(".")[2], _POSITIVE)
+        low, high = limits(key)
         number = _number(value, key)
         if not low < number < high:
             raise ModelError(key, f"must lie between {low:g} and {high:g}")

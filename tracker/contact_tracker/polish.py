@@ -23,8 +23,11 @@ ROUNDS: Final = 2
 """Of fitting, and of learning the noise from what the fit leaves."""
 STEPS: Final = 20
 TOLERANCE_NATS: Final = 1e-4
-PRIOR_TICKS: Final = 3.0
+PRIOR_TICKS: Final = 1.0
 """Weight of the noise as it was believed against that of the residuals."""
+FEW_TICKS: Final = 15
+STRANGE_SIGMAS: Final = 2.5
+"""A tick at an end of the stretch is left out if it is so far off, unless there are only ``FEW_TICKS``."""
 LEAST_SCALE: Final = 1e-6
 LEAST_CURVATURE: Final = 1e-9
 _STEP: Final = 1e-6
@@ -34,12 +37,25 @@ _STEP: Final = 1e-6
 def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
     """Bring the one hypothesis of ``bank`` from near the minimum to it; ``window`` is its whole stretch.
 
+    The first and the last tick are left out where they do not fit the others: they may hold frames of what
+    came before and after.
+
     Returns
     -------
     Bank with ``x`` (1, S) of the greatest posterior density, its information ``hessian`` (1, K, P, P) by row,
     and with ``moments`` and ``row_weight`` of the weights that the ticks have here. Where no step improves on
     it, x stays what it was.
     """
+    polished = _settle(bank, model, window, scales)
+    if len(window) < FEW_TICKS:
+        return polished
+    begins, ends = _belong(polished, model, window, scales)[[0, -1]]
+    inner = window.cut(0 if begins else 1, None if ends else -1)
+    return polished if begins and ends else _settle(polished, model, inner, scales)
+
+
+def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """``polish`` with all ticks of the window."""
     family = model.family
     anchors = model.anchors(bank.place_sum / bank.weight[:, None])
     prior = weak_prior(family, anchors, scales.reach_m)
@@ -56,6 +72,18 @@ def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> B
         moments=np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)[None],
         row_weight=weight * np.mean(position / _noise(model, x, window)[1], axis=2),
     )
+
+
+def _belong(polished: Bank, model: ContactModel, window: Window, scales: Scales) -> NDArray[np.bool_]:
+    """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
+    anchors = model.anchors(polished.place_sum / polished.weight[:, None])
+    whitened, jacobian, tangent = _linearised(model, polished.x, anchors, window)
+    weight = _row_weight(whitened, model.family.PARAMETERS / model.family.ROWS)
+    held = tangent.T @ weak_prior(model.family, anchors, scales.reach_m).precision[0] @ tangent
+    information = polished.hessian[0].sum(axis=0) + held + LEAST_CURVATURE * np.eye(len(held))
+    leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, np.linalg.inv(information), jacobian)
+    square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
+    return np.asarray(np.all(square < STRANGE_SIGMAS**2, axis=0))
 
 
 def _maximise(

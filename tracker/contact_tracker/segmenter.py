@@ -1,13 +1,13 @@
 """The tracker, offline: the online pass once forward, then Viterbi and smoothing over what it met."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, hypotheses, separability, tracker
+from contact_tracker import hmm, hypotheses, separability, ticks, tracker
 from contact_tracker.belief import Belief, Segment, Segmentation
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Window
@@ -31,6 +31,7 @@ class Pass:
     beliefs: list[Belief] = field(default_factory=list)
     start_ns: list[int] = field(default_factory=list)
     newest: list[Window] = field(default_factory=list)
+    frames: list[int] = field(default_factory=list)
     alive: list[NDArray[np.int64]] = field(default_factory=list)
     log_likelihood: list[Array] = field(default_factory=list)
 
@@ -45,6 +46,13 @@ class Pass:
         """How far the motion in each tick (T,) rose above the noise."""
         return np.array([newest.activity for newest in self.newest])
 
+    def window(self, state: TrackerState) -> Window:
+        """All ticks, with the variances that the final estimate of the noise gives them."""
+        assert state.averaging is not None
+        counts = np.array(self.frames, float)
+        variance = np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T
+        return replace(Window.join(self.newest), variance=variance)
+
     @property
     def trellis(self) -> hmm.Trellis:
         """All hypotheses that were met: one of each state begins with each tick."""
@@ -57,6 +65,7 @@ class Pass:
         self.beliefs.append(belief)
         self.start_ns.append(tick.start_ns)
         self.newest.append(state.window.cut(-1, None))
+        self.frames.append(tick.count)
         self.alive.append(np.concatenate([*(b.number for b in state.banks), free]))
         self.log_likelihood.append(np.concatenate([*(b.log_likelihood for b in state.banks), np.zeros(1)]))
 
@@ -94,20 +103,20 @@ def forward(
 
 def conclude(seen: Pass, state: TrackerState) -> Segmentation:
     """Viterbi and smoothing over a forward pass of at least one tick."""
-    ticks, trellis = len(seen.beliefs), seen.trellis
+    trellis = seen.trellis
     initial = log_initial(state.model)
     transition = np.array([log_transition(state.model, activity) for activity in seen.activity])
     posterior, _ = hmm.smooth(trellis, initial, transition)
     stretches = _merge_free(
         [(h % len(STATES), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
     )
-    window = Window.join(seen.newest)
+    window = seen.window(state)
     segments, beliefs = [], []
     for column, first, end in stretches:
         contact = STATES[column]
         geometry, inseparable = _told(window.cut(first, end), contact, state)
         probability = float(posterior[first:end, column].mean())
-        stop_ns = seen.start_ns[end] - 1 if end < ticks else seen.beliefs[-1].stamp_ns
+        stop_ns = seen.start_ns[end] - 1 if end < len(window) else seen.beliefs[-1].stamp_ns
         start_ns = seen.start_ns[first]
         segments.append(Segment(start_ns, stop_ns, contact, probability, geometry, inseparable))
         for tick in range(first, end):
@@ -144,8 +153,10 @@ def _told(
     """
     scales = tracker.scales_of(state.model)
     fits = [hypotheses.fit_stretch(contact, stretch, scales) for contact in CONTACT_MODELS]
-    evidence = np.array([*(f.log_likelihood[0] for f in fits), 0.0])
-    inseparable = separability.inseparable(label, evidence, stretch, older=False)
+    rivals = separability.Rivals(
+        np.array([*(f.log_likelihood[0] for f in fits), 0.0]), np.array([*(f.rms[0] for f in fits), 1.0])
+    )
+    inseparable = separability.inseparable(label, rivals, stretch, older=False)
     if label is Contact.FREE or state.averaging is None:
         return None, inseparable
     contact = CONTACT_MODELS[label.column]

@@ -5,7 +5,7 @@ being usual, and yet the motion has not shown it.
 """
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 DECISIVE: Final = float(np.log(20.0))
 """Evidence (nats) that tells two contacts apart: twenty to one."""
+AS_WELL: Final = 1.2
+"""A contact fits as well if its whitened residual is no more than this times the label's, or the noise."""
 SAME_SPAN: Final = 0.25
 """Onsets that differ by this share of the contact's age are about the same span: of old ones few are kept."""
 SAME_SPAN_TICKS: Final = 3
@@ -34,23 +36,33 @@ LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone."""
 
 
-def inseparable(label: Contact, evidence: Array, window: Window, older: bool) -> tuple[Contact, ...]:
+class Rivals(NamedTuple):
+    """How well each state explains one span.
+
+    ``evidence`` (7,) in nats against any one of them, and ``rms`` (7,), the whitened residual that is left.
+    """
+
+    evidence: Array
+    rms: Array
+
+
+def inseparable(label: Contact, rivals: Rivals, window: Window, older: bool) -> tuple[Contact, ...]:
     """The other states that the motion does not tell from ``label``.
 
-    Those whose ``evidence`` (7,) in nats does not fall decisively short of the label's. And where the motion
-    makes no use of the freedom that the label leaves: all that these contain, since standing still in one
-    more direction says nothing then.
+    Those whose evidence does not fall decisively short of the label's. And where the motion makes no use of
+    the freedom that the label leaves: all that fit, since standing still in one more direction says nothing
+    then; and what these contain, since that fits with them.
 
     Parameters
     ----------
     window : the ticks since the onset, as far as they are at hand; ``older`` if there were others before.
     """
-    least = evidence[label.column] - DECISIVE
-    close = {state for state in STATES if evidence[state.column] > least}
+    close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
     judged = not older or float(_activity(window).sum()) >= LEAST_MOTION_TICKS
     if judged and used_directions(window) < SIX - label.codimension:
-        close |= {state for state in STATES if any(fits.contains(state) for fits in close)}
-    return tuple(state for state in STATES if state in close and state is not label)
+        fits = close | (rivals.rms < AS_WELL * max(1.0, rivals.rms[label.column]))
+        close = np.array([any(fits[s.column] and s.contains(state) for s in STATES) for state in STATES])
+    return tuple(state for state in STATES if close[state.column] and state is not label)
 
 
 def used_directions(window: Window) -> int:
@@ -83,25 +95,24 @@ def _activity(window: Window) -> Array:
     return np.asarray(np.max(window.excess / (window.excess + window.variance), axis=1, initial=0.0))
 
 
-def evidence_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Array:
-    """Evidence (7,) for each state against the label, in nats, of the data since about ``onset_ns``.
+def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Rivals:
+    """How well each state explains the data since about ``onset_ns``, against the label.
 
     Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
     just that onset on. -inf where all such hypotheses have been dropped as hopeless.
     """
     slack_ns = max(SAME_SPAN_TICKS * tick_ns, SAME_SPAN * (now_ns - onset_ns))
-    against = np.zeros(len(STATES))
+    evidence, rms = np.full((2, len(STATES)), np.inf) * [[-1.0], [1.0]]
     for contact, bank in zip(CONTACTS, banks, strict=True):
         near = np.flatnonzero(np.abs(bank.onset_ns - onset_ns) <= slack_ns)
-        if contact is label:
-            continue
-        against[contact.column] = -np.inf
         if len(near):
             best = int(near[np.argmax(bank.joint[near])])
             of_label = _evidence(banks, label, int(bank.onset_ns[best]) - onset_ns, onset_ns)
-            against[contact.column] = bank.log_likelihood[best] - of_label
-    against[-1] = -_evidence(banks, label, 0, onset_ns)
-    return against
+            evidence[contact.column] = bank.log_likelihood[best] - of_label
+            rms[contact.column] = bank.rms[best]
+    evidence[-1], rms[-1] = -_evidence(banks, label, 0, onset_ns), 1.0
+    evidence[label.column] = 0.0
+    return Rivals(evidence, rms)
 
 
 def _evidence(banks: Sequence[Bank], label: Contact, after_ns: int, onset_ns: int) -> float:

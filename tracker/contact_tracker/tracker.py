@@ -191,9 +191,9 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
         scales, origin_m = scales_of(state.model), state.averaging.origin_m
         geometry = geometry_of(living, row, contact, scales, state.window, origin_m)
         onset_ns, onset = int(living.onset_ns[row]), int(living.onset[row])
-    evidence = separability.evidence_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
+    rivals = separability.rivals_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
     since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
-    inseparable = separability.inseparable(label, evidence, since, onset < state.window.index[0])
+    inseparable = separability.inseparable(label, rivals, since, onset < state.window.index[0])
     return Belief(stamp_ns, label, probability, onset_ns, geometry, residual, inseparable)
 
 

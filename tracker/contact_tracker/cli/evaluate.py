@@ -1,10 +1,10 @@
 """``contact-tracker evaluate``: how right the tracker is, on recordings that carry their truth."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_source
+from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, warn
 from contact_tracker.errors import (
@@ -12,8 +12,6 @@ from contact_tracker.errors import (
     InputError,
     NoPoses,
     NoTruth,
-    UnreadableRecording,
-    UsageError,
 )
 
 if TYPE_CHECKING:
@@ -41,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     evaluations = {}
     code = DONE
-    for name in _recordings(args.logs):
+    for name in recordings(args.logs, "evaluate"):
         try:
             evaluations[name], damage = _evaluate(name, args, model)
         except (InputError, AmbiguousSource) as error:  # the others are still worth their figures
@@ -55,22 +53,6 @@ def run(args: argparse.Namespace) -> int:
         report = Report(evaluations)
         print(report.to_json() if args.json else report.to_text())
     return code
-
-
-def _recordings(logs: list[str]) -> list[str]:
-    """Files as given, folders replaced by the recordings in them; each once."""
-    names: dict[str, None] = {}
-    for log in logs:
-        if log == "-":
-            raise UsageError("evaluate reads a recording twice: name a file, not -")
-        if not Path(log).is_dir():
-            names[log] = None
-            continue
-        inside = sorted(map(str, Path(log).rglob("*.mcap")))
-        if not inside:
-            raise UnreadableRecording(f"{log}: this folder holds no .mcap file")
-        names.update(dict.fromkeys(inside))
-    return list(names)
 
 
 def _evaluate(name: str, args: argparse.Namespace, model: "Model") -> "tuple[Evaluation, str | None]":

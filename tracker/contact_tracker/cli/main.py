@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__
-from contact_tracker.cli import evaluate, info, live, segment, simulate, view
+from contact_tracker.cli import calibrate, evaluate, info, live, segment, simulate, view
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
 from contact_tracker.cli.terminal import fail
 from contact_tracker.errors import ContactTrackerError, UsageError
 
-COMMANDS: Final = (live, segment, view, info, simulate, evaluate)
+COMMANDS: Final = (live, segment, view, info, simulate, evaluate, calibrate)
 
 DESCRIPTION: Final = """\
 Tell from the poses of one rigid object how it touches its world: which principal contact holds

@@ -18,6 +18,7 @@ Ints = NDArray[np.int64]
 
 CALIBRATION_BINS: Final = 15
 SURE: Final = 0.9
+_CHANGES: Final = ("into", "boundary_error_s", "detection_delay_s")
 SMALLEST_PROBABILITY: Final = 1e-12
 """A probability below this counts as this in the log-loss, which would be infinite otherwise."""
 
@@ -31,37 +32,31 @@ class Tally:
     confusion_s : (5, 7, 8) seconds per ``Subset``, true state and label; the last column is no answer.
     calibration : (15, 3) per bin of the top probability, equally wide over [0, 1]: seconds,
         seconds x probability, seconds in which the top state was true.
-    log_loss_s : seconds x -log p(truth).
-    brier_s : seconds x squared distance of the posterior from the truth's indicator (0 to 2).
-    sure_wrong_s : seconds with a probability above 0.9 on a wrong state.
-    boundary_s : (B,) distance of the found changes from the true ones.
-    boundaries_missed : true changes without a found one.
-    delay_s : (D,) from the true onset until the label became right and stayed so for 0.3 s.
-    never_detected : true phases in which it never did.
+    calibration_by_state : (7, 15, 3) the same of each state's probability and whether that state was true.
+    log_loss_by_state_s : (7,) seconds x -log p(truth), by the true state.
+    brier_by_state_s : (7,) seconds x squared distance of each state's probability from 1 where it was true,
+        from 0 elsewhere.
+    sure_wrong_by_state_s : (7,) seconds with a probability above 0.9 on a wrong state, by the true state.
+    into : (C,) the state into which each true change led.
+    boundary_error_s : (C,) distance of the found change from it; nan where none was found.
+    detection_delay_s : (C,) from the onset until the label became right and stayed so for 0.3 s; nan: never.
     """
 
     confusion_s: Array
     calibration: Array
-    log_loss_s: float
-    brier_s: float
-    sure_wrong_s: float
-    boundary_s: Array
-    boundaries_missed: int
-    delay_s: Array
-    never_detected: int
+    calibration_by_state: Array
+    log_loss_by_state_s: Array
+    brier_by_state_s: Array
+    sure_wrong_by_state_s: Array
+    into: Ints
+    boundary_error_s: Array
+    detection_delay_s: Array
 
     def __add__(self, other: "Tally") -> "Tally":
-        return Tally(
-            confusion_s=self.confusion_s + other.confusion_s,
-            calibration=self.calibration + other.calibration,
-            log_loss_s=self.log_loss_s + other.log_loss_s,
-            brier_s=self.brier_s + other.brier_s,
-            sure_wrong_s=self.sure_wrong_s + other.sure_wrong_s,
-            boundary_s=np.concatenate([self.boundary_s, other.boundary_s]),
-            boundaries_missed=self.boundaries_missed + other.boundaries_missed,
-            delay_s=np.concatenate([self.delay_s, other.delay_s]),
-            never_detected=self.never_detected + other.never_detected,
-        )
+        mine, others = vars(self), vars(other)
+        sums = {name: mine[name] + others[name] for name in mine if name not in _CHANGES}
+        lists = {name: np.concatenate([mine[name], others[name]]) for name in _CHANGES}
+        return Tally(**sums, **lists)
 
     def seconds(self, subset: Subset = Subset.ALL) -> float:
         """Time scored in ``subset``."""
@@ -72,14 +67,32 @@ class Tally:
         return _ratio(float(np.trace(self.confusion_s[subset])), self.seconds(subset))
 
     @property
+    def seconds_by_state(self) -> Array:
+        """Time scored (7,) in which each state was true."""
+        return np.asarray(self.confusion_s[Subset.ALL].sum(axis=1))
+
+    @property
+    def recall(self) -> Array:
+        """Share (7,) of a state's time in which the label was right; nan where it never was true."""
+        return _ratios(np.diag(self.confusion_s[Subset.ALL]), self.seconds_by_state)
+
+    @property
+    def f1(self) -> Array:
+        """F1 (7,) of each state; nan where it never was true."""
+        confusion = self.confusion_s[Subset.ALL]
+        found_s = np.where(self.seconds_by_state > 0, confusion.sum(axis=0)[: len(STATES)], 0.0)
+        return _ratios(2 * np.diag(confusion), self.seconds_by_state + found_s)
+
+    @property
     def macro_f1(self) -> float:
         """Mean F1 over the states that occur in the truth."""
-        confusion = self.confusion_s[Subset.ALL]
-        true_s, found_s = confusion.sum(axis=1), confusion.sum(axis=0)[: len(STATES)]
-        present = true_s > 0
-        if not present.any():
-            return float("nan")
-        return float(np.mean(2 * np.diag(confusion)[present] / (true_s + found_s)[present]))
+        known = self.f1[np.isfinite(self.f1)]
+        return float(known.mean()) if len(known) else float("nan")
+
+    @property
+    def log_loss_s(self) -> float:
+        """Seconds x -log p(truth)."""
+        return float(self.log_loss_by_state_s.sum())
 
     @property
     def log_loss(self) -> float:
@@ -87,30 +100,54 @@ class Tally:
         return _ratio(self.log_loss_s, self.seconds())
 
     @property
+    def log_loss_by_state(self) -> Array:
+        """Mean (7,) of -log p(truth) while each state was true, in nats."""
+        return _ratios(self.log_loss_by_state_s, self.seconds_by_state)
+
+    @property
     def brier(self) -> float:
         """Mean squared distance of posterior and truth, summed over the states: 0 perfect, 2 worst."""
-        return _ratio(self.brier_s, self.seconds())
+        return float(self.brier_by_state.sum())
+
+    @property
+    def brier_by_state(self) -> Array:
+        """What each state (7,) contributes to ``brier``, over all the time scored: 0 perfect, 1 worst."""
+        return _ratios(self.brier_by_state_s, np.full(len(STATES), self.seconds()))
 
     @property
     def calibration_error(self) -> float:
         """Expected calibration error: mean |share true - probability| of the bins, weighted by time."""
-        _, probability_s, true_s = self.calibration.T
-        return _ratio(float(np.abs(true_s - probability_s).sum()), self.seconds())
+        return _ratio(float(_miscalibrated_s(self.calibration)), self.seconds())
+
+    @property
+    def calibration_error_by_state(self) -> Array:
+        """The same (7,) of each state's own probability, over all the time scored."""
+        return _ratios(_miscalibrated_s(self.calibration_by_state), np.full(len(STATES), self.seconds()))
 
     @property
     def sure_wrong(self) -> float:
         """Share of the time with a probability above 0.9 on a wrong state."""
-        return _ratio(self.sure_wrong_s, self.seconds())
+        return _ratio(float(self.sure_wrong_by_state_s.sum()), self.seconds())
+
+    @property
+    def boundary_s(self) -> Array:
+        """Errors (B,) of the true changes that have a found one."""
+        return _found(self.boundary_error_s)
+
+    @property
+    def delay_s(self) -> Array:
+        """Delays (D,) of the true phases that were detected."""
+        return _found(self.detection_delay_s)
 
     @property
     def missed_share(self) -> float:
         """Share of the true changes that have no found one."""
-        return _ratio(self.boundaries_missed, self.boundaries_missed + len(self.boundary_s))
+        return _ratio(len(self.into) - len(self.boundary_s), len(self.into))
 
     @property
     def never_share(self) -> float:
         """Share of the true phases that were never detected."""
-        return _ratio(self.never_detected, self.never_detected + len(self.delay_s))
+        return _ratio(len(self.into) - len(self.delay_s), len(self.into))
 
 
 def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tally:
@@ -131,20 +168,20 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
     p = posterior[scored]
     top, top_p = p.argmax(axis=1), p.max(axis=1, initial=0.0)
     right = (top == truth) & (tick[scored] >= 0)
+    is_true = np.eye(len(STATES))[truth]
     log_loss = -np.log(np.maximum(p[np.arange(len(p)), truth], SMALLEST_PROBABILITY))
-    brier = ((p - np.eye(len(STATES))[truth]) ** 2).sum(axis=1)
-    boundary = [_boundary_error(scoring, frame_label, change) for change in scoring.changes]
-    delay = [_delay(scoring, frame_label, change) for change in scoring.changes]
     return Tally(
         confusion_s=np.stack([_confusion(scoring, frame_label, subset) for subset in Subset]),
         calibration=_calibration(seconds, top_p, right),
-        log_loss_s=float(seconds @ log_loss),
-        brier_s=float(seconds @ brier),
-        sure_wrong_s=float(seconds[(top_p > SURE) & ~right].sum()),
-        boundary_s=np.array([e for e in boundary if e is not None], float),
-        boundaries_missed=boundary.count(None),
-        delay_s=np.array([d for d in delay if d is not None], float),
-        never_detected=delay.count(None),
+        calibration_by_state=np.stack(
+            [_calibration(seconds, p[:, i], truth == i) for i in range(len(STATES))]
+        ),
+        log_loss_by_state_s=(seconds * log_loss) @ is_true,
+        brier_by_state_s=seconds @ (p - is_true) ** 2,
+        sure_wrong_by_state_s=(seconds * ((top_p > SURE) & ~right)) @ is_true,
+        into=np.array([change.into for change in scoring.changes], np.int64),
+        boundary_error_s=np.array([_boundary_error(scoring, frame_label, c) for c in scoring.changes], float),
+        detection_delay_s=np.array([_delay(scoring, frame_label, c) for c in scoring.changes], float),
     )
 
 
@@ -160,14 +197,19 @@ def _confusion(scoring: Scoring, frame_label: Ints, subset: Subset) -> Array:
     return confusion
 
 
-def _calibration(seconds: Array, top_p: Array, right: NDArray[np.bool_]) -> Array:
-    bins = np.clip((top_p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
-    columns = (seconds, seconds * top_p, seconds * right)
+def _calibration(seconds: Array, p: Array, right: NDArray[np.bool_]) -> Array:
+    bins = np.clip((p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
+    columns = (seconds, seconds * p, seconds * right)
     return np.stack([np.bincount(bins, c, CALIBRATION_BINS) for c in columns], axis=1)
 
 
-def _boundary_error(scoring: Scoring, frame_label: Ints, change: Change) -> float | None:
-    """Seconds from the true change to the nearest found one into the same state; None where there is none.
+def _miscalibrated_s(calibration: Array) -> Array:
+    """Seconds x |share true - probability|, summed over the bins (..., 15, 3)."""
+    return np.asarray(np.abs(calibration[..., 2] - calibration[..., 1]).sum(axis=-1))
+
+
+def _boundary_error(scoring: Scoring, frame_label: Ints, change: Change) -> float:
+    """Seconds from the true change to the nearest found one into the same state; nan where there is none.
 
     Looked for from the begin of the old phase to the end of the new one, both within what is judged: a
     label that was there for all of the old phase has not changed.
@@ -175,22 +217,30 @@ def _boundary_error(scoring: Scoring, frame_label: Ints, change: Change) -> floa
     is_new = frame_label[change.begin : change.end] == change.into
     turned = change.begin + 1 + np.flatnonzero(is_new[1:] & ~is_new[:-1])
     if len(turned) == 0:
-        return None
+        return float("nan")
     found = scoring.stamp_ns[turned]
     early = scoring.stamp_ns[change.earliest] - found
     late = found - scoring.stamp_ns[change.onset]
     return float(np.maximum(np.maximum(early, late), 0).min()) * 1e-9
 
 
-def _delay(scoring: Scoring, frame_label: Ints, change: Change) -> float | None:
-    """Seconds from the true onset until the label is right for 0.3 s within the phase; None if never."""
+def _delay(scoring: Scoring, frame_label: Ints, change: Change) -> float:
+    """Seconds from the true onset until the label is right for 0.3 s within the phase; nan if never."""
     right = np.concatenate([[False], frame_label[change.onset : change.end] == change.into, [False]])
     start, stop = np.flatnonzero(right[1:] & ~right[:-1]), np.flatnonzero(right[:-1] & ~right[1:])
     begin_ns = scoring.stamp_ns[change.onset + start]
     lasting = np.flatnonzero(scoring.end_ns[change.onset + stop - 1] - begin_ns >= SHORTEST_PHASE_NS)
     if len(lasting) == 0:
-        return None
+        return float("nan")
     return float(begin_ns[lasting[0]] - scoring.stamp_ns[change.onset]) * 1e-9
+
+
+def _found(values: Array) -> Array:
+    return values[np.isfinite(values)]
+
+
+def _ratios(part: Array, whole: Array) -> Array:
+    return np.divide(part, whole, out=np.full(len(part), np.nan), where=whole > 0)
 
 
 def _ratio(part: float, whole: float) -> float:

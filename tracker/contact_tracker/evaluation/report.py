@@ -21,8 +21,8 @@ WIDEST_NAME: Final = 24
 ACCURACY_NOTE: Final = """\
 Share of the time in which the label was right: over all scored frames; over those more than 0.25 s
 from a true change (clear); over those whose motion can tell the contact (identifiable), and over
-singular or resting ones (ambiguous); without the rest at the start (moved). F1: mean over the true
-states. Online is what had been reported by then."""
+the others, singular or at rest before the first motion (ambiguous); without the rest at the start
+(moved). F1: mean over the true states. Online is what had been reported by then."""
 BELIEF_NOTE: Final = """\
 Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins; sure & wrong: share
 of the time with a probability above 0.9 on a wrong state."""
@@ -110,7 +110,7 @@ def _belief_cells(tally: Tally) -> list[str]:
 
 def _change_cells(tally: Tally) -> list[str]:
     return [
-        str(len(tally.boundary_s) + tally.boundaries_missed),
+        str(len(tally.into)),
         number(quantile(tally.boundary_s, 0.5), 2),
         number(quantile(tally.boundary_s, 0.9), 2),
         number(tally.missed_share, 2),

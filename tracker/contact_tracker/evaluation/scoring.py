@@ -4,7 +4,7 @@ Nothing here knows what was believed. A frame weighs the time until the next one
 neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import pairwise
 from typing import Final
@@ -32,9 +32,9 @@ class Subset(IntEnum):
     CLEAR = 1
     """those more than 0.25 s from a true change"""
     IDENTIFIABLE = 2
-    """those whose motion can tell the contact: neither singular nor resting"""
+    """those whose motion can tell the contact: neither singular nor at rest before the first motion"""
     AMBIGUOUS = 3
-    """the others: singular or resting"""
+    """the others: singular, or at rest before the first motion"""
     MOVED = 4
     """those after the first motion: the rest at the start left out"""
 
@@ -76,6 +76,12 @@ class Scoring:
     subsets: Bools
     changes: tuple[Change, ...]
 
+    def within(self, subset: Subset) -> "Scoring":
+        """Only the frames of ``subset``, and the changes after which they come."""
+        taken = self.subsets[subset]
+        changes = tuple(change for change in self.changes if taken[change.onset])
+        return replace(self, subsets=self.subsets & taken, changes=changes)
+
 
 def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     """Lay ``truth`` over the frames at ``stamp_ns`` (N,); frames outside all intervals are not scored."""
@@ -83,8 +89,8 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     index = truth.at(stamp_ns)
     ends = np.array([i.end_ns for i in intervals], np.int64)
     columns = np.array([UNSCORED if i.contact is None else i.contact.column for i in intervals], np.int64)
-    ambiguous = np.array([i.singular or i.motion == "rest" for i in intervals], bool)
     moved = np.logical_or.accumulate(np.array([i.motion != "rest" for i in intervals], bool))
+    ambiguous = np.array([i.singular for i in intervals], bool) | ~moved
 
     inside = index >= 0
     inside[inside] = stamp_ns[inside] <= ends[index[inside]]

@@ -73,6 +73,8 @@ def _element(element: Element) -> str:
         case Point(point_m, covariance):
             name, ways = "vertex", 3
             where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
+    if element.name is not None:
+        name = element.name if name in element.name.split() else f"{name} {element.name}"
     if len(element.unobserved) == ways:
         return f"{name} (unobserved)"
     return f"{name}{where}" + (f" (unobserved: {open_ways})" if open_ways else "")

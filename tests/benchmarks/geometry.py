@@ -1,0 +1,213 @@
+"""How good the found geometry is: against the Cramer-Rao bound, the paper's table, and its own covariance.
+
+    python tests/benchmarks/geometry.py --seeds 60
+    python tests/benchmarks/geometry.py FOLDER --set paper sequence --noise mocap
+
+Simulated: stretches of one contact, found from all their ticks. FOLDER: sets of labelled recordings as in
+identification.py, segmented by the tracker; without one, only the simulation.
+"""
+
+import argparse
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+from stretches import NOISES, Found, find_simulated
+
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evaluation.bound import cramer_rao
+from contact_tracker.evaluation.elements import Deviation
+from contact_tracker.evaluation.geometry_errors import ElementError, geometry_errors
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.labels import CONTACTS, Contact
+from contact_tracker.model import load_model
+from contact_tracker.noise import estimate_noise
+from contact_tracker.poses import Poses
+from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmenter import segment
+
+Array = NDArray[np.float64]
+Run = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+SIDES: Final = ("object", "environment")
+BAND: Final = 0.95
+GOAL: Final = 1.3
+DRAWS: Final = 400
+
+
+SIMULATED: Final = ("noise", "contact", "side", "error", "median", "bound", "x bound", "nees", "95 % band")
+AGAINST_PAPER: Final = ("contact", "side", "error", "n", "median", "worst", "bound", "paper's")
+COVARIANCE: Final = ("set", "elements", "n", "nees", "95 % band", "median", "within 95 %")
+PAPER: Final = {
+    (Contact.FF, "object"): (0.12, np.nan),
+    (Contact.FF, "environment"): (0.12, np.nan),
+    (Contact.EF, "object"): (0.76, 5.6),
+    (Contact.EF, "environment"): (0.72, np.nan),
+    (Contact.VF, "object"): (np.nan, 9.4),
+    (Contact.VF, "environment"): (0.14, np.nan),
+    (Contact.EE, "object"): (0.43, 6.3),
+    (Contact.EE, "environment"): (0.15, 4.0),
+}
+"""The paper's own errors, deg and mm, of the object's and of the environment's element."""
+
+
+def parts(contact: Contact, side: int, size: int) -> Iterator[tuple[str, slice]]:
+    """Which entries of an error are angles (rad) and which distances (m)."""
+    angles = 0 if contact.value[2 * side] == "v" else 2
+    if angles:
+        yield "angle", slice(0, angles)
+    if size > angles:
+        yield "distance", slice(angles, size)
+
+
+def over_bound(error: Array, bound: Array) -> tuple[float, float, float]:
+    """Of errors (n, d) with bounds (n, d, d): their median, that of the bound, and how much worse they are.
+
+    The last is the median of |error| / bound, over what it is for errors drawn from the bound itself.
+    """
+    least = np.sqrt(np.trace(bound, axis1=1, axis2=2))
+    size = np.linalg.norm(error, axis=1)
+    drawn = np.random.default_rng(0).normal(size=(len(bound), DRAWS, bound.shape[1]))
+    reached = np.linalg.norm(drawn @ np.linalg.cholesky(bound).swapaxes(1, 2), axis=2)
+    worse = np.median(size / least) / np.median(reached / least[:, None])
+    return float(np.median(size)), float(np.median(least)), float(worse)
+
+
+def mean_deviation(deviations: Iterable[Deviation]) -> tuple[float, float, float]:
+    """Mean normalised error squared per degree of freedom, and the band it is in if covariances are right."""
+    known = [d for d in deviations if d.freedom]
+    freedom = sum(d.freedom for d in known)
+    if not freedom:
+        return float("nan"), float("nan"), float("nan")
+    low, high = chi2.ppf([(1 - BAND) / 2, (1 + BAND) / 2], freedom) / freedom
+    return sum(d.squared for d in known) / freedom, float(low), float(high)
+
+
+def simulation_rows(name: str, contact: Contact, found: Sequence[Found]) -> Iterator[list[str]]:
+    for side, title in enumerate(SIDES):
+        error, bound = (np.array([getattr(f, key)[side] for f in found]) for key in ("error", "bound"))
+        nees, low, high = mean_deviation(f.deviation[side] for f in found)
+        for kind, part in parts(contact, side, error.shape[1]):
+            size, least, worse = over_bound(error[:, part], bound[:, part, part])
+            unit, per = ("deg", float(np.degrees(1.0))) if kind == "angle" else ("mm", 1e3)
+            figures = number(size * per, 4), number(least * per, 4), number(worse, 2), number(nees, 2)
+            yield [name, contact.value, title, f"{kind} {unit}", *figures, f"{low:.2f}-{high:.2f}"]
+
+
+class Judged(NamedTuple):
+    """The errors of one recording, and the bounds (rms; deg, mm) of its true segments by contact and side."""
+
+    rows: tuple[ElementError, ...]
+    bounds: dict[tuple[Contact, str], tuple[float, float]]
+
+
+def judge(path: Path) -> Judged:
+    """Segment a recording and compare it; bounds are of the measured motion and the estimated noise."""
+    poses, truth = Poses.collect(open_log(str(path))), read_truth(str(path))
+    assert truth is not None, f"{path}: no truth"
+    bounds = {}
+    for interval in truth.intervals:
+        inside = poses[(poses.stamp_ns >= interval.start_ns) & (poses.stamp_ns <= interval.end_ns)]
+        if interval.contact is None or interval.geometry is None or interval.motion == "rest":
+            continue
+        least = cramer_rao(
+            CONTACT_MODELS[interval.contact.column], interval.geometry, inside, *estimate_noise(poses)
+        )
+        for side, bound in zip(SIDES, least, strict=True):
+            square = {
+                k: np.trace(bound[p, p]) for k, p in parts(interval.contact, SIDES.index(side), len(bound))
+            }
+            rms = (
+                np.degrees(np.sqrt(square.get("angle", np.nan))),
+                1e3 * np.sqrt(square.get("distance", np.nan)),
+            )
+            bounds[interval.contact, side] = float(rms[0]), float(rms[1])
+    found = segment(poses, load_model())
+    return Judged(geometry_errors(poses, truth, found.segments).rows, bounds)
+
+
+def paper_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
+    for (contact, side), best in PAPER.items():
+        mine = [row for j in judged for row in j.rows if (row.contact, row.side) == (contact, side)]
+        least = [j.bounds[contact, side] for j in judged if (contact, side) in j.bounds]
+        for column, kind in enumerate(("angle deg", "distance mm")):
+            values = [(row.angle_deg, row.distance_mm)[column] for row in mine]
+            if not np.isnan(best[column]) and values:
+                bound = number(float(np.median([b[column] for b in least])), 3)
+                middle, worst = number(float(np.median(values)), 3), number(max(values), 3)
+                yield [contact.value, side, kind, str(len(values)), middle, worst, bound, f"{best[column]:g}"]
+
+
+def covariance_rows(name: str, rows: Sequence[ElementError]) -> Iterator[list[str]]:
+    for kind in ("plane", "line", "point", "all"):
+        some = [row.deviation for row in rows if kind in (row.kind, "all") and row.deviation.freedom]
+        if some:
+            nees, low, high = mean_deviation(some)
+            middle = float(np.median([d.squared / d.freedom for d in some]))
+            within = float(np.mean([d.squared <= chi2.ppf(BAND, d.freedom) for d in some]))
+            yield [
+                name,
+                kind,
+                str(len(some)),
+                number(nees, 2),
+                f"{low:.2f}-{high:.2f}",
+                number(middle, 2),
+                number(within, 2),
+            ]
+
+
+def report(folder: Path, sets: Sequence[str], noises: Sequence[str], seeds: int, run: Run) -> None:
+    """Print the tables, each as soon as it is known."""
+    rows = []
+    for name, contact in product(noises, CONTACTS):
+        found = list(run(partial(find_simulated, contact, NOISES[name]), range(seeds)))
+        rows += list(simulation_rows(name, contact, found))
+    if rows:
+        worse = np.array([float(row[6]) for row in rows])
+        print(table(SIMULATED, rows))
+        print(
+            f"within {GOAL} x bound: {np.sum(worse <= GOAL)} of {len(rows)} medians", end="\n\n", flush=True
+        )
+    judged = {name: list(run(judge, sorted((folder / name).glob("*.mcap")))) for name in sets}
+    judged = {name: some for name, some in judged.items() if some}
+    if "paper" in judged:
+        print(table(AGAINST_PAPER, list(paper_rows(judged["paper"]))), end="\n\n")
+    if judged:
+        rows = [
+            row
+            for name, some in judged.items()
+            for row in covariance_rows(name, [r for j in some for r in j.rows])
+        ]
+        print(table(COVARIANCE, rows))
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    beside = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(beside), help="default: %(default)s")
+    parser.add_argument(
+        "--set", nargs="*", default=["paper", "sequence"], metavar="NAME", help="default: paper sequence"
+    )
+    parser.add_argument("--noise", nargs="*", default=list(NOISES), choices=list(NOISES))
+    parser.add_argument("--seeds", type=int, default=60, help="simulated stretches per contact and noise")
+    parser.add_argument("--processes", type=int, default=2)
+    args = parser.parse_args(argv)
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
+    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+        report(args.folder, args.set, args.noise, args.seeds, pool.map)
+
+
+if __name__ == "__main__":
+    main()

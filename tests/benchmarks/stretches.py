@@ -1,0 +1,93 @@
+"""A simulated stretch of a known contact: what is found of it, and how good that could have been at best."""
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hypotheses, ticks, tracker
+from contact_tracker.belief import Segment
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evaluation.bound import cramer_rao, errors
+from contact_tracker.evaluation.elements import Deviation
+from contact_tracker.evaluation.geometry_errors import geometry_errors
+from contact_tracker.evidence import Window
+from contact_tracker.geometry import ContactGeometry
+from contact_tracker.labels import Contact
+from contact_tracker.model import load_model
+from contact_tracker.polish import polish
+from contact_tracker.poses import Poses
+from contact_tracker.readout import geometry_of
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+
+Array = NDArray[np.float64]
+
+
+class Noise(NamedTuple):
+    """White noise of single poses, and for how long a contact is seen."""
+
+    rate_hz: float
+    sigma_m: float
+    sigma_deg: float
+    seconds: float
+
+
+NOISES: Final = {
+    "mocap": Noise(200.0, 0.3e-3, 0.15, 8.0),
+    "coarse": Noise(200.0, 0.5e-3, 0.3, 8.0),
+    "robot": Noise(1000.0, 0.05e-3, 0.02, 4.0),
+    "vision": Noise(30.0, 1.5e-3, 0.7, 12.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Of both elements: the error, the least covariance it can have, and the one claimed."""
+
+    error: tuple[Array, Array]
+    bound: tuple[Array, Array]
+    deviation: tuple[Deviation, ...]
+
+
+def find_simulated(contact: Contact, noise: Noise, seed: int) -> Found:
+    """Find the elements of one simulated stretch of a known contact."""
+    scenario = Scenario(
+        (Phase(contact, noise.seconds),),
+        rate_hz=noise.rate_hz,
+        sigma_position_m=noise.sigma_m,
+        sigma_rotation_rad=float(np.radians(noise.sigma_deg)),
+    )
+    measured = simulate(scenario, seed)
+    still = replace(scenario, sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    true_poses = simulate(still, seed).poses  # equal seeds: equal motion
+    true = measured.truth.intervals[0].geometry
+    assert true is not None
+    sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
+    bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
+    found = stretch_geometry(measured.poses, contact)
+    whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
+    judged = geometry_errors(true_poses, measured.truth, [whole])
+    return Found(errors(found, true, true_poses), bound, tuple(row.deviation for row in judged.rows))
+
+
+def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
+    """What the segmenter finds of a segment with this label and just these poses."""
+    state, closed = tracker.start(load_model()), []
+    for pose in poses:
+        state, some = tracker.gather(state, pose)
+        closed += some
+    state, some = tracker.gather_rest(state)
+    closed += some
+    assert state.averaging is not None
+    counts = np.array([float(tick.count) for tick in closed])
+    window = Window(
+        np.arange(len(closed)),
+        np.array([tick.zeta for tick in closed]),
+        np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T,
+        np.array([[tick.excess.position_m2, tick.excess.rotation_rad2] for tick in closed]),
+    )
+    model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
+    fitted = polish(hypotheses.fit_stretch(model, window, scales), model, window, scales)
+    return geometry_of(fitted, 0, model, scales, window, state.averaging.origin_m)

@@ -1,0 +1,114 @@
+"""Meeting known elements: likely where they touch, unlikely elsewhere; coming back earns nothing."""
+
+import numpy as np
+import pytest
+
+from contact_tracker.assumptions import assumptions
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.encounter import FREE, foreseen, meeting
+from contact_tracker.evidence import Scales, Window
+from contact_tracker.hmm import log_sum_exp
+from contact_tracker.knowledge import NOTHING
+from contact_tracker.known import knowledge_from
+from contact_tracker.labels import CONTACTS, STATES, Contact
+from contact_tracker.lift import lift
+from contact_tracker.model import load_model
+from contact_tracker.transitions import log_stay, log_transition
+
+MODEL = load_model()
+SCALES = Scales(0.3, 0.1, 0.03, 0.1)
+ACCURACY = {"sigma_position_m": 1e-4, "sigma_rotation_deg": 0.05}
+CUBE_M = 0.2
+TABLE = {"normal": [0, 0, 1], "offset_m": 0.0, "name": "table", **ACCURACY}
+CUBE_ON_TABLE = knowledge_from(
+    {
+        "environment": {"plane": [TABLE], "complete": True},
+        "object": {"box": {"size_m": [CUBE_M] * 3, **ACCURACY}},
+    }
+)
+ON_EDGE = np.array([[1, 0, 0], [0, 1, -1], [0, 1, 1]]) / np.sqrt([[1], [2], [2]])
+
+
+def tick(rotation, height_m):
+    """One tick of the cube, its middle ``height_m`` over the table."""
+    zeta = lift(rotation, np.array([0.3, -0.2, height_m]))
+    return Window(np.array([7]), zeta[None], np.array([[1e-8, 1e-6]]), np.zeros((1, 2)))
+
+
+def meetings(newest, knowledge=CUBE_ON_TABLE):
+    found = []
+    for model in CONTACT_MODELS:
+        pairs, anchors = assumptions(knowledge, model), model.anchors(newest.zeta[-1, 9:12])
+        given = [pair.given(model, anchors, np.zeros(3)) for pair in pairs]
+        found.append((pairs, meeting(model, pairs, given, newest, SCALES)))
+    return found
+
+
+def log_odds(rotation, height_m):
+    found = meetings(tick(rotation, height_m))
+    return {contact: met.log_odds for contact, (_, met) in zip(CONTACTS, found, strict=True)}
+
+
+def chances(rotation, height_m, activity=1.0):
+    """Log rates of change and of staying, the object being there."""
+    met = [m for _, m in meetings(tick(rotation, height_m))]
+    return foreseen(log_transition(MODEL, activity), log_stay(MODEL, activity), met)
+
+
+def test_what_touches_is_met():
+    flat = log_odds(np.eye(3), CUBE_M / 2)
+    assert flat[Contact.FF] > 12
+    assert flat[Contact.FF] > flat[Contact.EF] > flat[Contact.VF] > 0
+    edge = log_odds(ON_EDGE, CUBE_M / 2 * np.sqrt(2))
+    assert edge[Contact.EF] > 6
+    assert edge[Contact.FF] < -50
+
+
+def test_what_is_in_the_air_or_under_the_table_is_not_met():
+    for height_m in (0.25, 0.3, -0.5):
+        assert all(odds < -50 for odds in log_odds(np.eye(3), height_m).values())
+
+
+def test_what_cannot_touch_is_impossible():
+    odds = log_odds(np.eye(3), CUBE_M / 2)
+    assert all(odds[contact] < -500 for contact in (Contact.FE, Contact.FV, Contact.EE))
+
+
+def test_the_touching_elements_are_named():
+    pairs, met = meetings(tick(ON_EDGE, CUBE_M / 2 * np.sqrt(2)))[Contact.EF.column]
+    assert pairs[int(np.argmax(met.log_share))].touching == ("edge -y -z", "table")
+    assert np.exp(met.log_share).sum() == pytest.approx(1.0)
+    assert met.log_share.max() > -1e-6
+
+
+def test_without_known_pairs_nothing_changes():
+    for knowledge in (NOTHING, knowledge_from({"environment": {"plane": [TABLE]}})):
+        met = [m for _, m in meetings(tick(np.eye(3), 0.1), knowledge)]
+        change, stay = log_transition(MODEL, 1.0), log_stay(MODEL, 1.0)
+        for ours, theirs in zip(foreseen(change, stay, met), (change, stay), strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+@pytest.mark.parametrize("height_m", [0.1, 0.1003, 0.15])
+def test_chances_add_up_to_one(height_m):
+    change, stay = chances(np.eye(3), height_m)
+    for i in range(len(STATES)):
+        kept = -np.inf if i == FREE else stay[i]
+        assert np.logaddexp(log_sum_exp(change[i]), kept) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_free_motion_ends_where_things_touch():
+    touching, _ = chances(np.eye(3), CUBE_M / 2)
+    above, _ = chances(np.eye(3), 0.3)
+    assert touching[FREE, Contact.FF.column] > np.log(0.9)
+    assert above[FREE, FREE] > -1e-9
+
+
+def test_leaving_and_coming_back_earns_nothing():
+    """Whatever the detour, it is less probable than staying."""
+    change, stay = chances(np.eye(3), CUBE_M / 2)
+    home = Contact.FF.column
+    for away in range(len(STATES)):
+        if away != home:
+            assert change[home, away] + change[away, home] < 2 * stay[home]
+    assert stay[home] > -0.1

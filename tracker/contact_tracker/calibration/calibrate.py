@@ -1,0 +1,111 @@
+"""The whole of calibration: look at all recordings, learn from them, and judge each by a model that has not
+seen it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from contact_tracker.calibration.learn import Lesson, learn
+from contact_tracker.calibration.learned import How, Learned
+from contact_tracker.calibration.processes import Runner
+from contact_tracker.calibration.study import Judged, Source, Study, judge, look
+from contact_tracker.errors import NoTruth
+from contact_tracker.evaluation.evaluate import Evaluation
+from contact_tracker.model import Model
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to learn from what; without ``folds`` (0) nothing is held out."""
+
+    sources: tuple[Source, ...]
+    start: Model
+    wanted: tuple[Learned, ...]
+    folds: int
+
+    def wants(self, how: How) -> bool:
+        return any(learned.how is how for learned in self.wanted)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A recording judged by the model at the start and by one learned from other recordings.
+
+    ``chain`` is the log probability of its true states by the transitions of either, where they are known.
+    """
+
+    before: Judged
+    after: Judged
+    chain: tuple[float, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What was learned from all, from what, and what that is worth on each recording held out, if any was."""
+
+    plan: Plan
+    studies: tuple[Study, ...]
+    lesson: Lesson
+    held_out: tuple[HeldOut, ...]
+
+    @property
+    def log_loss(self) -> tuple[float, float] | None:
+        """Before and after, on the held out recordings with truth, of filtered and smoothed beliefs alike."""
+        before = [h.before.evaluation for h in self.held_out if h.before.evaluation is not None]
+        after = [h.after.evaluation for h in self.held_out if h.after.evaluation is not None]
+        return (mean_log_loss(before), mean_log_loss(after)) if before else None
+
+
+def calibrate(plan: Plan, run: Runner) -> Calibration:
+    """Learn from all recordings, and in folds.
+
+    Raises
+    ------
+    InputError, AmbiguousSource
+        A recording cannot be used.
+    NoTruth
+        The log-loss is to be searched, and there is no truth.
+    """
+    fit = plan.wants(How.RESIDUALS)
+    studies = run(look, [(source, plan.start, plan.folds > 0, fit) for source in plan.sources])
+    if plan.wants(How.SEARCH) and not any(study.has_truth for study in studies):
+        raise NoTruth("a search is for the least log-loss: that needs recordings with truth")
+    lesson = _learn(plan, studies, range(len(studies)), run)
+    return Calibration(plan, tuple(studies), lesson, tuple(_hold_out(plan, studies, run)))
+
+
+def mean_log_loss(evaluations: Sequence[Evaluation]) -> float:
+    """Nats, over filtered and smoothed beliefs of all scored time; nan where there is none."""
+    tallies = [tally for e in evaluations for tally in (e.online, e.offline)]
+    seconds = sum(tally.seconds() for tally in tallies)
+    return sum(tally.log_loss_s for tally in tallies) / seconds if seconds else float("nan")
+
+
+def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Runner) -> Lesson:
+    """Learn from the recordings in ``rows``."""
+
+    def loss(model: Model) -> float:
+        judged = run(judge, [(plan.sources[row], model) for row in rows if studies[row].has_truth])
+        return mean_log_loss([j.evaluation for j in judged if j.evaluation is not None])
+
+    return learn(plan.start, [studies[row] for row in rows], plan.wanted, loss)
+
+
+def _hold_out(plan: Plan, studies: Sequence[Study], run: Runner) -> list[HeldOut]:
+    """Every recording once, in order; fold k holds out each ``folds``-th from the k-th on."""
+    if not plan.folds:
+        return []
+    everything = range(len(studies))
+    models = [
+        _learn(plan, studies, [row for row in everything if row % plan.folds != fold], run).model
+        for fold in range(plan.folds)
+    ]
+    after = run(judge, [(plan.sources[row], models[row % plan.folds]) for row in everything])
+    held_out = []
+    for row, study in enumerate(studies):
+        chain = None
+        if study.labelled:
+            learned = models[row % plan.folds]
+            chain = (study.chain.expect(plan.start).log_evidence, study.chain.expect(learned).log_evidence)
+        assert study.judged is not None
+        held_out.append(HeldOut(study.judged, after[row], chain))
+    return held_out

@@ -1,0 +1,125 @@
+"""Floors of the noise: how far real contacts are from ideal ones, from what fits leave beyond the sensor."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.stats import chi2
+
+from contact_tracker.calibration.learned import with_value
+from contact_tracker.calibration.stretches import CLIP, Residuals, Stretch, refined
+from contact_tracker.labels import CONTACTS
+from contact_tracker.model import Model
+
+Array = NDArray[np.float64]
+
+FEWEST: Final = 100
+"""Residuals below which a floor is left as it was."""
+LEAST: Final = 1e-6
+"""A floor (m, rad) that is as good as none."""
+MOST: Final = 0.1
+ROUNDS: Final = 8
+FIRST_STEPS: Final = 6
+CONVERGED: Final = 1e-3
+_MEAN: Final = float(chi2.cdf(CLIP**2, 3) + CLIP**2 * chi2.sf(CLIP**2, 1))
+"""Mean square of a standard normal number that counts as ``CLIP`` beyond it."""
+POSITION: Final = "noise.floor_position_m"
+ROTATION: Final = "noise.floor_rotation_rad"
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A floor (m or rad; None where too little was seen) from so many ``residuals`` of ``contacts``."""
+
+    key: str
+    contacts: str
+    value: float | None
+    residuals: int
+
+
+def learn_floors(
+    model: Model, stretches: Sequence[Stretch], keys: Sequence[str]
+) -> tuple[Model, tuple[Floor, ...]]:
+    """The floors ``keys`` at which clipped whitened squares are as large as they should be.
+
+    Fit and floors are refined in turns, so that the result does not depend on the floors of ``model``.
+
+    Returns
+    -------
+    The model, and each floor overall and by contact.
+    """
+    stretches, seen = list(stretches), []
+    for turn in range(ROUNDS):
+        before = model
+        both = [refined(s, model, FIRST_STEPS if turn == 0 else 2) for s in stretches]
+        stretches, seen = [s for s, _ in both], [r for _, r in both]
+        model = _solved(model, seen, keys)
+        if _moved(before, model) < CONVERGED:
+            break
+    told = [Floor(key, "all", _of(model, seen, key), _size(seen, key)) for key in keys]
+    for column, contact in enumerate(CONTACTS):
+        mine = [r for s, r in zip(stretches, seen, strict=True) if s.column == column]
+        told += [
+            Floor(key, contact.value, _of(model, mine, key), _size(mine, key))
+            for key in keys
+            if _size(mine, key)
+        ]
+    return model, tuple(told)
+
+
+def _solved(model: Model, seen: Sequence[Residuals], keys: Sequence[str]) -> Model:
+    for key in (ROTATION, POSITION):  # the floor of rotation enters distances
+        value = _of(model, seen, key) if key in keys else None
+        if value is not None:
+            model = with_value(model, key, value)
+    return model
+
+
+def _of(model: Model, seen: Sequence[Residuals], key: str) -> float | None:
+    """One floor, given the other."""
+    if _size(seen, key) < FEWEST:
+        return None
+    rows = [_angles(r) if key == ROTATION else _distances(r, model.noise.floor_rotation_rad) for r in seen]
+    square, variance, free = (np.concatenate(column) for column in zip(*rows, strict=True))
+
+    def excess(floor: float) -> float:
+        return float(np.mean(np.minimum(square / (free * (variance + floor**2)), CLIP**2))) - _MEAN
+
+    return _root(excess)
+
+
+def _root(excess: Callable[[float], float]) -> float:
+    if excess(LEAST) <= 0.0:
+        return LEAST
+    if excess(MOST) >= 0.0:
+        return MOST
+    return float(
+        np.exp(brentq(lambda log: excess(float(np.exp(log))), np.log(LEAST), np.log(MOST), xtol=1e-4))
+    )
+
+
+def _angles(r: Residuals) -> tuple[Array, Array, Array]:
+    """Squares, variances without the floor and free shares of all angles of a stretch."""
+    variance = np.broadcast_to(r.variance[:, 1], r.residual[:-1].shape)
+    return r.residual[:-1].ravel() ** 2, variance.ravel(), r.free[:-1].ravel()
+
+
+def _distances(r: Residuals, floor_rotation: float) -> tuple[Array, Array, Array]:
+    """The same of all distances."""
+    variance = r.variance[:, 0] + (r.variance[:, 1] + floor_rotation**2) * r.lever_sq
+    return r.residual[-1] ** 2, variance, r.free[-1]
+
+
+def _size(seen: Sequence[Residuals], key: str) -> int:
+    return sum(r.residual[:-1].size if key == ROTATION else r.residual[-1].size for r in seen)
+
+
+def _moved(before: Model, after: Model) -> float:
+    pairs = (
+        (before.noise.floor_position_m, after.noise.floor_position_m),
+        (before.noise.floor_rotation_rad, after.noise.floor_rotation_rad),
+    )
+    return max(abs(a - b) / b for a, b in pairs)

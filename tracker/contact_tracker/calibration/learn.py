@@ -1,0 +1,47 @@
+"""From studies of recordings to a model: closed forms first, each with what came before it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from contact_tracker.calibration.counts import learn_transitions
+from contact_tracker.calibration.floors import Floor, learn_floors
+from contact_tracker.calibration.learned import How, Learned, rounded, value_of, with_value
+from contact_tracker.calibration.search import Searched, coordinate_search
+from contact_tracker.calibration.study import Study
+from contact_tracker.model import Model
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """A learned model and how it came about: ``floors`` by contact, log posterior by round of EM (empty
+    where transitions were not learned), ``searched`` parameters."""
+
+    model: Model
+    floors: tuple[Floor, ...]
+    rounds: tuple[float, ...]
+    searched: tuple[Searched, ...]
+
+
+def learn(
+    start: Model, studies: Sequence[Study], wanted: Sequence[Learned], loss: Callable[[Model], float]
+) -> Lesson:
+    """Learn ``wanted`` from one or more ``studies``, the rest as in ``start``; a search lowers ``loss``."""
+    keys = {how: [learned.key for learned in wanted if learned.how is how] for how in How}
+    model = start
+    floors: tuple[Floor, ...] = ()
+    rounds: tuple[float, ...] = ()
+    for key in keys[How.STREAM]:
+        name = key.rpartition(".")[2]
+        model = with_value(model, key, float(np.exp(np.mean([np.log(vars(s)[name]) for s in studies]))))
+    if keys[How.RESIDUALS]:
+        stretches = [stretch for study in studies for stretch in study.stretches]
+        model, floors = learn_floors(model, stretches, keys[How.RESIDUALS])
+    for key in (*keys[How.STREAM], *keys[How.RESIDUALS]):
+        model = with_value(model, key, rounded(value_of(model, key)))
+    if keys[How.COUNTS]:
+        learning = learn_transitions(model, [study.chain for study in studies])
+        model, rounds = learning.model, learning.log_posterior
+    model, searched = coordinate_search(model, keys[How.SEARCH], loss)
+    return Lesson(model, floors, rounds, searched)

@@ -1,0 +1,80 @@
+"""The one table of what calibration learns, and how a model's numbers are read and replaced by their keys."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, Final
+
+from contact_tracker.errors import UsageError
+from contact_tracker.model import Model
+
+
+class How(StrEnum):
+    """Where a parameter is learned from."""
+
+    STREAM = "the sensor noise of the streams"
+    RESIDUALS = "residuals of contacts"
+    COUNTS = "states that follow each other"
+    SEARCH = "search for the least log-loss"
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A parameter, by its key in the file."""
+
+    key: str
+    how: How
+
+
+LEARNED: Final = (
+    Learned("noise.sigma_position_m", How.STREAM),
+    Learned("noise.sigma_rotation_rad", How.STREAM),
+    Learned("noise.floor_position_m", How.RESIDUALS),
+    Learned("noise.floor_rotation_rad", How.RESIDUALS),
+    Learned("transitions.seen", How.COUNTS),
+    Learned("motion.body_radius_m", How.SEARCH),
+    Learned("motion.foreknowledge", How.SEARCH),
+    Learned("geometry.reach_m", How.SEARCH),
+)
+
+
+def select(only: Sequence[str]) -> tuple[Learned, ...]:
+    """What is named in ``only`` by key or by table; without names, all that needs no search.
+
+    Raises
+    ------
+    UsageError
+        A name that is neither.
+    """
+    for name in only:
+        if not any(_names(name, learned) for learned in LEARNED):
+            known = ", ".join(learned.key for learned in LEARNED)
+            raise UsageError(f"{name} is not learned; what is: {known}, or their tables")
+    if not only:
+        return tuple(learned for learned in LEARNED if learned.how is not How.SEARCH)
+    return tuple(learned for learned in LEARNED if any(_names(name, learned) for name in only))
+
+
+def value_of(model: Model, key: str) -> Any:
+    """The value of ``key``."""
+    value: Any = model
+    for name in key.split("."):
+        value = getattr(value, name)
+    return value
+
+
+def with_value(model: Model, key: str, value: Any) -> Model:
+    """The model with another value of ``key``."""
+    table, _, name = key.rpartition(".")
+    if not table:
+        return replace(model, **{name: value})
+    return replace(model, **{table: replace(getattr(model, table), **{name: value})})
+
+
+def rounded(value: float, digits: int = 3) -> float:
+    """So many significant digits: what the file says is what was learned."""
+    return float(f"{value:.{digits}g}")
+
+
+def _names(name: str, learned: Learned) -> bool:
+    return name in (learned.key, learned.key.partition(".")[0])

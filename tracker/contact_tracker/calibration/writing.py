@@ -1,0 +1,52 @@
+"""A model as the text of its TOML file."""
+
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from contact_tracker.labels import STATES
+from contact_tracker.model import ByChange, ByState, Model
+
+
+def model_text(model: Model, header: Sequence[str] = ()) -> str:
+    """What ``load_model`` reads again as ``model``, under comment lines ``header``."""
+    lines = [f"# {' '.join(line.split())}".rstrip() for line in header]
+    return "\n".join([*lines, *_table(model, ""), ""])
+
+
+def _table(table: Any, name: str) -> list[str]:
+    """Lines of a table: its own keys, then the tables in it."""
+    kinds = [(f.name, f.type, getattr(table, f.name)) for f in fields(table)]
+    lines = ["", f"[{name}]"] if name else []
+    for key, kind, value in kinds:
+        if not is_dataclass(kind):
+            lines += _entry(key, kind, value)
+    for key, kind, value in kinds:
+        if is_dataclass(kind):
+            lines += _table(value, f"{name}.{key}".lstrip("."))
+    return lines
+
+
+def _entry(key: str, kind: Any, value: Any) -> list[str]:
+    if kind is str:
+        return [f"{key} = {_quoted(value)}"]
+    if kind == ByState:
+        return [f"{key} = {_inline(value)}"]
+    if kind == ByChange:
+        rows = zip(STATES, value, strict=True)
+        lines = [f"{key}.{state.value} = {_inline(row)}" for state, row in rows if any(row)]
+        return lines or [f"{key} = {{}}"]
+    return [f"{key} = {value!r}"]
+
+
+def _inline(values: ByState) -> str:
+    """One line; what is zero is left out."""
+    pairs = zip(STATES, values, strict=True)
+    inside = ", ".join(f"{state.value} = {value!r}" for state, value in pairs if value)
+    return f"{{ {inside} }}" if inside else "{}"
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'

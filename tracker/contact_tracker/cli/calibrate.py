@@ -1,0 +1,182 @@
+"""``contact-tracker calibrate``: a model of one's own, learned from recordings."""
+
+import argparse
+import os
+import shlex
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker import __version__
+from contact_tracker.cli.arguments import add_source, output_file
+from contact_tracker.cli.recordings import recordings
+from contact_tracker.cli.status import DAMAGED, DONE
+from contact_tracker.cli.terminal import progress, say, warn
+from contact_tracker.errors import UsageError
+from contact_tracker.model import preset_names
+
+if TYPE_CHECKING:
+    from contact_tracker.calibration.calibrate import Calibration
+    from contact_tracker.calibration.study import Source
+
+HELP: Final = "learn a model from recordings"
+DESCRIPTION: Final = """\
+Learn a model's parameters from recordings: how contacts follow each other, how far they are from
+ideal ones, and the sensor's noise. Where recordings carry their truth it is learned from; of the
+others what is believed of them is, by expectation-maximisation. The report says what changed, and
+what that is worth on recordings that were held out."""
+EXAMPLE: Final = "contact-tracker calibrate recordings/ --only transitions --folds 0 -o mine.toml"
+USUAL_FOLDS: Final = 5
+WIDTH: Final = 108
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
+    add_source(parser)
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=_output,
+        required=True,
+        metavar="FILE",
+        help="write FILE.toml, whole or not at all",
+    )
+    parser.add_argument(
+        "--start",
+        default="default",
+        metavar="NAME|FILE",
+        help=f"start from a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="KEY",
+        help="learn only these parameters or tables (default: all that need no search; a search takes hours)",
+    )
+    parser.add_argument(
+        "--folds",
+        type=_folds,
+        metavar="N",
+        help=f"hold out each N-th recording in turn, 0 for none (default: {USUAL_FOLDS}, or one for each)",
+    )
+    truth = parser.add_mutually_exclusive_group()
+    truth.add_argument("--labelled", action="store_true", help="refuse recordings without truth")
+    truth.add_argument("--unlabelled", action="store_true", help="learn from no truth, only judge by it")
+    parser.add_argument(
+        "--processes",
+        type=_processes,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="recordings at once (default: as many as there are cores)",
+    )
+
+
+def _output(text: str) -> Path:
+    path: Path = output_file(".toml")(text)
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"cannot write {text}: the folder {path.parent} is not writable")
+    return path
+
+
+def _folds(text: str) -> int:
+    if not text.isdecimal() or int(text) == 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither 0 nor a whole number above 1")
+    return int(text)
+
+
+def _processes(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 1024")
+    return int(text)
+
+
+def run(args: argparse.Namespace) -> int:
+    from contact_tracker.calibration.calibrate import Plan, calibrate
+    from contact_tracker.calibration.learned import select
+    from contact_tracker.calibration.processes import Runner
+    from contact_tracker.calibration.report import to_text
+    from contact_tracker.model import load_model
+
+    wanted = select(args.only)
+    start = load_model(args.start)
+    sources = _sources(args)
+    plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
+    with progress("calibrate", "recordings") as set_done:
+        done = 0
+
+        def count() -> None:
+            nonlocal done
+            done += 1
+            set_done(done)
+
+        found = calibrate(plan, Runner(args.processes, count))
+    _write(found, args)
+    print(to_text(found))
+    if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
+        loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
+        warn(f"worse on recordings held out: log-loss {loss}; --only leaves out what does harm")
+    code = DONE
+    for study in found.studies:
+        if study.damage is not None:
+            warn(f"{study.name}: {study.damage}")
+            code = DAMAGED
+    return code
+
+
+def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
+    from contact_tracker.calibration.study import Source, need_truth
+
+    names = recordings(args.logs, "calibrate")
+    sources = tuple(Source(name, args.topic, args.frame, not args.unlabelled) for name in names)
+    for source in sources if args.labelled else ():
+        need_truth(source)
+    return sources
+
+
+def _how_many_folds(asked: int | None, recordings: int) -> int:
+    if asked is None:
+        if recordings == 1:
+            warn("one recording: nothing can be held out, so what the model is worth is not known")
+        return min(USUAL_FOLDS, recordings) if recordings > 1 else 0
+    if asked > recordings:
+        raise UsageError(f"--folds {asked} of {recordings} recordings: there is not one for each")
+    return asked
+
+
+def _write(found: "Calibration", args: argparse.Namespace) -> None:
+    from dataclasses import replace
+
+    from contact_tracker.calibration.writing import model_text
+    from contact_tracker.whole_file import whole_file
+
+    model = replace(found.lesson.model, name=args.output.stem)
+    with whole_file(args.output) as temporary:
+        temporary.write_text(model_text(model, _header(found, args)), encoding="utf-8")
+    say(f"wrote {args.output}")
+
+
+def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
+    """From what the file was made, as comment lines; no date, and no folder but relative to this one."""
+    names = " ".join(Path(study.name).name for study in found.studies)
+    keys = ", ".join(learned.key for learned in found.plan.wanted)
+    texts = (
+        f"Made by contact-tracker {__version__}; docs/models.md says what each parameter does.",
+        _command(args),
+        f"Learned: {keys}. The rest is that of {found.plan.start.name}.",
+        f"From {len(found.studies)} recordings, {sum(s.labelled for s in found.studies)} with truth: {names}",
+    )
+    return [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]
+
+
+def _command(args: argparse.Namespace) -> str:
+    """The command line, without what does not change the result."""
+    start = os.path.relpath(args.start) if Path(args.start).suffix else args.start
+    output = os.path.relpath(args.output)
+    words = ["contact-tracker", "calibrate", *map(os.path.relpath, args.logs)]
+    words += ["--topic", args.topic] if args.topic else []
+    words += ["--frame", args.frame] if args.frame else []
+    words += ["--start", start] if args.start != "default" else []
+    words += ["--unlabelled"] if args.unlabelled else []
+    words += ["--only", *args.only] if args.only else []
+    return shlex.join([*words, "-o", args.output.name if output.startswith(os.pardir) else output])
