@@ -1,12 +1,16 @@
 """The living hypotheses of one contact as columns: what each knows, how they join and which are dropped."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.given import Given
+from contact_tracker.evidence import weak_prior
+from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
 
 Array = NDArray[np.float64]
@@ -27,6 +31,8 @@ class Bank:
     onset, onset_ns : (H,) first tick, and when it began.
     number : (H,) tells hypotheses apart over the whole recording.
     entry : (H,) log weight with which it began.
+    source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
+        the prior on x that they are.
     first : (H, C) lifted first tick over its noise: what was given at the onset.
     moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
     told : (H,) how many ticks with motion it has seen.
@@ -43,6 +49,9 @@ class Bank:
     onset_ns: Index
     number: Index
     entry: Array
+    source: Index
+    known_mean: Array
+    known: Array
     first: Array
     moments: Array
     place_sum: Array
@@ -70,6 +79,31 @@ class Bank:
         return Bank(**{name: value[rows] for name, value in vars(self).items()})
 
 
+class Begin(NamedTuple):
+    """What a hypothesis that begins assumes: see ``Bank.source``. ``log_share`` is its share of the weight."""
+
+    source: int
+    log_share: float
+    given: Given
+
+
+def fresh(model: ContactModel, log_share: float = 0.0) -> Begin:
+    """Nothing is known."""
+    size = model.family.SIZE
+    return Begin(0, log_share, Given(np.zeros(size), np.zeros((size, size))))
+
+
+def anchors_of(bank: Bank, model: ContactModel) -> Array:
+    """Where the body was on average over each window, (H, 6) as in ``contacts.base``."""
+    return model.anchors(bank.place_sum / bank.weight[:, None])
+
+
+def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
+    """What each hypothesis knew of its geometry before its window."""
+    weak = weak_prior(model.family, anchors, reach_m)
+    return weak + Prior.around(bank.known_mean, bank.known, weak.flat) if bank.source.any() else weak
+
+
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses of which nothing is known."""
     family = model.family
@@ -82,6 +116,9 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         onset_ns=index,
         number=index,
         entry=column,
+        source=index,
+        known_mean=np.zeros((count, s)),
+        known=np.zeros((count, s, s)),
         first=np.zeros((count, c)),
         moments=np.zeros((count, c, c)),
         place_sum=np.zeros((count, 3)),
@@ -99,20 +136,40 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
 
 
 def add(
-    bank: Bank, model: ContactModel, onset: int, onset_ns: int, number: int, entry: float, past: Array
+    bank: Bank,
+    model: ContactModel,
+    onset: int,
+    onset_ns: int,
+    number: int,
+    entry: float,
+    past: Array,
+    begins: Sequence[Begin],
 ) -> Bank:
-    """One more hypothesis, from tick ``onset`` on; it starts from the geometry of the best one so far."""
-    values = dict(vars(blank(model, 1)))
+    """Hypotheses from tick ``onset`` on, one for each of ``begins``, numbered from ``number`` on.
+
+    Where nothing is known they start from the geometry of the best one so far.
+    """
+    count = len(begins)
+    mean, known = (np.array(values) for values in zip(*(begin.given for begin in begins), strict=True))
+    share = np.array([begin.log_share for begin in begins])
+    values = dict(vars(blank(model, count)))
     values |= {
-        "onset": np.array([onset]),
-        "onset_ns": np.array([onset_ns]),
-        "number": np.array([number]),
-        "entry": np.array([entry]),
-        "past": past[None],
+        "onset": np.full(count, onset),
+        "onset_ns": np.full(count, onset_ns),
+        "number": number + np.arange(count),
+        "entry": np.full(count, entry),
+        "source": np.array([begin.source for begin in begins]),
+        "known_mean": mean,
+        "known": known,
+        "settled": share,
+        "log_likelihood": share,
+        "past": np.tile(past, (count, 1, 1)),
     }
     if len(bank):
         best = int(np.argmax(bank.joint))
-        values |= {"x": bank.x[best : best + 1], "row_weight": bank.row_weight[best : best + 1]}
+        values |= {"row_weight": np.tile(bank.row_weight[best], (count, 1)), "x": np.tile(bank.x[best], (count, 1))}
+    told = np.einsum("hss->hs", known) > 0.0
+    values["x"] = np.where(told, mean, values["x"])
     return Bank(**{name: np.concatenate([vars(bank)[name], values[name]]) for name in values})
 
 
@@ -123,11 +180,13 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     joint = bank.joint
     age = now + 1 - bank.onset
     span = 2 ** np.maximum(np.floor(np.log2(np.maximum(age, 1) / YOUNG)) + 1, 0).astype(np.int64)
-    group = np.where(age <= YOUNG, -bank.onset - 1, bank.onset // span + (span << 40))
-    order = np.lexsort((-joint, group))
+    young = age <= YOUNG
+    group = np.where(young, -bank.onset - 1, bank.onset // span + (span << 40))
+    source = np.where(young, bank.source, 0)
+    order = np.lexsort((-joint, source, group))
     first = np.ones(len(order), bool)
-    first[1:] = group[order][1:] != group[order][:-1]
+    first[1:] = (group[order][1:] != group[order][:-1]) | (source[order][1:] != source[order][:-1])
     keep = np.zeros(len(bank), bool)
     keep[order[first]] = True
-    keep &= (joint > best - margin) | (bank.told <= PATIENCE)
+    keep &= (joint > best - margin) | ((bank.told <= PATIENCE) & (bank.source == 0))
     return bank if keep.all() else bank.pick(keep)

@@ -39,6 +39,15 @@ class Prior:
         information = np.einsum("bst,bt->bs", precision, mean)
         return cls(precision, information, 0.5 * np.einsum("bs,bs->b", information, mean), flat)
 
+    def __add__(self, other: "Prior") -> "Prior":
+        """Both together; ``flat`` is that of the first."""
+        return Prior(
+            self.precision + other.precision,
+            self.information + other.information,
+            self.constant + other.constant,
+            self.flat,
+        )
+
     def pick(self, rows: NDArray[np.generic]) -> "Prior":
         return Prior(self.precision[rows], self.information[rows], self.constant[rows], self.flat)
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import fit
-from contact_tracker.bank import Bank, blank
+from contact_tracker.bank import Bank, anchors_of, blank, prior_of
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window, complexity, log_ratio, weak_prior
+from contact_tracker.evidence import Scales, Window, complexity, log_ratio
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -44,7 +44,7 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
     bank = _refine_young(bank, model, scales)
     if window.index[-1] % SEARCH_EVERY == 0 and window.activity > AT_REST:
         due = np.isin(bank.told.astype(np.int64)[:, None] - np.arange(SEARCH_EVERY), SEARCH_AGES).any(axis=1)
-        lost = due & (bank.rms > AT_THE_NOISE)
+        lost = due & (bank.rms > AT_THE_NOISE) & (bank.source == 0)
         bank = _search(bank, model, window, scales, np.flatnonzero(lost))
     return _evaluate(bank, model, window, scales)
 
@@ -64,7 +64,7 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
         told=bank.told + np.where(begins, 1.0, window.activity),
     )
     # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
-    return replace(bank, x=model.family.normalise(bank.x, _anchors(bank, model)))
+    return replace(bank, x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
 def fit_stretch(model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -90,14 +90,10 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
     )
 
 
-def _anchors(bank: Bank, model: ContactModel) -> Array:
-    return model.anchors(bank.place_sum / bank.weight[:, None])
-
-
 def _problem(bank: Bank, model: ContactModel, scales: Scales) -> tuple[Array, fit.Prior, Array]:
     """Relative row weights (the moments carry 1/m^2), prior and anchors of each hypothesis."""
-    anchors = _anchors(bank, model)
-    return bank.row_weight, weak_prior(model.family, anchors, scales.reach_m), anchors
+    anchors = anchors_of(bank, model)
+    return bank.row_weight, prior_of(bank, model, anchors, scales.reach_m), anchors
 
 
 def _adopt(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
@@ -183,8 +179,8 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     mine = window.index >= bank.onset[:, None]
     after_onset = window.index > bank.onset[:, None]  # the first tick is given, and tells nothing
     summed = np.where(after_onset, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
-    anchors = _anchors(bank, model)
-    prior = weak_prior(model.family, anchors, scales.reach_m)
+    anchors = anchors_of(bank, model)
+    prior = prior_of(bank, model, anchors, scales.reach_m)
     given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, anchors, bank.x)
     foretold = _foretold(bank, model, scales, seen.gain, after_onset)
     price = complexity(model.family, bank.x, anchors, bank.hessian, given, foretold, prior)

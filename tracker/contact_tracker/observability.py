@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from contact_tracker import fit, lift
-from contact_tracker.bank import Bank
+from contact_tracker.bank import Bank, anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, weak_prior
+from contact_tracker.evidence import Scales
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, Unobserved
 
 Array = NDArray[np.float64]
@@ -40,10 +40,10 @@ def observed_geometry(
     ContactGeometry in the frames in which the bank works.
     """
     one = bank.pick(np.array([row]))
-    anchors = model.anchors(one.place_sum / one.weight[:, None])
-    weak = weak_prior(model.family, anchors, scales.reach_m)
+    anchors = anchors_of(one, model)
+    before = prior_of(one, model, anchors, scales.reach_m)
     tangent = model.family.tangent(one.x, anchors)[0]
-    prior = tangent.T @ (weak.precision[0] + np.diag(weak.flat)) @ tangent
+    prior = tangent.T @ (before.precision[0] + np.diag(before.flat)) @ tangent
     known = prior + feigned_information(one, model, anchors, variance)
     told, ways = eigh(one.hessian[0].sum(axis=0), known)
     dual = known @ ways  # of the precision's own space, where ways are orthonormal

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.bank import Bank
+from contact_tracker.bank import Bank, anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window, weak_prior
+from contact_tracker.evidence import Scales, Window
 from contact_tracker.fit import Prior
 
 Array = NDArray[np.float64]
@@ -57,8 +57,8 @@ def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> B
 def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
     """``polish`` with all ticks of the window."""
     family = model.family
-    anchors = model.anchors(bank.place_sum / bank.weight[:, None])
-    prior = weak_prior(family, anchors, scales.reach_m)
+    anchors = anchors_of(bank, model)
+    prior = prior_of(bank, model, anchors, scales.reach_m)
     x, weight = bank.x, np.ones(family.ROWS)
     for _ in range(ROUNDS):
         x = _maximise(model, x, weight, anchors, window, prior)
@@ -76,10 +76,10 @@ def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
 
 def _belong(polished: Bank, model: ContactModel, window: Window, scales: Scales) -> NDArray[np.bool_]:
     """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
-    anchors = model.anchors(polished.place_sum / polished.weight[:, None])
+    anchors = anchors_of(polished, model)
     whitened, jacobian, tangent = _linearised(model, polished.x, anchors, window)
     weight = _row_weight(whitened, model.family.PARAMETERS / model.family.ROWS)
-    held = tangent.T @ weak_prior(model.family, anchors, scales.reach_m).precision[0] @ tangent
+    held = tangent.T @ prior_of(polished, model, anchors, scales.reach_m).precision[0] @ tangent
     information = polished.hessian[0].sum(axis=0) + held + LEAST_CURVATURE * np.eye(len(held))
     leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, np.linalg.inv(information), jacobian)
     square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)

@@ -32,6 +32,7 @@ class Pass:
     start_ns: list[int] = field(default_factory=list)
     newest: list[Window] = field(default_factory=list)
     frames: list[int] = field(default_factory=list)
+    begun: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = field(default_factory=list)
     alive: list[NDArray[np.int64]] = field(default_factory=list)
     log_likelihood: list[Array] = field(default_factory=list)
 
@@ -55,13 +56,17 @@ class Pass:
 
     @property
     def trellis(self) -> hmm.Trellis:
-        """All hypotheses that were met: one of each state begins with each tick."""
-        count = len(self.beliefs) * len(STATES)
-        states, onsets = np.arange(count) % len(STATES), np.arange(count) // len(STATES)
+        """All hypotheses that were met."""
+        count = 1 + int(self.alive[-1].max())
+        states, onsets = np.full(count, FREE), np.zeros(count, np.int64)
+        for tick, (number, state) in enumerate(self.begun):
+            states[number], onsets[number] = state, tick
         return hmm.Trellis(states, onsets, self.alive, self.log_likelihood)
 
     def _note(self, state: TrackerState, tick: Tick, belief: Belief) -> None:
-        free = np.array([state.numbers - len(STATES) + FREE])
+        free = np.array([state.numbers - 1])
+        begun = [b.number[b.onset == state.ticks - 1] for b in state.banks] + [free]
+        self.begun.append((np.concatenate(begun), np.repeat(np.arange(len(STATES)), [len(b) for b in begun])))
         self.beliefs.append(belief)
         self.start_ns.append(tick.start_ns)
         self.newest.append(state.window.cut(-1, None))
@@ -108,7 +113,7 @@ def conclude(seen: Pass, state: TrackerState) -> Segmentation:
     transition = np.array([log_transition(state.model, activity) for activity in seen.activity])
     posterior, _ = hmm.smooth(trellis, initial, transition)
     stretches = _merge_free(
-        [(h % len(STATES), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
+        [(int(trellis.state[h]), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
     )
     window = seen.window(state)
     segments, beliefs = [], []

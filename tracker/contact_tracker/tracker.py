@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import bank, fixed_lag, hmm, hypotheses, separability, ticks
-from contact_tracker.bank import Bank
+from contact_tracker.bank import Bank, Begin
 from contact_tracker.belief import Belief
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.labels import STATES, Contact
+from contact_tracker.lift import T
+from contact_tracker.memory import RECOGNISED, SURE, Memory
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose
 from contact_tracker.readout import geometry_of
@@ -43,6 +45,7 @@ class TrackerState:
     window: Window
     frames: Array
     banks: tuple[Bank, ...]
+    memory: Memory
     log_left: Array
     ticks: int
     numbers: int
@@ -61,7 +64,7 @@ def start(model: Model, lag_s: float = 0.0) -> TrackerState:
     banks = tuple(bank.blank(contact, 0, length) for contact in CONTACT_MODELS)
     past = np.zeros((len(STATES), length, len(STATES)))
     return TrackerState(
-        model, None, nothing, np.zeros(0), banks, log_initial(model), 0, 0, 0, None, 0, past, ()
+        model, None, nothing, np.zeros(0), banks, Memory(), log_initial(model), 0, 0, 0, None, 0, past, ()
     )
 
 
@@ -114,12 +117,13 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
     stay = log_stay(model, window.activity)
     entry = state.log_left if state.ticks == 0 else hmm.enter(state.log_left, change)
     past = fixed_lag.inherited(state.past, state.log_left, change)
-    grown = []
+    grown, numbers = [], state.numbers
     for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
-        number = state.numbers + column
+        begins = _begins(state, contact, window)
         more = bank.add(
-            living, contact, state.ticks, tick.start_ns, number, float(entry[column]), past[column]
+            living, contact, state.ticks, tick.start_ns, numbers, float(entry[column]), past[column], begins
         )
+        numbers += len(begins)
         more = replace(more, past=fixed_lag.grown(more.past, column))
         grown.append(hypotheses.advance(more, contact, window, scales, float(stay[column])))
     log_left = np.array([*(hmm.log_sum_exp(b.joint) for b in grown), entry[FREE]])
@@ -134,15 +138,38 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
         banks=tuple(replace(b, entry=b.entry - best) for b in kept),
         log_left=log_left - best,
         ticks=state.ticks + 1,
-        numbers=state.numbers + len(STATES),
+        numbers=numbers + 1,
         outliers=state.outliers + tick.outliers,
         label=label,
         free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
         past=np.array(pasts),
     )
     belief = believe(state, tick.stamp_ns)
+    state = replace(state, memory=_learnt(state, belief))
     length = state.past.shape[1]
     return replace(state, recent=(*state.recent, belief)[-length:] if length else ()), belief
+
+
+def _begins(state: TrackerState, contact: ContactModel, window: Window) -> list[Begin]:
+    """What the hypotheses of a contact that may begin with the newest tick assume."""
+    assert state.averaging is not None
+    anchors = contact.anchors(window.zeta[-1, T])
+    met = state.memory.assumptions(contact)
+    origin_m = state.averaging.origin_m
+    known = [
+        Begin(source, pair.log_share, pair.given(contact, anchors, origin_m))
+        for source, pair in enumerate(met, start=1)
+    ]
+    return [bank.fresh(contact, float(np.log1p(-RECOGNISED)) if met else 0.0), *known]
+
+
+def _learnt(state: TrackerState, belief: Belief) -> Memory:
+    """Elements that are certain enough are remembered."""
+    if belief.geometry is None or belief.probability.max() < SURE:
+        return state.memory
+    assert state.averaging is not None
+    position_m = state.window.zeta[-1, T] + state.averaging.origin_m
+    return state.memory.learn(belief.geometry, belief.onset_ns, position_m)
 
 
 def answer(state: TrackerState, online: Belief) -> Belief | None:

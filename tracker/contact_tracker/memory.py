@@ -1,0 +1,97 @@
+"""Elements met before: the desk is recognised at the second touch (docs/theory.md, T28).
+
+What was found with confidence, of the surroundings in the world's frame and of the object in the body's, is
+offered to the hypotheses that begin later, with the accuracy at which it is known. Who recognises an element
+has fewer unknowns to pay for. Geometry is inherited along the lattice in the same way: the edge on which the
+object turned is a line on which its vertex lies.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.assumptions import Assumption
+from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.knowledge import Known
+
+SURE: Final = 0.9
+"""An element is kept that belongs to a contact of so much probability."""
+KEPT: Final = 2
+"""So many elements of each kind and side are remembered, the latest."""
+RECOGNISED: Final = 0.5
+"""Prior probability that what touches has touched before."""
+LOOSE_M: Final = 0.3e-3
+LOOSE_RAD: Final = 2e-3
+"""Real elements are not quite the same at the second touch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """Elements with the onset (ns) of the contact in which they were met, the latest last."""
+
+    object: tuple[tuple[int, Known], ...] = ()
+    environment: tuple[tuple[int, Known], ...] = ()
+
+    def learn(self, geometry: ContactGeometry, onset_ns: int, position_m: Array) -> "Memory":
+        """Remember the elements of a contact; what it has taught before is replaced.
+
+        ``position_m`` (3,) of the body's origin in the world tells on which side of a face it is.
+        """
+        ours = _loosened(_outward(geometry.object, np.zeros(3), inside=True))
+        theirs = _loosened(_outward(geometry.environment, position_m, inside=False))
+        return Memory(_kept(self.object, onset_ns, ours), _kept(self.environment, onset_ns, theirs))
+
+    def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
+        """What a contact that begins may assume of elements met before; shares add up to ``RECOGNISED``."""
+        ours, theirs = model.contact.value[0], model.contact.value[2]
+        pairs = [
+            (o, e)
+            for o, e in product(_of(self.object, ours), _of(self.environment, theirs))
+            if o is not None or e is not None
+        ]
+        share = float(np.log(RECOGNISED / len(pairs))) if pairs else 0.0
+        return tuple(Assumption(o, e, share) for o, e in pairs)
+
+
+def _kept(met: Sequence[tuple[int, Known]], onset_ns: int, element: Element) -> tuple[tuple[int, Known], ...]:
+    known = Known("met before", element)
+    others = [(onset, old) for onset, old in met if onset != onset_ns]
+    alike = [pair for pair in others if pair[1].kind == known.kind]
+    forgotten = alike[: max(len(alike) - KEPT + 1, 0)]
+    return (*(pair for pair in others if pair not in forgotten), (onset_ns, known))
+
+
+def _of(met: Sequence[tuple[int, Known]], kind: str) -> list[Known | None]:
+    return [None, *(known for _, known in met if known.kind == kind)]
+
+
+def _outward(element: Element, position_m: Array, inside: bool) -> Element:
+    """A plane with its normal out of the body that it bounds; the object's origin is taken to be in it."""
+    if not isinstance(element, Plane):
+        return element
+    height = float(element.normal @ position_m) - element.offset_m
+    if (height > 0) != inside:
+        return element
+    flip = np.diag([-1.0, -1.0, -1.0, -1.0])
+    moved = None if element.covariance is None else flip @ element.covariance @ flip
+    return replace(element, normal=-element.normal, offset_m=-element.offset_m, covariance=moved)
+
+
+def _loosened(element: Element) -> Element:
+    turn, shift = LOOSE_RAD**2, LOOSE_M**2
+    assert element.covariance is not None
+    match element:
+        case Point():
+            more = shift * np.eye(3)
+        case Plane(normal):
+            more = np.zeros((4, 4))
+            more[:3, :3], more[3, 3] = turn * (np.eye(3) - np.outer(normal, normal)), shift
+        case Line(direction):
+            across = np.eye(3) - np.outer(direction, direction)
+            more = np.zeros((6, 6))
+            more[:3, :3], more[3:, 3:] = turn * across, shift * across
+    return replace(element, covariance=element.covariance + more)
