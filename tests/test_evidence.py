@@ -106,8 +106,7 @@ class Fitted:
 
     @property
     def pull(self):
-        off = (self.x - self.prior.mean)[0]
-        return 0.5 * off @ self.prior.precision[0] @ off
+        return float(self.prior.cost(self.x)[0])
 
     def price(self, hessian, given, foretold=0.0):
         """Of rows' information (1, K, P, P), of which a share was foretold."""

@@ -36,7 +36,7 @@ def moments_of(model, rotation, position):
 
 def no_prior(model, count, precision=0.0):
     size = model.family.SIZE
-    return Prior(
+    return Prior.around(
         np.zeros((count, size)), np.zeros((count, size, size)) + precision * np.eye(size), np.zeros(size)
     )
 
@@ -204,7 +204,7 @@ def test_too_little_motion_gives_a_finite_fit(model, poses):
     moments = moments_of(model, rotation[rows], position[rows])[None]
     x = model.family.normalise(np.random.default_rng(9).normal(size=(1, model.family.SIZE)), ANCHORS)
     weight = np.full((1, model.family.ROWS), 1e6)
-    prior = Prior(
+    prior = Prior.around(
         *(np.zeros((1, model.family.SIZE)), np.diag(model.family.SPREAD / 0.3**2)[None]), model.family.SPREAD
     )
     found = minimise(model.family, moments, weight, prior, ANCHORS[None], x, 50)

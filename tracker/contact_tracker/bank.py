@@ -80,7 +80,7 @@ class Bank:
 
 
 class Begin(NamedTuple):
-    """What a hypothesis that begins assumes: see ``Bank.source``. ``log_share`` is its share of the weight."""
+    """What a hypothesis that begins assumes (``Bank.source``), and its share of the contact's weight."""
 
     source: int
     log_share: float
@@ -101,7 +101,9 @@ def anchors_of(bank: Bank, model: ContactModel) -> Array:
 def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
     """What each hypothesis knew of its geometry before its window."""
     weak = weak_prior(model.family, anchors, reach_m)
-    return weak + Prior.around(bank.known_mean, bank.known, weak.flat) if bank.source.any() else weak
+    if not bank.source.any():
+        return weak
+    return weak + Prior.around(bank.known_mean, bank.known, weak.flat)
 
 
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
@@ -167,7 +169,10 @@ def add(
     }
     if len(bank):
         best = int(np.argmax(bank.joint))
-        values |= {"row_weight": np.tile(bank.row_weight[best], (count, 1)), "x": np.tile(bank.x[best], (count, 1))}
+        values |= {
+            "row_weight": np.tile(bank.row_weight[best], (count, 1)),
+            "x": np.tile(bank.x[best], (count, 1)),
+        }
     told = np.einsum("hss->hs", known) > 0.0
     values["x"] = np.where(told, mean, values["x"])
     return Bank(**{name: np.concatenate([vars(bank)[name], values[name]]) for name in values})

@@ -17,8 +17,9 @@ from contact_tracker.model import Model
 from contact_tracker.polish import polish
 from contact_tracker.poses import Pose
 from contact_tracker.readout import geometry_of
+from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.ticks import Tick
-from contact_tracker.tracker import FREE, TrackerState
+from contact_tracker.tracker import FREE
 from contact_tracker.transitions import log_initial, log_transition
 
 Array = NDArray[np.float64]
@@ -156,7 +157,7 @@ def _told(
 
     All contacts are fitted to the same ticks from scratch.
     """
-    scales = tracker.scales_of(state.model)
+    scales = scales_of(state.model)
     fits = [hypotheses.fit_stretch(contact, stretch, scales) for contact in CONTACT_MODELS]
     rivals = separability.Rivals(
         np.array([*(f.log_likelihood[0] for f in fits), 0.0]), np.array([*(f.rms[0] for f in fits), 1.0])

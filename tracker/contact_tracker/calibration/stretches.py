@@ -6,12 +6,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hypotheses, tracker
+from contact_tracker import hypotheses
 from contact_tracker.calibration.observed import MOVING, Observed, runs
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Window
 from contact_tracker.labels import CONTACTS
 from contact_tracker.model import Model
+from contact_tracker.state import scales_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,7 +59,7 @@ def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretc
         moving = first + np.flatnonzero(observed.activity[first:end] >= MOVING)
         if column < len(CONTACTS) and len(moving) >= SHORTEST_TICKS:
             window = _rows(observed.window, moving)
-            contact, scales = CONTACT_MODELS[column], tracker.scales_of(model)
+            contact, scales = CONTACT_MODELS[column], scales_of(model)
             noisy = replace(window, variance=window.variance + _floors_sq(model))
             fitted = hypotheses.fit_stretch(contact, noisy, scales)
             stretches.append(Stretch(column, window, fitted.x[0]))

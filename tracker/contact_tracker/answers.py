@@ -1,0 +1,77 @@
+"""What the tracker says after a tick: of now, and with a lag of a little while ago."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm, separability
+from contact_tracker.bank import Bank
+from contact_tracker.belief import Belief
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.readout import geometry_of
+from contact_tracker.state import TrackerState, scales_of
+
+Array = NDArray[np.float64]
+
+RESIDUAL_TICKS: Final = 25
+"""How much motion a belief's residuals are about: so little that hypotheses of it are still kept."""
+
+
+def answer(state: TrackerState, online: Belief) -> Belief | None:
+    """What to say after a tick: the belief itself, or with a lag that of so long ago, once there is one."""
+    length = state.past.shape[1]
+    if not length:
+        return online
+    return _looking_back(state, 0) if len(state.recent) == length else None
+
+
+def remaining(state: TrackerState) -> list[Belief]:
+    """What the lag still holds back when the stream has ended."""
+    said = 1 if len(state.recent) == state.past.shape[1] else 0
+    return [_looking_back(state, row) for row in range(said, len(state.recent))]
+
+
+def _looking_back(state: TrackerState, row: int) -> Belief:
+    """What is believed now of the tick of ``recent[row]``."""
+    then = state.recent[row]
+    weight = np.exp(state.log_left - state.log_left.max())
+    back = row - len(state.recent)
+    probability = np.einsum("j,js->s", weight, state.past[:, back])
+    probability = probability / probability.sum()
+    contact = STATES[int(np.argmax(probability))]
+    # where that contact was lies in what was said of it at the time, or soon after
+    telling = next((b for b in state.recent[row:] if b.contact is contact), then)
+    onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
+    geometry = telling.geometry if telling.contact is contact else None
+    inseparable = telling.inseparable if telling.contact is contact else ()
+    onset_ns = min(onset_ns, then.stamp_ns)
+    return Belief(then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable)
+
+
+def believe(state: TrackerState, stamp_ns: int) -> Belief:
+    """What the weights say: posterior of the states, and the best hypothesis of the most probable one."""
+    probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
+    label = STATES[int(np.argmax(probability))]
+    residual = np.array([_residual(living) for living in state.banks])
+    tick_ns = round(state.model.tick_s * 1e9)
+    onset_ns, geometry = state.free_since_ns, None
+    onset = state.ticks - 1 - (stamp_ns - onset_ns) // tick_ns
+    if label is not Contact.FREE:
+        living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
+        row = int(np.argmax(living.joint))
+        assert state.averaging is not None
+        scales, origin_m = scales_of(state.model), state.averaging.origin_m
+        geometry = geometry_of(living, row, contact, scales, state.window, origin_m)
+        onset_ns, onset = int(living.onset_ns[row]), int(living.onset[row])
+    rivals = separability.rivals_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
+    since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
+    inseparable = separability.inseparable(label, rivals, since, onset < state.window.index[0])
+    return Belief(stamp_ns, label, probability, onset_ns, geometry, residual, inseparable)
+
+
+def _residual(living: Bank) -> float:
+    """Whitened residual of the hypothesis that has seen ``RESIDUAL_TICKS`` with motion, or few more."""
+    long_enough = np.flatnonzero(living.told >= RESIDUAL_TICKS)
+    return float(living.rms[long_enough[np.argmin(living.told[long_enough])]]) if len(long_enough) else np.nan

@@ -1,0 +1,63 @@
+"""Everything the tracker knows between two poses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import bank
+from contact_tracker.bank import Bank
+from contact_tracker.belief import Belief
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evidence import Scales, Window
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.memory import Memory
+from contact_tracker.model import Model
+from contact_tracker.ticks import TickState
+from contact_tracker.transitions import log_initial
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerState:
+    """Everything the tracker knows; bounded in size however long the stream.
+
+    ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
+    ``banks`` of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a
+    constant; ``ticks`` seen, ``numbers`` of hypotheses given out, ``outliers`` among the poses; the label and
+    since when it has been free; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where answers lag.
+    """
+
+    model: Model
+    averaging: TickState | None
+    window: Window
+    frames: Array
+    banks: tuple[Bank, ...]
+    memory: Memory
+    log_left: Array
+    ticks: int
+    numbers: int
+    outliers: int
+    label: Contact | None
+    free_since_ns: int
+    past: Array
+    recent: tuple[Belief, ...]
+
+
+def start(model: Model, lag_s: float = 0.0) -> TrackerState:
+    """A tracker that has seen nothing. With ``lag_s`` it speaks of that long ago, and knows better."""
+    nothing = Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2)))
+    lag = round(lag_s / model.tick_s)
+    length = lag + 1 if lag else 0
+    banks = tuple(bank.blank(contact, 0, length) for contact in CONTACT_MODELS)
+    past = np.zeros((len(STATES), length, len(STATES)))
+    return TrackerState(
+        model, None, nothing, np.zeros(0), banks, Memory(), log_initial(model), 0, 0, 0, None, 0, past, ()
+    )
+
+
+def scales_of(model: Model) -> Scales:
+    """What evidence needs of the model."""
+    motion = model.motion
+    return Scales(model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, model.tick_s)
