@@ -1,11 +1,14 @@
-"""Jobs over recordings, each in a process of its own."""
+"""Jobs over recordings in processes, each with a pipe of its own: one that is ended holds up no other."""
 
 import os
 import signal
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import active_children, get_context
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
+
+from contact_tracker.errors import ContactTrackerError
 
 T = TypeVar("T")
 
@@ -18,29 +21,76 @@ class Runner:
         self._done = done or (lambda: None)
 
     def __call__(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
-        """Results in the order of ``jobs``; the first exception ends the others."""
-        if min(self._processes, len(jobs)) <= 1:
+        """Results in the order of ``jobs``; the first exception ends the others.
+
+        Raises
+        ------
+        ContactTrackerError
+            A process ended without an answer, as one does that takes too much memory.
+        """
+        processes = min(self._processes, len(jobs))
+        if processes <= 1:
             return [self._told(function(*job)) for job in jobs]
-        for library in ("OMP", "OPENBLAS", "MKL"):  # as many processes as cores: each takes one
-            os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-        context = get_context("spawn")
-        with ProcessPoolExecutor(self._processes, context, initializer=_leave_interrupts) as pool:
-            try:
-                futures = [pool.submit(function, *job) for job in jobs]
-                for future in as_completed(futures):
-                    self._told(future.result())
-            except BaseException:  # nobody waits for what is still running
-                for child in active_children():
-                    child.terminate()
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-        return [future.result() for future in futures]
+        results: dict[int, T] = {}
+        waiting = iter(range(len(jobs)))
+        at_work: dict[Connection, int] = {}
+        with _workers(processes) as pipes:
+            idle = list(pipes)
+            while len(results) < len(jobs):
+                for pipe, number in zip(idle, waiting, strict=False):
+                    at_work[pipe] = number
+                    pipe.send((function, jobs[number]))
+                idle = [pipe for pipe in wait(list(at_work)) if isinstance(pipe, Connection)]
+                for pipe in idle:
+                    results[at_work.pop(pipe)] = self._told(_answer(pipe))
+        return [results[number] for number in range(len(jobs))]
 
     def _told(self, result: T) -> T:
         self._done()
         return result
 
 
-def _leave_interrupts() -> None:
-    """An interrupt is for the parent, which ends its children."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@contextmanager
+def _workers(count: int) -> Iterator[list[Connection]]:
+    """Our ends of the pipes to so many processes, which end with this context."""
+    for library in ("OMP", "OPENBLAS", "MKL"):  # as many processes as cores: each takes one
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    context = get_context("spawn")
+    pipes, processes = [], []
+    try:
+        for _ in range(count):
+            ours, theirs = context.Pipe()
+            process = context.Process(target=_work, args=(theirs,), daemon=True)
+            process.start()
+            theirs.close()  # or nobody would notice its end
+            pipes.append(ours)
+            processes.append(process)
+        yield pipes
+    finally:
+        for process in processes:
+            process.terminate()
+            process.join()
+        for pipe in pipes:
+            pipe.close()
+
+
+def _work(pipe: Connection) -> None:
+    """In a process of its own: jobs in, results or exceptions out, for ever."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent, which ends its children
+    while True:
+        function, arguments = pipe.recv()
+        try:
+            pipe.send((function(*arguments), None))
+        except Exception as error:
+            pipe.send((None, error))
+
+
+def _answer(pipe: Connection) -> Any:
+    try:
+        result, error = pipe.recv()
+    except EOFError:
+        reason = "it may have taken too much memory; try fewer --processes"
+        raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
+    if error is not None:
+        raise error
+    return result

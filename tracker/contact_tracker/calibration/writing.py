@@ -10,7 +10,7 @@ from contact_tracker.model import ByChange, ByState, Model
 
 def model_text(model: Model, header: Sequence[str] = ()) -> str:
     """What ``load_model`` reads again as ``model``, under comment lines ``header``."""
-    lines = [f"# {' '.join(line.split())}".rstrip() for line in header]
+    lines = [f"# {_printable(' '.join(line.split()))}".rstrip() for line in header]
     return "\n".join([*lines, *_table(model, ""), ""])
 
 
@@ -36,17 +36,22 @@ def _entry(key: str, kind: Any, value: Any) -> list[str]:
         rows = zip(STATES, value, strict=True)
         lines = [f"{key}.{state.value} = {_inline(row)}" for state, row in rows if any(row)]
         return lines or [f"{key} = {{}}"]
-    return [f"{key} = {value!r}"]
+    return [f"{key} = {float(value)!r}"]
 
 
 def _inline(values: ByState) -> str:
     """One line; what is zero is left out."""
     pairs = zip(STATES, values, strict=True)
-    inside = ", ".join(f"{state.value} = {value!r}" for state, value in pairs if value)
+    inside = ", ".join(f"{state.value} = {float(value)!r}" for state, value in pairs if value)
     return f"{{ {inside} }}" if inside else "{}"
 
 
 def _quoted(text: str) -> str:
     """A TOML basic string."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
+    escaped = _printable(text).replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+def _printable(text: str) -> str:
+    """What TOML takes nowhere, or no terminal should see, becomes a question mark."""
+    return "".join(c if c.isprintable() else "?" for c in text)
