@@ -67,7 +67,10 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
         onset_ns, onset = int(living.onset_ns[row]), int(living.onset[row])
     rivals = separability.rivals_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
     since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
-    inseparable = separability.inseparable(label, rivals, since, onset < state.window.index[0])
+    idle = separability.is_idle(label, since, onset < state.window.index[0])
+    inseparable = separability.inseparable(label, rivals, idle)
+    moved_s = separability.moved_s(since, state.model.tick_s)
+    probability = separability.shared(probability, label, inseparable, idle, moved_s)
     return Belief(stamp_ns, label, probability, onset_ns, geometry, residual, inseparable)
 
 

@@ -38,8 +38,9 @@ class Bank:
     told : (H,) how many ticks with motion it has seen.
     x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
     row_weight : (H, K) precision of the residuals relative to that of the position.
-    settled, earned : (H,) of the log-likelihood and of its gain, what is no longer looked at: ticks that have
-        left the window, and of the former what staying has cost.
+    lasted : (H,) log prior probability of what it assumes and of having lasted so long.
+    settled, earned : (H,) of the log-likelihood ratio and of its gain, what is no longer looked at: ticks that
+        have left the window.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
     past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
@@ -60,6 +61,7 @@ class Bank:
     x: Array
     hessian: Array
     row_weight: Array
+    lasted: Array
     settled: Array
     earned: Array
     log_likelihood: Array
@@ -129,6 +131,7 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         x=np.tile(anywhere, (count, 1)),
         hessian=np.zeros((count, k, p, p)),
         row_weight=np.ones((count, k)),
+        lasted=column,
         settled=column,
         earned=column,
         log_likelihood=column,
@@ -163,7 +166,7 @@ def add(
         "source": np.array([begin.source for begin in begins]),
         "known_mean": mean,
         "known": known,
-        "settled": share,
+        "lasted": share,
         "log_likelihood": share,
         "past": np.tile(past, (count, 1, 1)),
     }

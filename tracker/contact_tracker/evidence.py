@@ -63,11 +63,12 @@ class Window:
 @dataclass(frozen=True)
 class Scales:
     """Lengths of the weak priors (m), what free motion foretells of the geometry (share of T19's last term),
-    and the tick (s)."""
+    how much of what a tick says is new, and the tick (s)."""
 
     reach_m: float
     body_radius_m: float
     foreknowledge: float
+    independence: float
     tick_s: float
 
 

@@ -30,6 +30,8 @@ FIRST_STEPS: Final = 4
 SCREENED: Final = 6
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
+LEAST_GAIN: Final = 1e-3
+"""Nats by which another geometry must be better to be taken."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 
@@ -39,7 +41,7 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
     if not len(bank):
         return bank
     bank = _grow(bank, model, window)
-    bank = replace(bank, settled=bank.settled + np.where(bank.onset < window.index[-1], log_stay, 0.0))
+    bank = replace(bank, lasted=bank.lasted + np.where(bank.onset < window.index[-1], log_stay, 0.0))
     bank = _refine(_adopt(bank, model, scales), model, scales)
     bank = _refine_young(bank, model, scales)
     if window.index[-1] % SEARCH_EVERY == 0 and window.activity > AT_REST:
@@ -97,17 +99,13 @@ def _problem(bank: Bank, model: ContactModel, scales: Scales) -> tuple[Array, fi
 
 
 def _adopt(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
-    """Let each hypothesis take the geometry of a neighbour in onset where that fits its own window better."""
+    """Let each hypothesis take the geometry of any other where that fits its own window better."""
     row_weight, prior, _ = _problem(bank, model, scales)
-    x = bank.x
-    best = fit.cost(model.family, bank.moments, row_weight, prior, x)
-    for shift in (1, -1):
-        other = np.roll(bank.x, shift, axis=0)
-        cost = fit.cost(model.family, bank.moments, row_weight, prior, other)
-        better = cost < best
-        x = np.where(better[:, None], other, x)
-        best = np.where(better, cost, best)
-    return replace(bank, x=x)
+    costs = fit.every_cost(model.family, bank.moments, row_weight, prior, bank.x)
+    best = np.argmin(costs, axis=0)
+    own = np.arange(len(bank))
+    better = costs[best, own] < costs[own, own] - LEAST_GAIN
+    return replace(bank, x=np.where(better[:, None], bank.x[best], bank.x))
 
 
 def _refine(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
@@ -194,7 +192,8 @@ def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -
     )
     return replace(
         bank,
-        log_likelihood=summed - np.minimum(price, earned),  # geometry never costs more than it has explained
+        # geometry never costs more than it has explained
+        log_likelihood=bank.lasted + scales.independence * (summed - np.minimum(price, earned)),
         row_weight=row_weight,
         rms=np.sqrt(chi_sq),
     )

@@ -40,6 +40,8 @@ class Motion:
     """Lever with which free rotation moves a point of the object."""
     foreknowledge: float
     """How much of the geometry free motion, continued, is taken to foretell (share of T19's last term)."""
+    independence: float
+    """Share of what a tick says that the ticks before have not said: the power to which likelihoods count."""
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,12 @@ def conclude(seen: Pass, state: TrackerState) -> Segmentation:
     segments, beliefs = [], []
     for column, first, end in stretches:
         contact = STATES[column]
-        geometry, inseparable = _told(window.cut(first, end), contact, state)
+        stretch = window.cut(first, end)
+        idle = separability.is_idle(contact, stretch, older=False)
+        geometry, inseparable = _told(stretch, contact, idle, state)
+        moved_s = separability.moved_s(stretch, state.model.tick_s)
+        for tick in range(first, end):
+            posterior[tick] = separability.shared(posterior[tick], contact, inseparable, idle, moved_s)
         probability = float(posterior[first:end, column].mean())
         stop_ns = seen.start_ns[end] - 1 if end < len(window) else seen.beliefs[-1].stamp_ns
         start_ns = seen.start_ns[first]
@@ -151,7 +156,7 @@ def _merge_free(stretches: list[tuple[int, int, int]]) -> list[tuple[int, int, i
 
 
 def _told(
-    stretch: Window, label: Contact, state: TrackerState
+    stretch: Window, label: Contact, idle: bool, state: TrackerState
 ) -> tuple[ContactGeometry | None, tuple[Contact, ...]]:
     """What the ticks of a segment tell, with the final estimate of the noise: elements, and what else fits.
 
@@ -162,7 +167,7 @@ def _told(
     rivals = separability.Rivals(
         np.array([*(f.log_likelihood[0] for f in fits), 0.0]), np.array([*(f.rms[0] for f in fits), 1.0])
     )
-    inseparable = separability.inseparable(label, rivals, stretch, older=False)
+    inseparable = separability.inseparable(label, rivals, idle)
     if label is Contact.FREE or state.averaging is None:
         return None, inseparable
     contact = CONTACT_MODELS[label.column]

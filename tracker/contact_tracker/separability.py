@@ -30,6 +30,12 @@ STRIDE_TICKS: Final = 5
 """Motion is looked at in steps so long that slow motion rises above the noise."""
 USED: Final = 10.0
 """The motion uses a direction if it moves there by so many times the variance of the noise."""
+RESTRICTED: Final = 0.12
+"""Share of the contacts in which an object is moved in fewer directions than it could be."""
+VARIED_S: Final = 0.7
+"""Time in which other motion has shown all its directions."""
+FIRST_CHOICE: Final = 2.0
+"""Weight of the label among states that motion cannot tell apart."""
 SIX: Final = 6
 TINY: Final = 1e-9
 LEAST_MOTION_TICKS: Final = 10.0
@@ -46,23 +52,47 @@ class Rivals(NamedTuple):
     rms: Array
 
 
-def inseparable(label: Contact, rivals: Rivals, window: Window, older: bool) -> tuple[Contact, ...]:
+def inseparable(label: Contact, rivals: Rivals, idle: bool) -> tuple[Contact, ...]:
     """The other states that the motion does not tell from ``label``.
 
-    Those whose evidence does not fall decisively short of the label's. And where the motion makes no use of
-    the freedom that the label leaves: all that fit, since standing still in one more direction says nothing
-    then; and what these contain, since that fits with them.
-
-    Parameters
-    ----------
-    window : the ticks since the onset, as far as they are at hand; ``older`` if there were others before.
+    Those whose evidence does not fall decisively short of the label's. And where the motion is ``idle``: all
+    that fit, since standing still in one more direction says nothing then; and what these contain, since that
+    fits with them.
     """
     close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
-    judged = not older or float(_activity(window).sum()) >= LEAST_MOTION_TICKS
-    if judged and used_directions(window) < SIX - label.codimension:
+    if idle:
         fits = close | (rivals.rms < AS_WELL * max(1.0, rivals.rms[label.column]))
         close = np.array([any(fits[s.column] and s.contains(state) for s in STATES) for state in STATES])
     return tuple(state for state in STATES if close[state.column] and state is not label)
+
+
+def is_idle(label: Contact, window: Window, older: bool) -> bool:
+    """Whether the motion makes no use of the freedom that ``label`` leaves.
+
+    ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others before.
+    """
+    judged = not older or float(_activity(window).sum()) >= LEAST_MOTION_TICKS
+    return judged and used_directions(window) < SIX - label.codimension
+
+
+def shared(
+    probability: Array, label: Contact, others: tuple[Contact, ...], idle: bool, moved_s: float
+) -> Array:
+    """Posterior (7,) in which the label shares its probability with ``others`` while the motion is idle (T29).
+
+    Who moves an object in one contact of ``1 / RESTRICTED`` does so on purpose in fewer directions than the
+    contact leaves free. That becomes likely when more seconds of motion, ``moved_s``, have shown no others.
+    """
+    if not idle or not others or label is Contact.FREE:
+        return probability
+    purpose = RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S))
+    share = np.zeros(len(STATES))
+    share[[label.column, *(other.column for other in others)]] = 1.0
+    share[label.column] = FIRST_CHOICE
+    mass = purpose * probability[label.column]
+    told = probability + mass * share / share.sum()
+    told[label.column] -= mass
+    return np.asarray(told)
 
 
 def used_directions(window: Window) -> int:
@@ -88,6 +118,11 @@ def used_directions(window: Window) -> int:
     lever_sq = np.mean(np.square(middle).sum(axis=1)) * 2.0 / 3.0
     noise = [position + rotation * lever_sq] * 3 + [rotation] * 3
     return int(np.sum(eigvalsh(power, np.diag(noise)) > USED))
+
+
+def moved_s(window: Window, tick_s: float) -> float:
+    """Seconds of motion in the window."""
+    return tick_s * float(_activity(window).sum())
 
 
 def _activity(window: Window) -> Array:

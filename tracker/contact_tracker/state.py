@@ -60,4 +60,6 @@ def start(model: Model, lag_s: float = 0.0) -> TrackerState:
 def scales_of(model: Model) -> Scales:
     """What evidence needs of the model."""
     motion = model.motion
-    return Scales(model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, model.tick_s)
+    return Scales(
+        model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, motion.independence, model.tick_s
+    )
