@@ -9,7 +9,6 @@ from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.segmenter import forward, segment
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
-TICK_NS = round(MODEL.tick_s * 1e9)
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
 
 
