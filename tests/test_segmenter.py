@@ -1,28 +1,19 @@
-"""Offline: segments, onsets and geometry against the truth; and against themselves in other frames."""
+"""Offline: segments, onsets and geometry against the truth."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from contact_tracker.evaluation.geometry_errors import geometry_errors
-from contact_tracker.poses import Poses
 from contact_tracker.segmenter import forward, segment
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
-TICK_NS = round(MODEL.tick_s * 1e9)
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
 
 
 def names(segmentation):
     return " ".join(s.contact.value for s in segmentation.segments)
-
-
-def boundaries_s(segmentation):
-    start_ns = np.array([s.start_ns for s in segmentation.segments])
-    return (start_ns - start_ns[0]) / 1e9
 
 
 @each_recording
@@ -81,77 +72,6 @@ def test_the_future_helps(contacts):
     )
     assert smoothed > filtered
     np.testing.assert_allclose(found.beliefs[-1].probability, found.filtered[-1].probability, atol=0.02)
-
-
-# --- frames ------------------------------------------------------------------------------------------------
-
-
-def moved_world(poses, rotation, shift):
-    turn = rotation * Rotation.from_quat(poses.quat_xyzw)
-    return Poses(poses.stamp_ns, rotation.apply(poses.position_m) + shift, turn.as_quat())
-
-
-def moved_body(poses, rotation, shift):
-    """The same object with another body frame: x_body = rotation x_new + shift."""
-    turn = Rotation.from_quat(poses.quat_xyzw)
-    return Poses(poses.stamp_ns, poses.position_m + turn.apply(shift), (turn * rotation).as_quat())
-
-
-def agree(found, expected):
-    assert names(found) == names(expected)
-    np.testing.assert_allclose(boundaries_s(found), boundaries_s(expected), atol=2.1 * MODEL.tick_s)
-
-
-def test_the_world_frame_does_not_matter():
-    """Turned, and a hundred metres off; the environment's elements move along."""
-    poses, expected = recorded(FACE_TO_EDGE).poses, segmented(FACE_TO_EDGE)
-    world, shift = Rotation.random(random_state=np.random.default_rng(1)), np.array([100.0, -80.0, 60.0])
-    found = segment(moved_world(poses, world, shift), MODEL)
-    agree(found, expected)
-    plane = expected.segments[1].geometry.environment
-    moved = found.segments[1].geometry.environment
-    sign = np.sign(moved.normal @ world.apply(plane.normal))
-    np.testing.assert_allclose(moved.normal * sign, world.apply(plane.normal), atol=0.01)
-    # height of the plane at where the body is, not a hundred metres from it
-    body = poses.position_m[-400:].mean(axis=0)
-    height = (plane.normal @ body - plane.offset_m) * sign
-    assert moved.normal @ (world.apply(body) + shift) - moved.offset_m == pytest.approx(height, abs=0.003)
-
-
-def test_the_body_frame_does_not_matter():
-    """Markers are glued on anyhow: turned, and up to 0.2 m from where they were."""
-    poses, expected = recorded(FACE_TO_EDGE).poses, segmented(FACE_TO_EDGE)
-    body, shift = Rotation.random(random_state=np.random.default_rng(2)), np.array([0.12, -0.1, 0.12])
-    found = segment(moved_body(poses, body, shift), MODEL)
-    agree(found, expected)
-    edge, moved = expected.segments[1].geometry.object, found.segments[1].geometry.object
-    cosine = abs(moved.direction @ body.inv().apply(edge.direction))
-    assert np.degrees(np.arccos(min(cosine, 1.0))) < 1.0
-    off = body.apply(moved.point_m) + shift - edge.point_m
-    assert np.linalg.norm(off - edge.direction * (edge.direction @ off)) < 0.005
-
-
-def test_time_and_the_sign_of_quaternions_do_not_matter():
-    """To the last bit, the one; the other but for rounding."""
-    poses, expected = recorded(FACE_TO_EDGE).poses, segmented(FACE_TO_EDGE)
-    shift_ns = -1_234_567_890_123_456_789
-    sign = np.random.default_rng(3).choice([-1.0, 1.0], size=(len(poses), 1))
-    later = replace(poses, stamp_ns=poses.stamp_ns + shift_ns)
-    part = segment(later[:500], MODEL)
-    for a, b in zip(part.filtered[:25], expected.filtered[:25], strict=True):
-        assert a.stamp_ns == b.stamp_ns + shift_ns
-        assert a.onset_ns == b.onset_ns + shift_ns
-        np.testing.assert_array_equal(a.probability, b.probability)
-    found = segment(replace(later, quat_xyzw=poses.quat_xyzw * sign), MODEL)
-    assert names(found) == names(expected)
-    np.testing.assert_allclose(boundaries_s(found), boundaries_s(expected), atol=1e-9)
-    for a, b in zip(found.beliefs, expected.beliefs, strict=True):
-        np.testing.assert_allclose(a.probability, b.probability, atol=1e-3)
-
-
-def test_half_the_frames_give_the_same_segments():
-    found = segment(recorded(FACE_TO_EDGE).poses[::2], MODEL)
-    agree(found, segmented(FACE_TO_EDGE))
 
 
 # --- edges -------------------------------------------------------------------------------------------------

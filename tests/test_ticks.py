@@ -100,7 +100,6 @@ def test_spikes_are_left_out(rate_hz, missed):
     assert np.mean(np.array(off) > 0.005) < missed
 
 
-@pytest.mark.xfail(reason="no frame is doubted before free motion has settled, nor after a gap", strict=True)
 @pytest.mark.parametrize("start", ["stream", "gap"])
 def test_spikes_are_left_out_from_the_beginning(start):
     """The other frames of a tick tell an outlier as well as the motion does."""

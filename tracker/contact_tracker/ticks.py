@@ -121,7 +121,7 @@ def _plausible(
     """
     everything = np.ones(len(frames), bool)
     if state.motion is None or state.motion.position.weight == 0:
-        return everything
+        return _near_their_neighbours(rotation, position, estimate, model)
     middle_s = (state.index - 0.5) * model.tick_s
     ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - middle_s
     off_position = position - free_motion.predicted_position(state.motion, ahead)
@@ -139,6 +139,21 @@ def _plausible(
         distance = np.linalg.norm(off, axis=1)
         good = good & (distance < model.noise.outlier_sigmas * np.sqrt(sigma**2 + moved))
     return good if good.any() else everything
+
+
+def _near_their_neighbours(
+    rotation: Array, position: Array, estimate: NoiseEstimate, model: Model
+) -> NDArray[np.bool_]:
+    """While nothing is known of the motion: frames that stand out no more than by their steps."""
+    good = np.ones(len(position), bool)
+    if len(position) < NEIGHBOURS:
+        return good
+    turn = Rotation.from_matrix(rotation[0].T @ rotation).as_rotvec()
+    for rows, sigma in ((position, estimate.sigma_position_m), (turn, estimate.sigma_rotation_rad)):
+        distance = np.linalg.norm(rows - _local_median(rows), axis=1)
+        step = float(np.median(np.linalg.norm(np.diff(rows, axis=0), axis=1)))
+        good = good & (distance < model.noise.outlier_sigmas * max(sigma, step))
+    return good if good.any() else np.ones(len(position), bool)
 
 
 def _local_median(rows: Array) -> Array:

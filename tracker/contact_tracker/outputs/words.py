@@ -65,17 +65,18 @@ def _element(element: Element) -> str:
         case Plane(normal, offset_m, covariance):
             tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             offset = f"{_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
-            name, ways, where = "face", 3, f" normal {tilt} at {offset}"
+            name, where = "face", f" normal {tilt} at {offset}"
         case Line(direction, point_m, covariance):
             along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
-            name, ways, where = "edge", 4, f" along {along} through {through}"
+            name, where = "edge", f" along {along} through {through}"
         case Point(point_m, covariance):
-            name, ways = "vertex", 3
+            name = "vertex"
             where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
     if element.name is not None:
         name = element.name if name in element.name.split() else f"{name} {element.name}"
-    if len(element.unobserved) == ways:
+    shifts = sum(way.how == "shifts_along" for way in element.unobserved)
+    if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point of all
         return f"{name} (unobserved)"
     return f"{name}{where}" + (f" (unobserved: {open_ways})" if open_ways else "")
 
