@@ -1,11 +1,7 @@
 """Errors of geometry against what is known exactly, and the report that people and programs read."""
 
 import json
-import runpy
-from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -300,29 +296,3 @@ def test_geometry_errors_add() -> None:
     assert (a + b).rows == a.rows + b.rows
     assert isinstance(a + b, GeometryErrors)
     assert sum(len((a + b).of_kind(kind).rows) for kind in ("plane", "line", "point")) == len((a + b).rows)
-
-
-def test_the_benchmark_sums_its_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("paper/a", "paper/b", "hard/c", "other/d"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).with_suffix(".mcap").touch()
-    benchmark = runpy.run_path(str(Path(__file__).parent / "benchmarks" / "identification.py"))
-
-    def measure_all(paths: Iterable[Path], model: str, processes: int) -> dict[Path, Any]:
-        return {
-            p: benchmark["Measured"](p, evaluation(ord(p.stem)), 2.5, 7.0) for p in paths if p.stem != "b"
-        }
-
-    out = tmp_path / "figures.json"
-    arguments = [str(tmp_path), "--set", "hard", "paper", "--json", str(out)]
-    assert benchmark["main"](arguments, measure_all) == 1  # b could not be measured
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[:3] for line in lines[1:]] == [
-        ["hard", "1", "7.0"],
-        ["paper", "1", "7.0"],
-        ["total", "2", "14.0"],
-    ]
-    data = json.loads(out.read_text())
-    assert data["hard"]["recordings"].keys() == data["hard"]["cpu_s"].keys() == {"c.mcap"}
-    with pytest.raises(SystemExit, match="no set nowhere; there are: hard other paper"):
-        benchmark["main"]([str(tmp_path), "--set", "nowhere"], measure_all)

@@ -240,7 +240,7 @@ def _found(values: Array) -> Array:
 
 
 def _ratios(part: Array, whole: Array) -> Array:
-    return np.divide(part, whole, out=np.full(len(part), np.nan), where=whole > 0)
+    return np.asarray(np.divide(part, whole, out=np.full(len(part), np.nan), where=whole > 0))
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -1,0 +1,227 @@
+"""Alternatives on the paper's fixed windows of 500 frames: the smallest normalised objective, and an HMM.
+
+A window advances by 0.1 s, as the tracker's ticks do; 500 frames are 2.5 s at 200 Hz, 0.5 s at 1 kHz and
+17 s at 30 Hz. Before its first window is full, an online method has no answer.
+
+The smallest objective: each of the six curves divided by its largest value, as the paper draws them; the
+lowest names the contact. It never says free; the largest value is that of the whole recording, online too.
+
+The HMM: ``contact_tracker.hmm`` over windows instead of hypotheses that own their window. It is calibrated
+on the very set that it is scored on, which is generous: emissions are normal densities of the log of the
+six minima, with mean and covariance by true state; states that the set does not have are not possible; the
+rate of leaving is that of the set, and where one goes is the lattice's. Windows overlap, so emissions have an
+exponent: for labels the one that gets most of the set right, for probabilities that of the least log-loss.
+What a window stands for depends on when the answer is due: its middle where there is time, else the latest
+frame that its answer is asked for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scores import LAGS_S, OFFLINE, Answer, Method, Score, Scores
+
+from contact_tracker import fixed_lag, hmm
+from contact_tracker.evaluation.scoring import Scoring, Subset, tick_in_force
+from contact_tracker.labels import STATES
+from contact_tracker.model import Model
+from contact_tracker.poses import Poses
+from contact_tracker.transitions import split
+from contact_tracker.windows import curves
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FRAMES: Final = 500
+STEP_S: Final = 0.1
+SMALLEST: Final = "smallest objective"
+HMM: Final = "HMM on windows"
+EXPONENTS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+SHRINKAGE: Final = 0.5
+"""Share of the covariance of all states in that of each: some have few windows."""
+LEAST_SD: Final = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """The W windows of a recording: ``end_ns`` (W,) last stamp, ``normalised`` and ``log_minimum`` (W, 6) of
+    the objectives, ``half_ns`` and ``step_s``."""
+
+    end_ns: Ints
+    normalised: Array
+    log_minimum: Array
+    half_ns: int
+    step_s: float
+
+    @classmethod
+    def of(cls, poses: Poses) -> "Windows":
+        frame_s = float(np.median(np.diff(poses.stamp_ns))) * 1e-9 if len(poses) > 1 else STEP_S
+        step = max(1, round(STEP_S / frame_s))
+        found = curves(poses, FRAMES, step)
+        log_minimum = 0.5 * np.log(np.maximum(found.minimum / FRAMES, np.finfo(float).tiny))
+        return cls(
+            found.stamp_ns, found.normalised, log_minimum, round(FRAMES * frame_s * 0.5e9), step * frame_s
+        )
+
+    def delay_ns(self, wait_s: float) -> int:
+        """How far before its end lies what a window stands for, when the answer may wait so long."""
+        return round(min(self.half_ns, wait_s * 1e9))
+
+    def ticks(self, stamp_ns: Ints, wait_s: float) -> Ints:
+        """Window (N,) that stands for each frame; -1 for none."""
+        meant_ns = self.end_ns - self.delay_ns(wait_s)
+        if wait_s == OFFLINE and len(meant_ns):
+            return np.searchsorted((meant_ns[1:] + meant_ns[:-1]) // 2, stamp_ns).astype(np.int64)
+        return tick_in_force(stamp_ns, meant_ns)
+
+
+class Recorded(NamedTuple):
+    """A recording's windows and what of it is scored."""
+
+    windows: Windows
+    scored: Scoring
+
+    def truth(self, wait_s: float) -> Ints:
+        """True state (W,) of what each window stands for, -1 where that cannot be told."""
+        stamp_ns = self.scored.stamp_ns
+        meant_ns = self.windows.end_ns - self.windows.delay_ns(wait_s)
+        frame = np.clip(np.searchsorted(stamp_ns, meant_ns), 0, len(stamp_ns) - 1)
+        told = self.scored.subsets[Subset.IDENTIFIABLE][frame]
+        return np.where(told, self.scored.truth[frame], -1)
+
+
+def smallest_answers(windows: Windows, stamp_ns: Ints) -> dict[Method, Answer]:
+    """The smallest normalised objective, offline of the window around a frame, online of the last one."""
+    label = windows.normalised.argmin(axis=1).astype(np.int64)
+    return {
+        Method(SMALLEST, wait_s, False): Answer.certain(windows.ticks(stamp_ns, wait_s), label)
+        for wait_s in (OFFLINE, 0.0)
+    }
+
+
+class Emission(NamedTuple):
+    """Normal densities of the states (S,) that a set has: ``mean`` (S, 6), ``covariance`` (S, 6, 6)."""
+
+    states: Ints
+    mean: Array
+    covariance: Array
+
+    @classmethod
+    def fit(cls, values: Array, state: Ints) -> "Emission":
+        """From values (W, 6) and their true states (W,)."""
+        states = np.unique(state)
+        mean = np.array([values[state == s].mean(axis=0) for s in states])
+        off = values - mean[np.searchsorted(states, state)]
+        pooled = off.T @ off / len(off) + LEAST_SD**2 * np.eye(values.shape[1])
+        own = np.array([off[state == s].T @ off[state == s] / np.sum(state == s) for s in states])
+        return cls(states.astype(np.int64), mean, (1 - SHRINKAGE) * own + SHRINKAGE * pooled)
+
+    def log_density(self, values: Array) -> Array:
+        """(W, S), up to a constant."""
+        off = values[:, None] - self.mean
+        square = np.einsum("wsi,sij,wsj->ws", off, np.linalg.inv(self.covariance), off)
+        return np.asarray(-0.5 * (square + np.linalg.slogdet(self.covariance)[1]))
+
+
+def hmm_scores(recordings: Sequence[Recorded], model: Model) -> list[Scores]:
+    """The HMM on fixed windows, calibrated on all recordings of a set, scored on each of them."""
+    by_wait = {wait_s: _calibrated(recordings, model, wait_s) for wait_s in (OFFLINE, *LAGS_S, 0.0)}
+    return [
+        {Method(HMM, wait_s): scores[i] for wait_s, scores in by_wait.items()} for i in range(len(recordings))
+    ]
+
+
+def _calibrated(recordings: Sequence[Recorded], model: Model, wait_s: float) -> list[Score]:
+    """Scores with labels of the exponent that has most of them right, and probabilities of the one with the
+    least log-loss, over all recordings."""
+    values = np.concatenate([r.windows.log_minimum for r in recordings])
+    truth = np.concatenate([r.truth(wait_s) for r in recordings])
+    if not (truth >= 0).any():
+        return [Score.of(_nothing(r), r.scored) for r in recordings]
+    emission = Emission.fit(values[truth >= 0], truth[truth >= 0])
+    tried, right_s, loss_s = [], [], []
+    for exponent in EXPONENTS:
+        answers = []
+        for r in recordings:
+            chain = _chain(recordings, model, emission.states, r.windows.step_s)
+            log_density = exponent * emission.log_density(r.windows.log_minimum)
+            answers.append(_answer(r, emission.states, log_density, chain, wait_s))
+        main = [Score.of(a, r.scored).main for a, r in zip(answers, recordings, strict=True)]
+        tried.append(answers)
+        right_s.append(sum(float(m.seconds_by_state @ np.nan_to_num(m.recall)) for m in main))
+        loss_s.append(sum(m.log_loss_s for m in main))
+    told, believed = tried[int(np.argmax(right_s))], tried[int(np.argmin(loss_s))]
+    return [
+        Score.of(Answer(a.tick, a.label, b.probability), r.scored)
+        for a, b, r in zip(told, believed, recordings, strict=True)
+    ]
+
+
+def _chain(recordings: Sequence[Recorded], model: Model, states: Ints, step_s: float) -> tuple[Array, Array]:
+    """Log start (S,) and change (S, S) of a chain over windows, from how often the set's contacts change."""
+    main = [r.scored.within(Subset.IDENTIFIABLE) for r in recordings]
+    seconds = sum(float(m.seconds[m.subsets[Subset.ALL]].sum()) for m in main)
+    leave = min(0.5, step_s * (1 + sum(len(m.changes) for m in main)) / seconds)
+    change = split(model.transitions)[np.ix_(states, states)] * (1 - np.eye(len(states)))
+    total = change.sum(axis=1, keepdims=True)
+    matrix = (1 - leave) * np.eye(len(states)) + leave * np.divide(
+        change, total, out=np.eye(len(states)), where=total > 0
+    )
+    with np.errstate(divide="ignore"):
+        return np.full(len(states), -np.log(len(states))), np.log(matrix)
+
+
+def _answer(
+    recorded: Recorded, states: Ints, log_density: Array, chain: tuple[Array, Array], wait_s: float
+) -> Answer:
+    if not len(log_density):
+        return _nothing(recorded)
+    windows, stamp_ns = recorded.windows, recorded.scored.stamp_ns
+    tick = windows.ticks(stamp_ns, wait_s)
+    probability = np.zeros((len(log_density), len(STATES)))
+    if wait_s == OFFLINE:
+        probability[:, states], label = smoothed(log_density, *chain)
+        return Answer(tick, states[label], probability)
+    spare_s = wait_s - windows.delay_ns(wait_s) * 1e-9
+    probability[:, states] = filtered(log_density, *chain, int(spare_s / windows.step_s + 1e-9))
+    return Answer.most_probable(tick, probability)
+
+
+def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> tuple[Array, Ints]:
+    """Posterior (W, S) given all windows, and the most probable path (W,)."""
+    count, states = log_density.shape
+    index = np.arange(count * states)
+    trellis = hmm.Trellis(
+        index % states, index // states, list(index.reshape(count, states)), list(log_density)
+    )
+    each = np.broadcast_to(log_transition, (count, states, states))
+    path = hmm.viterbi(trellis, log_initial, each)
+    label = np.array([hypothesis % states for hypothesis, _, _ in path])
+    return hmm.smooth(trellis, log_initial, each)[0], label
+
+
+def filtered(log_density: Array, log_initial: Array, log_transition: Array, lag: int = 0) -> Array:
+    """Posterior (W, S) of each window given those up to ``lag`` later."""
+    count, states = log_density.shape
+    posterior = np.zeros((count, states))
+    past, left = np.zeros((states, lag + 1, states)), log_initial
+    for now, density in enumerate(log_density):
+        if now:
+            past, left = (
+                fixed_lag.inherited(past, left, log_transition),
+                hmm.enter(left, log_transition),
+            )
+        past = np.stack([fixed_lag.grown(past[s], s) for s in range(states)])
+        left = left + density
+        left = left - hmm.log_sum_exp(left)
+        known = np.einsum("j,jls->ls", np.exp(left), past)
+        first = max(0, now - lag)  # what is not yet final is written again
+        posterior[first : now + 1] = known[lag - (now - first) :]
+    return posterior
+
+
+def _nothing(recorded: Recorded) -> Answer:
+    frames = len(recorded.scored.stamp_ns)
+    return Answer(np.full(frames, -1), np.zeros(0, np.int64), np.zeros((0, len(STATES))))

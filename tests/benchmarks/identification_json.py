@@ -1,0 +1,87 @@
+"""All figures of the identification benchmark as JSON: by method, and in each by contact."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from identification_tables import Judged, Sum, in_order, quantiles, summed
+from scores import OFFLINE, Method, Score
+
+from contact_tracker.evaluation.metrics import Tally, quantile
+from contact_tracker.labels import CONTACTS, STATES, Contact
+
+
+def to_json(sets: Mapping[str, Sequence[Judged]]) -> str:
+    """Per set the figures of its recordings and of their sum: by method, and in each by contact."""
+    data = {
+        name: {
+            "cpu_s": {m.path.name: m.cpu_s for m in measured},
+            "recordings": {m.path.name: _figures(Sum(m.scores, m.geometry)) for m in measured},
+            "total": _figures(summed(measured)),
+        }
+        for name, measured in sets.items()
+    }
+    return json.dumps(data, indent=1, allow_nan=False)
+
+
+def _figures(total: Sum) -> dict[str, Any]:
+    geometry = {"all": total.geometry} | {c.value: total.geometry.of_contact(c) for c in CONTACTS}
+    return {
+        "methods": {
+            f"{method.name} {method.when}": _score_figures(method, total.scores[method])
+            for method in in_order(total.scores)
+        },
+        "geometry": {
+            name: {
+                "elements": len(errors.rows),
+                "angle_deg": _finite(quantile(errors.angle_deg, 0.5)),
+                "distance_mm": _finite(quantile(errors.distance_mm, 0.5)),
+                "within_3_sd": _finite(errors.within_3_sd),
+            }
+            for name, errors in geometry.items()
+        },
+    }
+
+
+def _score_figures(method: Method, score: Score) -> dict[str, Any]:
+    contacts = {
+        state.value: _tally_figures(method, score.main, state)
+        for state in STATES
+        if score.main.seconds_by_state[state.column]
+    }
+    return {
+        **_tally_figures(method, score.main),
+        "contacts": contacts,
+        "apart": _tally_figures(method, score.apart),
+    }
+
+
+def _tally_figures(method: Method, tally: Tally, state: Contact | None = None) -> dict[str, Any]:
+    """Of all states, or of one."""
+    into = slice(None) if state is None else tally.into == state.column
+    if state is None:
+        label = tally.seconds(), tally.accuracy(), tally.macro_f1
+        belief = tally.log_loss, tally.brier, tally.calibration_error
+    else:
+        c = state.column
+        label = tally.seconds_by_state[c], tally.recall[c], tally.f1[c]
+        belief = tally.log_loss_by_state[c], tally.brier_by_state[c], tally.calibration_error_by_state[c]
+    figures = dict(zip(("seconds", "right", "f1"), map(_finite, label), strict=True))
+    names = ("median", "p90", "unfound")
+    figures |= {
+        f"boundary_s_{name}": _finite(value)
+        for name, value in zip(names, quantiles(tally.boundary_error_s[into]), strict=True)
+    }
+    if method.wait_s != OFFLINE:
+        delays = quantiles(tally.detection_delay_s[into] + method.wait_s)
+        figures |= {f"delay_s_{name}": _finite(value) for name, value in zip(names, delays, strict=True)}
+    if method.believes:
+        figures |= dict(zip(("log_loss", "brier", "calibration_error"), map(_finite, belief), strict=True))
+        if state is None:
+            figures["sure_wrong"] = _finite(tally.sure_wrong)
+    return figures
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

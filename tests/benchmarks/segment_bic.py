@@ -1,0 +1,106 @@
+"""Alternative: the Bayesian information criterion per segment, as models of articulation are selected.
+
+For n samples of a segment and contact j with k_j parameters and d_j degrees of freedom,
+
+    log p(samples | j) - 1/2 (k_j + n d_j) log n
+
+where log p is that of the whitened residuals of the constraints, -1/2 sum chi^2: where the object stands in
+its freedom is estimated for each sample and leaves no residual, so its n d_j coordinates count as
+parameters. Free has k = 0, d = 6 and no residual. exp of it, normalised, is the posterior. Samples are the
+tracker's ticks of 0.1 s, outliers left out, with the noise estimated from the recording; fits are the
+tracker's own.
+
+Segments are the paper's windows of 500 frames, every 100 frames; and, generously, the true ones.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scores import OFFLINE, Answer, Method
+from tracking import Tracked
+
+from contact_tracker import hypotheses
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evaluation.scoring import UNSCORED, Scoring, tick_in_force
+from contact_tracker.evidence import Scales, Window
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.model import Model
+from contact_tracker.poses import Poses
+from contact_tracker.tracker import scales_of
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FRAMES: Final = 500
+STEP: Final = 100
+WINDOWS: Final = "BIC on windows"
+SEGMENTS: Final = "BIC, true segments"
+FEWEST: Final = 2
+
+
+def answers(poses: Poses, scored: Scoring, tracked: Tracked, model: Model) -> dict[Method, Answer]:
+    """BIC on fixed windows, offline and online, and on the true segments."""
+    stamp_ns = poses.stamp_ns
+    first = np.arange(0, max(len(poses) - FRAMES + 1, 0), STEP)
+    spans = [(int(stamp_ns[i]), int(stamp_ns[i + FRAMES - 1])) for i in first]
+    probability, row = _posteriors(spans, tracked, scales_of(model))
+    start_ns, end_ns = np.array(spans, np.int64).reshape(-1, 2)[row >= 0].T
+    middle_ns = (start_ns + end_ns) // 2
+    nearest = np.searchsorted((middle_ns[1:] + middle_ns[:-1]) // 2, stamp_ns)
+    around = nearest if len(middle_ns) else np.full(len(stamp_ns), -1)
+    return {
+        Method(WINDOWS, OFFLINE): Answer.most_probable(around, probability),
+        Method(WINDOWS, 0.0): Answer.most_probable(tick_in_force(stamp_ns, end_ns), probability),
+        Method(SEGMENTS, OFFLINE): _true_segments(scored, tracked, scales_of(model)),
+    }
+
+
+def _true_segments(scored: Scoring, tracked: Tracked, scales: Scales) -> Answer:
+    """Each true phase is judged by the ticks within it."""
+    begins = np.append(True, np.diff(scored.truth) != 0)
+    run = np.cumsum(begins) - 1
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(run)) - 1
+    told = scored.truth[first] != UNSCORED
+    spans = [(int(scored.stamp_ns[a]), int(scored.stamp_ns[b])) for a, b in zip(first, last, strict=True)]
+    probability, row = _posteriors(
+        [s if t else (1, 0) for s, t in zip(spans, told, strict=True)], tracked, scales
+    )
+    return Answer.most_probable(row[run], probability)
+
+
+def _posteriors(spans: list[tuple[int, int]], tracked: Tracked, scales: Scales) -> tuple[Array, Ints]:
+    """Posterior (P, 7) of the spans of time with ticks enough, and each span's row in it (-1: none)."""
+    found: list[Array] = []
+    row: list[int] = []
+    for start_ns, end_ns in spans:
+        inside = (tracked.start_ns >= start_ns) & (tracked.stamp_ns <= end_ns) & (tracked.frames > 0)
+        enough = inside.sum() >= FEWEST
+        row.append(len(found) if enough else -1)
+        if enough:
+            parts = vars(tracked.window)
+            found.append(posterior(Window(**{name: part[inside] for name, part in parts.items()}), scales))
+    return np.array(found).reshape(-1, len(STATES)), np.array(row, np.int64)
+
+
+def posterior(window: Window, scales: Scales) -> Array:
+    """Posterior (7,) of the states for the samples of a window, by their criteria."""
+    chi_sq, parameters = np.zeros(len(STATES)), np.zeros(len(STATES))
+    for model in CONTACT_MODELS:
+        column, family = model.contact.column, model.family
+        fitted = hypotheses.fit_stretch(model, window, scales)
+        chi_sq[column] = fitted.rms[0] ** 2 * family.ROWS * len(window)
+        parameters[column] = family.PARAMETERS
+    return from_criteria(criteria(chi_sq, parameters, len(window)))
+
+
+def criteria(chi_sq: Array, parameters: Array, samples: int) -> Array:
+    """BIC (7,) of the states, the higher the better."""
+    freedom = np.array([6 - Contact(state).codimension for state in STATES])
+    return np.asarray(-0.5 * chi_sq - 0.5 * (parameters + samples * freedom) * np.log(samples))
+
+
+def from_criteria(bic: Array) -> Array:
+    weight = np.exp(bic - bic.max())
+    return np.asarray(weight / weight.sum())

@@ -1,0 +1,300 @@
+"""The identification benchmark: lags, alternatives and tables against brute force, by hand, on short runs."""
+
+import json
+from itertools import pairwise, product
+from pathlib import Path
+
+import fixed_windows
+import identification
+import identification_tables
+import numpy as np
+import pytest
+import segment_bic
+import tracking
+from fixed_windows import Emission, Recorded, Windows
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scores import OFFLINE, Answer, Method, Score
+
+from contact_tracker import hmm
+from contact_tracker.evaluation.geometry_errors import GeometryErrors
+from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.segmenter import Pass, forward
+from contact_tracker.transitions import log_initial, log_transition
+from contact_tracker.truth import Truth, TruthInterval
+from short import FACE_TO_EDGE, MODEL, recorded
+
+SECOND = 1_000_000_000
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+# --- lags ------------------------------------------------------------------------------------------------
+
+
+def test_every_lag_is_smoothing_with_that_much_future() -> None:
+    """Of one pass, against ``hmm.smooth`` over what it had met so long after each tick.
+
+    The trellis lacks what was pruned in the very tick, which weighs next to nothing.
+    """
+    poses = recorded(FACE_TO_EDGE).poses[300:540]
+    tracked = tracking.track(poses, MODEL, (0.5, 0.2))
+    seen: Pass = forward(poses, MODEL)[0]
+    transition = np.array([log_transition(MODEL, activity) for activity in seen.activity])
+    whole, ticks = seen.trellis, len(seen.beliefs)
+    assert ticks == 12
+    for lag_s, lag in ((0.5, 5), (0.2, 2)):
+        for tick in range(ticks):
+            until = min(tick + lag + 1, ticks)
+            known = whole._replace(alive=whole.alive[:until], log_likelihood=whole.log_likelihood[:until])
+            posterior, _ = hmm.smooth(known, log_initial(MODEL), transition[:until])
+            np.testing.assert_allclose(tracked.lagged[lag_s][tick], posterior[tick], atol=1e-6)
+    online = np.array([belief.probability for belief in tracked.segmentation.filtered])
+    assert np.abs(tracked.lagged[0.2] - online).max() > 1e-3  # there is something to know later
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS, st.integers(0, 6))
+def test_a_chain_over_windows_is_the_sum_over_its_paths(seed: int, lag: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, states = 5, 3
+    log_density = 2.0 * rng.normal(size=(count, states))
+    initial = np.log(rng.dirichlet(np.ones(states)))
+    transition = np.log(rng.dirichlet(np.ones(states), states))
+
+    def weigh(path: tuple[int, ...], until: int) -> float:
+        moves = sum(transition[a, b] for a, b in pairwise(path[:until]))
+        return float(initial[path[0]] + moves + log_density[np.arange(until), path[:until]].sum())
+
+    def brute(until: int) -> np.ndarray:
+        posterior = np.zeros((until, states))
+        for path in product(range(states), repeat=until):
+            posterior[np.arange(until), path] += np.exp(weigh(path, until))
+        return posterior / posterior.sum(axis=1, keepdims=True)
+
+    lagged = fixed_windows.filtered(log_density, initial, transition, lag)
+    for window in range(count):
+        np.testing.assert_allclose(lagged[window], brute(min(window + lag + 1, count))[window], atol=1e-9)
+    posterior, label = fixed_windows.smoothed(log_density, initial, transition)
+    np.testing.assert_allclose(posterior, brute(count), atol=1e-9)
+    assert tuple(label) == max(product(range(states), repeat=count), key=lambda path: weigh(path, count))
+
+
+# --- fixed windows ---------------------------------------------------------------------------------------
+
+
+def truth_of(*phases: tuple[str, float], singular: tuple[int, ...] = ()) -> Truth:
+    """Phases of (label, seconds)."""
+    ends = np.cumsum([round(seconds * SECOND) for _, seconds in phases]).tolist()
+    starts = [0, *ends[:-1]]
+    return Truth(
+        tuple(
+            TruthInterval(a, b - 1, Contact(label), singular=i in singular)
+            for i, ((label, _), a, b) in enumerate(zip(phases, starts, ends, strict=True))
+        )
+    )
+
+
+def stamps(seconds: float, every_s: float = 0.01) -> np.ndarray:
+    return np.arange(0, round(seconds * SECOND), round(every_s * SECOND), dtype=np.int64)
+
+
+def windows_at(end_s: list[float], half_s: float, log_minimum: np.ndarray | None = None) -> Windows:
+    values = np.zeros((len(end_s), 6)) if log_minimum is None else log_minimum
+    end_ns = np.array([round(s * SECOND) for s in end_s], np.int64)
+    return Windows(end_ns, np.exp(values), values, round(half_s * SECOND), 0.1)
+
+
+def test_which_window_stands_for_a_frame() -> None:
+    windows, frame = windows_at([5.0, 6.0, 7.0], 2.5), stamps(8.0, 0.5)
+    by_second = {s: i for i, s in enumerate((frame / SECOND).tolist())}
+    online, half, offline = (windows.ticks(frame, wait_s) for wait_s in (0.0, 0.5, OFFLINE))
+    assert [online[by_second[s]] for s in (4.5, 5.0, 5.5, 7.5)] == [-1, 0, 0, 2]
+    assert [half[by_second[s]] for s in (4.0, 4.5, 5.5, 7.5)] == [-1, 0, 1, 2]
+    # offline, the one whose middle (2.5, 3.5 or 4.5 s) is nearest
+    assert [offline[by_second[s]] for s in (0.0, 2.5, 3.5, 4.5, 7.5)] == [0, 0, 1, 2, 2]
+    # there is no more to wait for than half a window
+    assert windows.delay_ns(10.0) == windows.delay_ns(OFFLINE) == round(2.5 * SECOND)
+
+
+def recorded_windows(seed: int, noise: float) -> Recorded:
+    """8 s of f-f, e-f and free; each state has its own level of the minima."""
+    rng = np.random.default_rng(seed)
+    scored = scoring(stamps(8.0), truth_of(("f-f", 3.0), ("e-f", 2.0), ("free", 3.0)))
+    end_s = np.arange(10, 80) / 10
+    level = scored.truth[np.searchsorted(scored.stamp_ns, np.round((end_s - 0.5) * SECOND))]
+    values = level[:, None] / 2.0 + noise * rng.normal(size=(len(end_s), 6))
+    return Recorded(windows_at(end_s.tolist(), 0.5, values), scored)
+
+
+def test_an_hmm_on_windows_that_tell_the_states_apart_is_right() -> None:
+    recordings = [recorded_windows(seed, 0.1) for seed in range(2)]
+    short = Recorded(windows_at([], 0.5), scoring(stamps(0.5), truth_of(("f-f", 0.5))))
+    *scores, nothing = fixed_windows.hmm_scores([*recordings, short], MODEL)
+    for wait_s in (1.0, 0.5):
+        first, second = (by_method[Method(fixed_windows.HMM, wait_s)] for by_method in scores)
+        # for half a second there is no answer, and then the window's middle is near enough
+        assert (first + second).main.accuracy() == pytest.approx(15 / 16, abs=0.01)
+    for by_method in scores:
+        offline = by_method[Method(fixed_windows.HMM, OFFLINE)].main
+        assert offline.accuracy() > 0.98
+        assert offline.boundary_s.max() < 0.2
+        online = by_method[Method(fixed_windows.HMM, 0.0)].main
+        # in the first second no window is full, and then it is half a second late, as windows are
+        assert online.confusion_s[Subset.ALL, Contact.FF.column, -1] == pytest.approx(1.0)
+        assert online.accuracy() < offline.accuracy()
+    assert {score.main.accuracy() for score in nothing.values()} == {0.0}
+    assert {round(score.main.log_loss, 9) for score in nothing.values()} == {round(np.log(7), 9)}
+
+
+def test_emissions_are_the_densities_of_the_states_that_there_are() -> None:
+    rng = np.random.default_rng(3)
+    state = np.repeat([0, 4], 400)
+    values = rng.normal(size=(800, 6)) + 3.0 * (state == 4)[:, None]
+    emission = Emission.fit(values, state)
+    assert emission.states.tolist() == [0, 4]
+    assert emission.states[emission.log_density(values).argmax(axis=1)].tolist() == state.tolist()
+    # the ratio of two normal densities of unit covariance, 3 apart in all six directions, at the first mean
+    ratio = np.diff(emission.log_density(emission.mean[:1]))[0, 0]
+    assert ratio == pytest.approx(-0.5 * 6 * 9, rel=0.15)
+
+
+# --- BIC -------------------------------------------------------------------------------------------------
+
+
+def test_the_criterion_by_hand() -> None:
+    chi_sq, parameters = np.zeros(7), np.array([5, 7, 7, 6, 6, 8, 0])
+    exact = segment_bic.criteria(chi_sq, parameters, 100)
+    assert STATES[int(exact.argmax())] is Contact.FF
+    assert exact[0] == pytest.approx(-0.5 * (5 + 100 * 3) * np.log(100))
+    assert exact[6] == pytest.approx(-0.5 * 100 * 6 * np.log(100))
+    # v-f saves 100 - 6 parameters against free: so much misfit is tolerated, and no more
+    saved = (100 - 6) * np.log(100)
+    for misfit, best in ((saved - 1, Contact.VF), (saved + 1, Contact.FREE)):
+        chi_sq = np.where(np.arange(7) == Contact.VF.column, misfit, np.where(np.arange(7) == 6, 0.0, 1e6))
+        bic = segment_bic.criteria(chi_sq, parameters, 100)
+        assert STATES[int(bic.argmax())] is best
+        weight = segment_bic.from_criteria(bic)
+        assert weight.sum() == pytest.approx(1.0)
+        assert weight[Contact.VF.column] / weight[6] == pytest.approx(np.exp((saved - misfit) / 2))
+
+
+def test_a_short_recording_by_every_method() -> None:
+    """f-f, then e-f."""
+    simulated = recorded(FACE_TO_EDGE)
+    poses = simulated.poses[:1200]
+    scored = scoring(poses.stamp_ns, simulated.truth)
+    tracked = tracking.track(poses, MODEL)
+    answers = {
+        **tracking.answers(poses, tracked),
+        **fixed_windows.smallest_answers(Windows.of(poses), poses.stamp_ns),
+        **segment_bic.answers(poses, scored, tracked, MODEL),
+    }
+    scores = {method: Score.of(answer, scored) for method, answer in answers.items()}
+    right = {method: score.main.accuracy() for method, score in scores.items()}
+    tracker = {m.wait_s: a for m, a in right.items() if m.name == tracking.NAME and m.wait_s < OFFLINE}
+    assert right[Method(segment_bic.SEGMENTS, OFFLINE)] == pytest.approx(1.0)
+    assert next(a for m, a in right.items() if m.name == tracking.NAME and m.when == "offline") > 0.95
+    assert tracker[0.0] < min(tracker[0.5], tracker[1.0])
+    online = {m.name: s.main for m, s in scores.items() if m.wait_s == 0}
+    for name in (fixed_windows.SMALLEST, segment_bic.WINDOWS):
+        # the first window of 500 frames is full after 2.5 s
+        unanswered_s = online[name].confusion_s[Subset.ALL, :, -1].sum()
+        assert unanswered_s == pytest.approx(499 * 0.005, abs=0.02)
+    assert online[tracking.NAME].log_loss < online[fixed_windows.SMALLEST].log_loss
+
+
+# --- tables ----------------------------------------------------------------------------------------------
+
+METHODS = [Method(tracking.NAME, wait_s) for wait_s in (OFFLINE, 1.0, 0.0)]
+METHODS += [Method("labels", OFFLINE, False), Method("labels", 0.0, False)]
+
+
+def measured(path: Path, late_s: float) -> identification.Measured:
+    """2 s f-f, 2 s e-f, and 1 s v-f that cannot be told; all found so late, with 0.9 of the label."""
+    scored: Scoring = scoring(stamps(5.0), truth_of(("f-f", 2.0), ("e-f", 2.0), ("v-f", 1.0), singular=(2,)))
+    late = round(late_s * 100)
+    label = np.concatenate([np.zeros(late, np.int64), scored.truth])[:500]
+    probability = np.full((500, 7), 0.1 / 6)
+    probability[np.arange(500), label] = 0.9
+    answer = Answer(np.arange(500), label, probability)
+    scores = {method: Score.of(answer, scored) for method in METHODS}
+    return identification.Measured(
+        path, scores, GeometryErrors((), 0, 0), Recorded(windows_at([], 1.0), scored), 2.5, 5.0
+    )
+
+
+def fake(sets: dict[str, list[Path]], model: str, processes: int) -> dict[str, list[identification.Measured]]:
+    """All recordings but b."""
+    return {name: [measured(p, 0.4) for p in paths if p.stem != "b"] for name, paths in sets.items()}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("paper/a", "paper/b", "hard/c", "other/d"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).with_suffix(".mcap").touch()
+    return tmp_path
+
+
+def test_the_tables_say_each_figure_in_its_place(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert identification.main([str(folder), "--set", "hard", "paper"], fake) == 1  # b is missing
+    text = capsys.readouterr().out
+    titles = [line.split(":")[0] for line in text.splitlines() if "recordings, " in line]
+    assert titles == ["hard", "paper", "all sets"]
+    assert "all sets: 2 recordings, 8.0 s scored and 2.0 s apart" in text
+    lines = text.splitlines()
+    rows = [line.split() for line in lines if line.startswith("tracker")]
+    header = next(line for line in lines if line.startswith("method"))
+    assert header.split()[:2] == ["method", "right"]
+    # 0.4 of 4 s wrong: the f-f of 2.4 s and the e-f of 1.6 s; the e-f found 0.4 s late, 0.4 of v-f wrong
+    f1 = (2 * 2.0 / 4.4 + 2 * 1.6 / 3.6) / 2
+    assert rows[-1][:5] == ["tracker", "offline", "0.900", f"{f1:.3f}", "0.40"]
+    assert rows[-1][-2:] == ["0.600", "0.000"]
+    lag, online = (next(r for r in reversed(lines) if r.strip().startswith(w)) for w in ("lag 1 s", "online"))
+    assert lag.split()[8] == "1.40"  # a lag delays what is found
+    labels_only = lines[max(i for i, line in enumerate(lines) if line.startswith("labels"))]
+    assert labels_only.split()[-8:-2] == ["-"] * 6
+    assert "nan" not in text
+    assert online
+
+
+def test_the_section_of_a_document_is_replaced(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = folder / "benchmarks.md"
+    document.write_text("before\n", encoding="utf-8")
+    arguments = [str(folder), "--set", "other", "--markdown", str(document)]
+    with pytest.raises(SystemExit, match="there is no <!-- identification: begin -->"):
+        identification.main(arguments, fake)
+    frame = "before\n{}\n{}\nafter\n"
+    document.write_text(frame.format(identification_tables.BEGIN, identification_tables.END))
+    assert identification.main(arguments, fake) == 0
+    once = document.read_text(encoding="utf-8")
+    assert identification.main(arguments, fake) == 0
+    assert document.read_text(encoding="utf-8") == once
+    assert once.startswith("before\n")
+    assert once.endswith("\nafter\n")
+    assert "python tests/benchmarks/identification.py FOLDER --set other" in once
+    assert str(folder) not in once
+    assert capsys.readouterr().out.count("other: 1 recordings") == 2
+
+
+def test_all_figures_are_in_the_json(folder: Path) -> None:
+    out = folder / "figures.json"
+    identification.main([str(folder), "--set", "hard", "paper", "--json", str(out)], fake)
+    data = json.loads(out.read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert data["hard"]["recordings"].keys() == data["hard"]["cpu_s"].keys() == {"c.mcap"}
+    offline = data["paper"]["total"]["methods"]["tracker offline"]
+    assert offline["right"] == pytest.approx(0.9)
+    assert offline["contacts"].keys() == {"f-f", "e-f"}
+    assert offline["contacts"]["e-f"]["right"] == pytest.approx(0.8)
+    assert offline["contacts"]["e-f"]["boundary_s_median"] == pytest.approx(0.4)
+    assert offline["apart"]["right"] == pytest.approx(0.6)
+    assert "delay_s_median" not in offline
+    lagging = data["paper"]["total"]["methods"]["tracker lag 1 s"]
+    assert lagging["contacts"]["e-f"]["delay_s_median"] == pytest.approx(1.4)
+    assert "log_loss" not in data["paper"]["total"]["methods"]["labels online"]
+
+
+def test_a_set_that_is_not_there_is_named(folder: Path) -> None:
+    with pytest.raises(SystemExit, match="no set nowhere; there are: hard other paper"):
+        identification.main([str(folder), "--set", "nowhere"], fake)
