@@ -16,7 +16,7 @@ from contact_tracker.model import load_model
 from contact_tracker.transitions import log_stay, log_transition
 
 MODEL = load_model()
-SCALES = Scales(0.3, 0.1, 0.03, 0.1)
+SCALES = Scales(0.3, 0.1, 0.03, 1.0, 0.1)
 ACCURACY = {"sigma_position_m": 1e-4, "sigma_rotation_deg": 0.05}
 CUBE_M = 0.2
 TABLE = {"normal": [0, 0, 1], "offset_m": 0.0, "name": "table", **ACCURACY}

@@ -14,7 +14,7 @@ from contact_tracker.lift import lift
 from touching import touching
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-SCALES = Scales(reach_m=0.3, body_radius_m=0.1, foreknowledge=0.3, tick_s=0.1)
+SCALES = Scales(reach_m=0.3, body_radius_m=0.1, foreknowledge=0.3, independence=1.0, tick_s=0.1)
 seeds = st.integers(0, 2**32 - 1)
 
 

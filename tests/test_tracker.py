@@ -122,7 +122,13 @@ def test_steps_are_what_the_segmenter_calls_filtered():
     assert all(same(a, b) for a, b in zip(beliefs, filtered, strict=True))
 
 
-def test_the_filter_is_the_smoother_of_what_has_been_seen():
+@pytest.fixture
+def no_doubt(monkeypatch):
+    """The bare posterior: nothing is shared with what motion cannot tell."""
+    monkeypatch.setattr("contact_tracker.separability.is_idle", lambda *_, **__: False)
+
+
+def test_the_filter_is_the_smoother_of_what_has_been_seen(no_doubt):
     """The recursion of the tracker against ``hmm.smooth`` of the same hypotheses, after each tick."""
     poses = recorded(FACE_TO_EDGE).poses[300:500]
     for ticks in range(1, 11):
@@ -131,7 +137,7 @@ def test_the_filter_is_the_smoother_of_what_has_been_seen():
         np.testing.assert_allclose(seen.beliefs[-1].probability, seen.filtered[-1].probability, atol=1e-9)
 
 
-def test_a_lag_is_the_smoother_with_that_much_future():
+def test_a_lag_is_the_smoother_with_that_much_future(no_doubt):
     poses, lag = recorded(FACE_TO_EDGE).poses[300:500], 3
     state, found = tracker.start(MODEL, lag * MODEL.tick_s), []
     for pose in poses:

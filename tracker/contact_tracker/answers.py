@@ -46,8 +46,12 @@ def _looking_back(state: TrackerState, row: int) -> Belief:
     onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
     geometry = telling.geometry if telling.contact is contact else None
     inseparable = telling.inseparable if telling.contact is contact else ()
+    purpose = telling.restricted if telling.contact is contact else 0.0
+    probability = separability.shared(probability, contact, inseparable, purpose)
     onset_ns = min(onset_ns, then.stamp_ns)
-    return Belief(then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable)
+    return Belief(
+        then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable, purpose
+    )
 
 
 def believe(state: TrackerState, stamp_ns: int) -> Belief:
@@ -69,9 +73,9 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
     idle = separability.is_idle(label, since, onset < state.window.index[0])
     inseparable = separability.inseparable(label, rivals, idle)
-    moved_s = separability.moved_s(since, state.model.tick_s)
-    probability = separability.shared(probability, label, inseparable, idle, moved_s)
-    return Belief(stamp_ns, label, probability, onset_ns, geometry, residual, inseparable)
+    purpose = separability.restricted(idle, since, state.model.tick_s)
+    probability = separability.shared(probability, label, inseparable, purpose)
+    return Belief(stamp_ns, label, probability, onset_ns, geometry, residual, inseparable, purpose)
 
 
 def _residual(living: Bank) -> float:

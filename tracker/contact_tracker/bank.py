@@ -39,8 +39,8 @@ class Bank:
     x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
     row_weight : (H, K) precision of the residuals relative to that of the position.
     lasted : (H,) log prior probability of what it assumes and of having lasted so long.
-    settled, earned : (H,) of the log-likelihood ratio and of its gain, what is no longer looked at: ticks that
-        have left the window.
+    settled, earned : (H,) of the log-likelihood ratio and of its gain, those of the ticks that have left the
+        window.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
     past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.

@@ -27,6 +27,7 @@ class Belief:
         (1: at the noise) that its objective function leaves at its minimum over the last 25 ticks with
         motion, or a little more; nan before there was so much motion.
     inseparable : states that the motion since the onset does not tell from ``contact``.
+    restricted : probability that the object is moved in fewer directions than it could be, on purpose.
     """
 
     stamp_ns: int
@@ -36,6 +37,7 @@ class Belief:
     geometry: ContactGeometry | None
     residual: Array
     inseparable: tuple[Contact, ...] = ()
+    restricted: float = 0.0
 
     @property
     def touching(self) -> tuple[str | None, str | None]:

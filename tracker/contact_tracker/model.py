@@ -105,6 +105,7 @@ class Model:
 _RANGES: Final = {
     "tick_s": (1e-3, 10.0),
     "foreknowledge": (0.0, 1.0),
+    "independence": (0.0, 1.01),
     "reach_m": (1e-6, 1e6),
     "skip": (0.0, 1.0),
     "initial_f_f": (0.0, 1.0),

@@ -123,9 +123,9 @@ def conclude(seen: Pass, state: TrackerState) -> Segmentation:
         stretch = window.cut(first, end)
         idle = separability.is_idle(contact, stretch, older=False)
         geometry, inseparable = _told(stretch, contact, idle, state)
-        moved_s = separability.moved_s(stretch, state.model.tick_s)
+        purpose = separability.restricted(idle, stretch, state.model.tick_s)
         for tick in range(first, end):
-            posterior[tick] = separability.shared(posterior[tick], contact, inseparable, idle, moved_s)
+            posterior[tick] = separability.shared(posterior[tick], contact, inseparable, purpose)
         probability = float(posterior[first:end, column].mean())
         stop_ns = seen.start_ns[end] - 1 if end < len(window) else seen.beliefs[-1].stamp_ns
         start_ns = seen.start_ns[first]
@@ -141,6 +141,7 @@ def conclude(seen: Pass, state: TrackerState) -> Segmentation:
                     geometry,
                     online.residual,
                     inseparable,
+                    purpose,
                 )
             )
     return Segmentation(tuple(segments), tuple(beliefs), tuple(seen.beliefs), state.outliers)

@@ -36,6 +36,7 @@ VARIED_S: Final = 0.7
 """Time in which other motion has shown all its directions."""
 FIRST_CHOICE: Final = 2.0
 """Weight of the label among states that motion cannot tell apart."""
+ALMOST: Final = 1.0 - 1e-9
 SIX: Final = 6
 TINY: Final = 1e-9
 LEAST_MOTION_TICKS: Final = 10.0
@@ -69,30 +70,35 @@ def inseparable(label: Contact, rivals: Rivals, idle: bool) -> tuple[Contact, ..
 def is_idle(label: Contact, window: Window, older: bool) -> bool:
     """Whether the motion makes no use of the freedom that ``label`` leaves.
 
-    ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others before.
+    ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others.
     """
     judged = not older or float(_activity(window).sum()) >= LEAST_MOTION_TICKS
     return judged and used_directions(window) < SIX - label.codimension
 
 
-def shared(
-    probability: Array, label: Contact, others: tuple[Contact, ...], idle: bool, moved_s: float
-) -> Array:
-    """Posterior (7,) in which the label shares its probability with ``others`` while the motion is idle (T29).
+def restricted(idle: bool, window: Window, tick_s: float) -> float:
+    """Probability that the object is moved in so few directions on purpose (T29).
 
-    Who moves an object in one contact of ``1 / RESTRICTED`` does so on purpose in fewer directions than the
-    contact leaves free. That becomes likely when more seconds of motion, ``moved_s``, have shown no others.
+    So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
+    other directions.
     """
-    if not idle or not others or label is Contact.FREE:
+    moved_s = tick_s * float(_activity(window).sum())
+    return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if idle else 0.0
+
+
+def shared(probability: Array, label: Contact, others: tuple[Contact, ...], purpose: float) -> Array:
+    """Posterior (7,) in which the label shares with ``others``, as likely as motion is ``restricted``."""
+    if not others or label is Contact.FREE:
         return probability
-    purpose = RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S))
     share = np.zeros(len(STATES))
     share[[label.column, *(other.column for other in others)]] = 1.0
     share[label.column] = FIRST_CHOICE
-    mass = purpose * probability[label.column]
-    told = probability + mass * share / share.sum()
-    told[label.column] -= mass
-    return np.asarray(told)
+    share /= share.sum()
+    change = probability[label.column] * (share - (np.arange(len(STATES)) == label.column))
+    # as far as the label stays the first choice
+    lead, loss = probability[label.column] - probability, change - change[label.column]
+    most = np.min(lead / np.where(loss > 0.0, loss, np.inf), where=loss > 0.0, initial=1.0)
+    return np.asarray(probability + min(purpose, ALMOST * float(most)) * change)
 
 
 def used_directions(window: Window) -> int:
@@ -118,11 +124,6 @@ def used_directions(window: Window) -> int:
     lever_sq = np.mean(np.square(middle).sum(axis=1)) * 2.0 / 3.0
     noise = [position + rotation * lever_sq] * 3 + [rotation] * 3
     return int(np.sum(eigvalsh(power, np.diag(noise)) > USED))
-
-
-def moved_s(window: Window, tick_s: float) -> float:
-    """Seconds of motion in the window."""
-    return tick_s * float(_activity(window).sum())
 
 
 def _activity(window: Window) -> Array:

@@ -34,6 +34,7 @@ LEARNED: Final = (
     Learned("transitions.seen", How.COUNTS),
     Learned("motion.body_radius_m", How.SEARCH),
     Learned("motion.foreknowledge", How.SEARCH),
+    Learned("motion.independence", How.SEARCH),
     Learned("geometry.reach_m", How.SEARCH),
 )
 
