@@ -57,18 +57,32 @@ def loosely(output: str) -> list[str]:
 
 
 def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "PYTHON": sys.executable}
-    program = 'contact-tracker() { "$PYTHON" -m contact_tracker "$@"; }\n'
     ran = 0
     for step in steps(TUTORIAL):
-        shell = ["bash", "-c", program + step.code]
-        command = shell if step.language == "console" else [sys.executable, "-c", step.code]
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        done = carried_out(step, tmp_path)
         assert done.returncode == 0, f"{step.code}\n{done.stderr}"
         if step.shown:
             assert_shown(step, done.stdout)
         ran += 1
     assert ran >= 6
+
+
+def test_the_calibration_on_the_models_page_runs_as_it_is_written(tmp_path: Path) -> None:
+    (tmp_path / "recordings").symlink_to(ROOT / "recordings")
+    (step,) = steps(MODELS.partition("## Calibration")[2])
+    done = carried_out(step, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert_shown(step, done.stdout)
+    assert load_model(str(tmp_path / "mine.toml")).transitions.seen.begins[0] == 2.0
+
+
+def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run a step where ``contact-tracker`` is this checkout."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "PYTHON": sys.executable}
+    program = 'contact-tracker() { "$PYTHON" -m contact_tracker "$@"; }\n'
+    shell = ["bash", "-c", program + step.code]
+    command = shell if step.language == "console" else [sys.executable, "-c", step.code]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
 
 
 def assert_shown(step: Step, output: str) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from contact_tracker.assumptions import assumptions
+from contact_tracker.beginnings import beginnings
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import FREE, foreseen, meeting
 from contact_tracker.evidence import Scales, Window
@@ -12,6 +13,7 @@ from contact_tracker.knowledge import NOTHING
 from contact_tracker.known import knowledge_from
 from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.lift import lift
+from contact_tracker.memory import Memory
 from contact_tracker.model import load_model
 from contact_tracker.transitions import log_stay, log_transition
 
@@ -38,9 +40,9 @@ def tick(rotation, height_m):
 def meetings(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        pairs, anchors = assumptions(knowledge, model), model.anchors(newest.zeta[-1, 9:12])
-        given = [pair.given(model, anchors, np.zeros(3)) for pair in pairs]
-        found.append((pairs, meeting(model, pairs, given, newest, SCALES)))
+        anchors = model.anchors(newest.zeta[-1, 9:12])
+        begins = beginnings(knowledge, Memory(), model, anchors, np.zeros(3))
+        found.append((assumptions(knowledge, model), meeting(model, begins, newest, SCALES)))
     return found
 
 

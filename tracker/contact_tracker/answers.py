@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm, separability
+from contact_tracker.assumptions import assumptions
 from contact_tracker.bank import Bank
+from contact_tracker.beginnings import named
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.labels import STATES, Contact
@@ -67,7 +69,8 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
         row = int(np.argmax(living.joint))
         assert state.averaging is not None
         scales, origin_m = scales_of(state.model), state.averaging.origin_m
-        geometry = geometry_of(living, row, contact, scales, state.window, origin_m)
+        pair = assumptions(state.knowledge, contact)[living.pair[row]]
+        geometry = named(geometry_of(living, row, contact, scales, state.window, origin_m), pair)
         onset_ns, onset = int(living.onset_ns[row]), int(living.onset[row])
     rivals = separability.rivals_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
     since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)

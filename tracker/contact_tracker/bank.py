@@ -15,6 +15,7 @@ from contact_tracker.labels import STATES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 PATIENCE: Final = 30
 """Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
@@ -33,6 +34,8 @@ class Bank:
     entry : (H,) log weight with which it began.
     source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
         the prior on x that they are.
+    pair, certain, searched : (H,) which of the pairs of elements that the user knows it assumes, whether both
+        are given by that, and whether directions are left that have to be searched for.
     first : (H, C) lifted first tick over its noise: what was given at the onset.
     moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
     told : (H,) how many ticks with motion it has seen.
@@ -53,6 +56,9 @@ class Bank:
     source: Index
     known_mean: Array
     known: Array
+    pair: Index
+    certain: Bools
+    searched: Bools
     first: Array
     moments: Array
     place_sum: Array
@@ -76,23 +82,32 @@ class Bank:
         """Log weight (H,) of a hypothesis with all that led to it."""
         return self.entry + self.log_likelihood
 
+    @property
+    def log_weight(self) -> float:
+        """Log of the sum of all weights; -inf without any hypothesis."""
+        top = self.joint.max(initial=-np.inf)
+        return float(top + np.log(np.sum(np.exp(self.joint - top)))) if len(self) else -np.inf
+
     def pick(self, rows: NDArray[np.generic]) -> "Bank":
         """The hypotheses in ``rows``."""
         return Bank(**{name: value[rows] for name, value in vars(self).items()})
 
 
 class Begin(NamedTuple):
-    """What a hypothesis that begins assumes (``Bank.source``), and its share of the contact's weight."""
+    """What a hypothesis that begins assumes (see ``Bank``), and its share of the contact's weight."""
 
     source: int
     log_share: float
     given: Given
+    pair: int = 0
+    certain: bool = False
+    searched: bool = False
 
 
 def fresh(model: ContactModel, log_share: float = 0.0) -> Begin:
     """Nothing is known."""
     size = model.family.SIZE
-    return Begin(0, log_share, Given(np.zeros(size), np.zeros((size, size))))
+    return Begin(0, log_share, Given(np.zeros(size), np.zeros((size, size))), searched=True)
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
@@ -123,6 +138,9 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         source=index,
         known_mean=np.zeros((count, s)),
         known=np.zeros((count, s, s)),
+        pair=index,
+        certain=np.zeros(count, bool),
+        searched=np.ones(count, bool),
         first=np.zeros((count, c)),
         moments=np.zeros((count, c, c)),
         place_sum=np.zeros((count, 3)),
@@ -155,6 +173,8 @@ def add(
     Where nothing is known they start from the geometry of the best one so far.
     """
     count = len(begins)
+    if not count:
+        return bank
     mean, known = (np.array(values) for values in zip(*(begin.given for begin in begins), strict=True))
     share = np.array([begin.log_share for begin in begins])
     values = dict(vars(blank(model, count)))
@@ -166,6 +186,9 @@ def add(
         "source": np.array([begin.source for begin in begins]),
         "known_mean": mean,
         "known": known,
+        "pair": np.array([begin.pair for begin in begins]),
+        "certain": np.array([begin.certain for begin in begins]),
+        "searched": np.array([begin.searched for begin in begins]),
         "lasted": share,
         "log_likelihood": share,
         "past": np.tile(past, (count, 1, 1)),
@@ -176,8 +199,7 @@ def add(
             "row_weight": np.tile(bank.row_weight[best], (count, 1)),
             "x": np.tile(bank.x[best], (count, 1)),
         }
-    told = np.einsum("hss->hs", known) > 0.0
-    values["x"] = np.where(told, mean, values["x"])
+    values["x"] = np.where(Given(mean, known).told, mean, values["x"])
     return Bank(**{name: np.concatenate([vars(bank)[name], values[name]]) for name in values})
 
 
@@ -196,5 +218,5 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     first[1:] = (group[order][1:] != group[order][:-1]) | (source[order][1:] != source[order][:-1])
     keep = np.zeros(len(bank), bool)
     keep[order[first]] = True
-    keep &= (joint > best - margin) | ((bank.told <= PATIENCE) & (bank.source == 0))
+    keep &= (joint > best - margin) | ((bank.told <= PATIENCE) & bank.searched)
     return bank if keep.all() else bank.pick(keep)

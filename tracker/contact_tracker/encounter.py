@@ -11,9 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.assumptions import Assumption
+from contact_tracker.bank import Begin
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.geometry import Array
 from contact_tracker.labels import STATES, Contact
@@ -21,32 +20,39 @@ from contact_tracker.labels import STATES, Contact
 ANY_DIRECTION: Final = 1.0 / 3.0
 """Variance of the cosine of the angle between directions that have nothing to do with each other."""
 _IMPOSSIBLE: Final = -1e3
+_HOPELESS: Final = -50.0
 FREE: Final = Contact.FREE.column
 
 
 class Meeting(NamedTuple):
     """What a tick says of a contact that may begin with it.
 
-    ``log_share`` (n,) of each pair, adding up to one; ``log_odds`` of meeting any of them against being
-    anywhere; ``gain`` (2,) of that what one angle and what the distance is worth, where they vanish.
+    ``log_share`` (n,) of each of its beginnings, adding up to one; ``log_odds`` of meeting any of them
+    against being anywhere; ``gain`` (2,) of that what one angle and what the distance is worth, where they
+    vanish.
     """
 
     log_share: Array
     log_odds: float
     gain: Array
 
+    def of(self, begins: Sequence[Begin]) -> list[Begin]:
+        """``begins`` with their shares of the contact's weight, given where the object is."""
+        rows = zip(begins, self.log_share, strict=True)
+        return [begin._replace(log_share=float(share)) for begin, share in rows if share > _HOPELESS]
 
-def meeting(
-    model: ContactModel, pairs: Sequence[Assumption], given: Sequence[Given], newest: Window, scales: Scales
-) -> Meeting:
-    """Weigh the pairs of one contact by the newest tick; ``given`` are their priors on x."""
-    if not pairs:
+
+def meeting(model: ContactModel, begins: Sequence[Begin], newest: Window, scales: Scales) -> Meeting:
+    """Weigh what may begin of one contact by the newest tick."""
+    if not begins:
         return Meeting(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
-    log_share = np.array([pair.log_share for pair in pairs])
+    log_share = np.array([begin.log_share for begin in begins])
     gain = np.zeros(2)
-    certain = np.array([pair.certain for pair in pairs])
+    certain = np.array([begin.certain for begin in begins])
     if certain.any():
-        mean, information = (np.array(part)[certain] for part in zip(*given, strict=True))
+        mean, information = (
+            np.array(part)[certain] for part in zip(*(begin.given for begin in begins), strict=True)
+        )
         row_gain, log_ratio = _met(model, mean, information, newest, scales)
         log_share[certain] += log_ratio
         gain[:] = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[:, -1].mean()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Family
 from contact_tracker.fit import Prior
+from contact_tracker.lift import R, T
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,18 @@ class Window:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    @property
+    def travel(self) -> Array:
+        """How far the object moved since the tick before, (W, 2) variances per axis as in ``excess``."""
+        apart = np.square(np.diff(self.zeta, axis=0, prepend=self.zeta[:1]))
+        return np.stack([apart[:, T].sum(axis=1) / 3.0, apart[:, R].sum(axis=1) / 6.0], axis=1)
+
+    @property
+    def unrest(self) -> float:
+        """As ``activity``, of how far the object moved in the newest tick, however smoothly."""
+        moved = self.cut(-2, None).travel[-1]
+        return float(np.max(moved / (moved + self.variance[-1])))
 
     @property
     def activity(self) -> float:
@@ -86,16 +99,26 @@ class Ratio:
     row_weight: Array
 
 
-def log_ratio(model: ContactModel, x: Array, window: Window, scales: Scales) -> Ratio:
-    """Evaluate hypotheses x (B, S) exactly on each tick of the window."""
+def log_ratio(
+    model: ContactModel, x: Array, window: Window, scales: Scales, certain: NDArray[np.bool_] | None = None
+) -> Ratio:
+    """Evaluate hypotheses x (B, S) exactly on each tick of the window.
+
+    Elements that are fitted follow smooth motion, so that free motion is measured by what is unpredictable in
+    it. Those of ``certain`` hypotheses (B,) are known and cannot: there, whatever moves the object would take
+    it away from the constraint.
+    """
     seen = model.measure(x, window.zeta)
     noise = np.empty((len(x), model.family.ROWS, len(window)))
     excess = np.empty_like(noise)
     position, rotation = window.variance.T
-    free_position, free_rotation = window.excess.T
-    noise[:, :-1], excess[:, :-1] = rotation, free_rotation
-    noise[:, -1] = position + rotation * seen.lever_sq
-    excess[:, -1] = free_position + free_rotation * (seen.lever_sq + scales.body_radius_m**2)
+    noise[:, :-1], noise[:, -1] = rotation, position + rotation * seen.lever_sq
+    known = np.zeros(len(x), bool) if certain is None else certain
+    for rows, free in ((~known, window.excess), (known, np.maximum(window.excess, window.travel))):
+        free_position, free_rotation = free.T
+        excess[rows, :-1] = free_rotation
+        lever_sq = seen.lever_sq[rows] + scales.body_radius_m**2
+        excess[rows, -1] = free_position + free_rotation * lever_sq
     square = seen.residual**2
     ratio = excess / noise
     gain = 0.5 * np.log1p(ratio)
@@ -103,7 +126,7 @@ def log_ratio(model: ContactModel, x: Array, window: Window, scales: Scales) -> 
     # the touching point is a point of the body: one look per second, since it hardly moves within a tick
     strayed = 0.5 * seen.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return Ratio(
-        (gain - misfit).sum(axis=1) - np.where(free_position > 0, strayed, 0.0),
+        (gain - misfit).sum(axis=1) - np.where(window.excess[:, 0] > 0, strayed, 0.0),
         np.swapaxes(gain, 1, 2),
         np.swapaxes(square / noise, 1, 2),
         np.swapaxes(1.0 / noise, 1, 2),

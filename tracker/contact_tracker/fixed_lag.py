@@ -27,6 +27,8 @@ def grown(past: Array, state: int) -> Array:
 
 
 def mixed(past: Array, log_weight: Array) -> Array:
-    """One past (L, N) from those (H, L, N) of hypotheses, by their log weights (H,)."""
+    """One past (L, N) from those (H, L, N) of hypotheses, by their log weights (H,); zero without any."""
+    if not len(past):
+        return np.zeros(past.shape[1:])
     weight = np.exp(log_weight - log_weight.max())
     return np.asarray(np.einsum("h,hls->ls", weight / weight.sum(), past))

@@ -3,6 +3,7 @@
 ``advance`` takes in one tick: windows grow, geometry is refined from where it was, evidence is summed anew.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -10,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import fit
-from contact_tracker.bank import Bank, anchors_of, blank, prior_of
+from contact_tracker.bank import Bank, Begin, add, anchors_of, blank, fresh, prior_of
 from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales, Window, complexity, log_ratio
 
 Array = NDArray[np.float64]
@@ -46,7 +48,7 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
     bank = _refine_young(bank, model, scales)
     if window.index[-1] % SEARCH_EVERY == 0 and window.activity > AT_REST:
         due = np.isin(bank.told.astype(np.int64)[:, None] - np.arange(SEARCH_EVERY), SEARCH_AGES).any(axis=1)
-        lost = due & (bank.rms > AT_THE_NOISE) & (bank.source == 0)
+        lost = due & (bank.rms > AT_THE_NOISE) & bank.searched
         bank = _search(bank, model, window, scales, np.flatnonzero(lost))
     return _evaluate(bank, model, window, scales)
 
@@ -69,13 +71,23 @@ def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
     return replace(bank, x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def fit_stretch(model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """A bank of one hypothesis, fitted from scratch to all ticks of the window."""
-    bank = replace(blank(model, 1), onset=window.index[:1])
+def fit_stretch(
+    model: ContactModel, window: Window, scales: Scales, begins: Sequence[Begin] | None = None
+) -> Bank:
+    """A bank of one hypothesis, fitted from scratch to all ticks of the window.
+
+    It is the best of ``begins``, if given; the bank is empty if there are none.
+    """
+    begins = [fresh(model)] if begins is None else begins
+    nothing = blank(model, 0)
+    bank = add(nothing, model, int(window.index[0]), 0, 0, 0.0, nothing.past[:0].sum(axis=0), begins)
+    if not len(bank):
+        return bank
     for last in range(1, len(window) + 1):
         bank = _grow(bank, model, window.cut(0, last))
-    bank = _search(bank, model, window, scales, np.zeros(1, np.int64))
-    return _evaluate(_refine(bank, model, scales), model, window, scales)
+    bank = _search(bank, model, window, scales, np.flatnonzero(bank.searched))
+    bank = _evaluate(_refine(bank, model, scales), model, window, scales)
+    return bank.pick(np.array([np.argmax(bank.log_likelihood)]))
 
 
 def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:
@@ -83,7 +95,7 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
     if not len(bank) or ticks <= 0:
         return bank
     oldest = window.cut(0, ticks)
-    seen = log_ratio(model, bank.x, oldest, scales)
+    seen = log_ratio(model, bank.x, oldest, scales, bank.certain)
     after_onset = oldest.index > bank.onset[:, None]
     return replace(
         bank,
@@ -137,7 +149,9 @@ def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, row
     count = starts.shape[1]
     many = some.pick(np.repeat(np.arange(len(rows)), count))
     row_weight, prior, anchors = _problem(many, model, scales)
-    x = model.family.normalise(starts.reshape(-1, starts.shape[-1]), anchors)
+    told = Given(many.known_mean, many.known).told
+    x = np.where(told, many.known_mean, starts.reshape(-1, starts.shape[-1]))
+    x = model.family.normalise(x, anchors)
     found = fit.minimise(model.family, many.moments, row_weight, prior, anchors, x, SEARCH_STEPS)
     tried = replace(many, x=found.x, hessian=found.hessian)
     tried = _evaluate(tried, model, window, scales)
@@ -173,7 +187,7 @@ def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array
 
 
 def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    seen = log_ratio(model, bank.x, window, scales)
+    seen = log_ratio(model, bank.x, window, scales, bank.certain)
     mine = window.index >= bank.onset[:, None]
     after_onset = window.index > bank.onset[:, None]  # the first tick is given, and tells nothing
     summed = np.where(after_onset, seen.log_ratio, 0.0).sum(axis=1) + bank.settled

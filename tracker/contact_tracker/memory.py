@@ -58,6 +58,8 @@ class Memory:
 
 
 def _kept(met: Sequence[tuple[int, Known]], onset_ns: int, element: Element) -> tuple[tuple[int, Known], ...]:
+    if element.name is not None:  # the user knows it anyway
+        return tuple(met)
     known = Known("met before", element)
     others = [(onset, old) for onset, old in met if onset != onset_ns]
     alike = [pair for pair in others if pair[1].kind == known.kind]

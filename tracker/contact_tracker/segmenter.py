@@ -8,11 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm, hypotheses, separability, ticks, tracker
+from contact_tracker.assumptions import assumptions
+from contact_tracker.bank import Bank
+from contact_tracker.beginnings import beginnings, named
 from contact_tracker.belief import Belief, Segment, Segmentation
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Window
 from contact_tracker.geometry import ContactGeometry
+from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
+from contact_tracker.lift import T
+from contact_tracker.memory import Memory
 from contact_tracker.model import Model
 from contact_tracker.polish import polish
 from contact_tracker.poses import Pose
@@ -20,7 +26,6 @@ from contact_tracker.readout import geometry_of
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.ticks import Tick
 from contact_tracker.tracker import FREE
-from contact_tracker.transitions import log_initial, log_transition
 
 Array = NDArray[np.float64]
 
@@ -33,6 +38,8 @@ class Pass:
     start_ns: list[int] = field(default_factory=list)
     newest: list[Window] = field(default_factory=list)
     frames: list[int] = field(default_factory=list)
+    change: list[Array] = field(default_factory=list)
+    entry: list[Array] = field(default_factory=list)
     begun: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = field(default_factory=list)
     alive: list[NDArray[np.int64]] = field(default_factory=list)
     log_likelihood: list[Array] = field(default_factory=list)
@@ -72,12 +79,17 @@ class Pass:
         self.start_ns.append(tick.start_ns)
         self.newest.append(state.window.cut(-1, None))
         self.frames.append(tick.count)
+        self.change.append(state.change)
+        self.entry.append(state.entry)
         self.alive.append(np.concatenate([*(b.number for b in state.banks), free]))
         self.log_likelihood.append(np.concatenate([*(b.log_likelihood for b in state.banks), np.zeros(1)]))
 
 
 def segment(
-    poses: Iterable[Pose], model: Model, progress: Callable[[int], None] | None = None
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    knowledge: Knowledge = NOTHING,
 ) -> Segmentation:
     """Segment a whole recording.
 
@@ -85,20 +97,24 @@ def segment(
     ----------
     poses : validated poses in order of time.
     progress : called now and then with the number of poses read so far.
+    knowledge : what is known of the object and its surroundings.
 
     Returns
     -------
     Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
     """
-    seen, state = forward(poses, model, progress)
+    seen, state = forward(poses, model, progress, knowledge)
     return conclude(seen, state) if seen.beliefs else Segmentation((), (), ())
 
 
 def forward(
-    poses: Iterable[Pose], model: Model, progress: Callable[[int], None] | None = None
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    knowledge: Knowledge = NOTHING,
 ) -> tuple[Pass, TrackerState]:
     """The online pass over a whole recording."""
-    seen, state = Pass(), tracker.start(model)
+    seen, state = Pass(), tracker.start(model, knowledge=knowledge)
     for count, pose in enumerate(poses, start=1):
         state, closed = tracker.gather(state, pose)
         state = seen.follow(state, closed)
@@ -110,8 +126,7 @@ def forward(
 def conclude(seen: Pass, state: TrackerState) -> Segmentation:
     """Viterbi and smoothing over a forward pass of at least one tick."""
     trellis = seen.trellis
-    initial = log_initial(state.model)
-    transition = np.array([log_transition(state.model, activity) for activity in seen.activity])
+    initial, transition = seen.entry[0], np.array(seen.change)
     posterior, _ = hmm.smooth(trellis, initial, transition)
     stretches = _merge_free(
         [(int(trellis.state[h]), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
@@ -163,14 +178,25 @@ def _told(
 
     All contacts are fitted to the same ticks from scratch.
     """
-    scales = scales_of(state.model)
-    fits = [hypotheses.fit_stretch(contact, stretch, scales) for contact in CONTACT_MODELS]
+    assert state.averaging is not None
+    scales, origin_m = scales_of(state.model), state.averaging.origin_m
+    fits = [_fitted(contact, stretch, state) for contact in CONTACT_MODELS]
     rivals = separability.Rivals(
-        np.array([*(f.log_likelihood[0] for f in fits), 0.0]), np.array([*(f.rms[0] for f in fits), 1.0])
+        np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
+        np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
     inseparable = separability.inseparable(label, rivals, idle)
-    if label is Contact.FREE or state.averaging is None:
+    if label is Contact.FREE:
         return None, inseparable
     contact = CONTACT_MODELS[label.column]
     fitted = polish(fits[label.column], contact, stretch, scales)
-    return geometry_of(fitted, 0, contact, scales, stretch, state.averaging.origin_m), inseparable
+    pair = assumptions(state.knowledge, contact)[fitted.pair[0]]
+    return named(geometry_of(fitted, 0, contact, scales, stretch, origin_m), pair), inseparable
+
+
+def _fitted(contact: ContactModel, stretch: Window, state: TrackerState) -> Bank:
+    """The best hypothesis of a contact about a whole stretch, if there can be one."""
+    assert state.averaging is not None
+    anchors, origin_m = contact.anchors(stretch.zeta[:, T].mean(axis=0)), state.averaging.origin_m
+    begins = beginnings(state.knowledge, Memory(), contact, anchors, origin_m)
+    return hypotheses.fit_stretch(contact, stretch, scales_of(state.model), begins)

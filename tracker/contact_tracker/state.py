@@ -10,6 +10,7 @@ from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
+from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.memory import Memory
 from contact_tracker.model import Model
@@ -26,10 +27,13 @@ class TrackerState:
     ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
     ``banks`` of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a
     constant; ``ticks`` seen, ``numbers`` of hypotheses given out, ``outliers`` among the poses; the label and
-    since when it has been free; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where answers lag.
+    since when it has been free; ``change`` (7, 7) and ``entry`` (7,), the log chances of change at the last
+    boundary and the log weights with which states began there; ``past`` (7, L, 7) of each state and
+    ``recent`` beliefs, where answers lag.
     """
 
     model: Model
+    knowledge: Knowledge
     averaging: TickState | None
     window: Window
     frames: Array
@@ -41,19 +45,41 @@ class TrackerState:
     outliers: int
     label: Contact | None
     free_since_ns: int
+    change: Array
+    entry: Array
     past: Array
     recent: tuple[Belief, ...]
 
 
-def start(model: Model, lag_s: float = 0.0) -> TrackerState:
-    """A tracker that has seen nothing. With ``lag_s`` it speaks of that long ago, and knows better."""
+def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> TrackerState:
+    """A tracker that has seen nothing, but may know something.
+
+    With ``lag_s`` it speaks of that long ago, and knows better.
+    """
     nothing = Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2)))
     lag = round(lag_s / model.tick_s)
     length = lag + 1 if lag else 0
     banks = tuple(bank.blank(contact, 0, length) for contact in CONTACT_MODELS)
     past = np.zeros((len(STATES), length, len(STATES)))
+    initial, states = log_initial(model), len(STATES)
     return TrackerState(
-        model, None, nothing, np.zeros(0), banks, Memory(), log_initial(model), 0, 0, 0, None, 0, past, ()
+        model=model,
+        knowledge=knowledge,
+        averaging=None,
+        window=nothing,
+        frames=np.zeros(0),
+        banks=banks,
+        memory=Memory(),
+        log_left=initial,
+        ticks=0,
+        numbers=0,
+        outliers=0,
+        label=None,
+        free_since_ns=0,
+        change=np.zeros((states, states)),
+        entry=initial,
+        past=past,
+        recent=(),
     )
 
 

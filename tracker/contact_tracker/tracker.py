@@ -9,20 +9,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
+from contact_tracker import bank, fixed_lag, hypotheses, ticks
 from contact_tracker.answers import answer, believe, remaining
-from contact_tracker.bank import Bank, Begin
+from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import T
-from contact_tracker.memory import RECOGNISED, SURE, Memory
+from contact_tracker.memory import SURE, Memory
 from contact_tracker.model import Model
+from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose
 from contact_tracker.state import TrackerState, scales_of, start
 from contact_tracker.ticks import Tick
-from contact_tracker.transitions import log_stay, log_transition
 
 __all__ = ["TrackerState", "answer", "finish", "gather", "observe", "remaining", "scales_of", "start", "step"]
 
@@ -76,22 +76,26 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
     model, scales = state.model, scales_of(state.model)
     banks = _settle_oldest(state, scales)
     window, frames = _append(state, tick)
-    change = log_transition(model, window.activity)
-    stay = log_stay(model, window.activity)
-    entry = state.log_left if state.ticks == 0 else hmm.enter(state.log_left, change)
+    begins, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
     grown, numbers = [], state.numbers
     for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
-        begins = _begins(state, contact, window)
         more = bank.add(
-            living, contact, state.ticks, tick.start_ns, numbers, float(entry[column]), past[column], begins
+            living,
+            contact,
+            state.ticks,
+            tick.start_ns,
+            numbers,
+            float(entry[column]),
+            past[column],
+            begins[column],
         )
-        numbers += len(begins)
+        numbers += len(begins[column])
         more = replace(more, past=fixed_lag.grown(more.past, column))
         grown.append(hypotheses.advance(more, contact, window, scales, float(stay[column])))
-    log_left = np.array([*(hmm.log_sum_exp(b.joint) for b in grown), entry[FREE]])
+    log_left = np.array([*(b.log_weight for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
-    best = max(float(entry[FREE]), *(float(b.joint.max()) for b in grown))
+    best = max(float(entry[FREE]), *(float(b.joint.max(initial=-np.inf)) for b in grown))
     pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in grown), fixed_lag.grown(past[FREE], FREE)]
     kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
     state = replace(
@@ -105,25 +109,14 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
         outliers=state.outliers + tick.outliers,
         label=label,
         free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
+        change=change,
+        entry=entry,
         past=np.array(pasts),
     )
     belief = believe(state, tick.stamp_ns)
     state = replace(state, memory=_learnt(state, belief))
     length = state.past.shape[1]
     return replace(state, recent=(*state.recent, belief)[-length:] if length else ()), belief
-
-
-def _begins(state: TrackerState, contact: ContactModel, window: Window) -> list[Begin]:
-    """What the hypotheses of a contact that may begin with the newest tick assume."""
-    assert state.averaging is not None
-    anchors = contact.anchors(window.zeta[-1, T])
-    met = state.memory.assumptions(contact)
-    origin_m = state.averaging.origin_m
-    known = [
-        Begin(source, pair.log_share, pair.given(contact, anchors, origin_m))
-        for source, pair in enumerate(met, start=1)
-    ]
-    return [bank.fresh(contact, float(np.log1p(-RECOGNISED)) if met else 0.0), *known]
 
 
 def _learnt(state: TrackerState, belief: Belief) -> Memory:

@@ -162,11 +162,11 @@ def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
     keys = ", ".join(learned.key for learned in found.plan.wanted)
     texts = (
         f"Made by contact-tracker {__version__}; docs/models.md says what each parameter does.",
-        _command(args),
         f"Learned: {keys}. The rest is that of {found.plan.start.name}.",
         f"From {len(found.studies)} recordings, {sum(s.labelled for s in found.studies)} with truth: {names}",
     )
-    return [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]
+    lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]
+    return [lines[0], _command(args), *lines[1:]]
 
 
 def _command(args: argparse.Namespace) -> str:

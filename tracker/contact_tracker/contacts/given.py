@@ -6,6 +6,7 @@ Normals point out of the bodies that they bound, so that faces that touch look a
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.contacts.base import Array
@@ -20,6 +21,11 @@ class Given(NamedTuple):
 
     mean: Array
     information: Array
+
+    @property
+    def told(self) -> NDArray[np.bool_]:
+        """(..., S) which entries of x are given; of a direction along an axis only the mean says so."""
+        return np.asarray((np.einsum("...ss->...s", self.information) > 0.0) | (self.mean != 0.0))
 
 
 def given(model: ContactModel, object: Element | None, environment: Element | None, anchors: Array) -> Given:

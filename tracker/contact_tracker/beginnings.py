@@ -1,0 +1,75 @@
+"""What a contact that begins may assume: elements that the user knows, elements met before, or nothing."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.assumptions import Assumption, assumptions
+from contact_tracker.bank import Begin
+from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.given import Given
+from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
+from contact_tracker.knowledge import Knowledge, Known
+from contact_tracker.memory import RECOGNISED, Memory
+
+_OTHERS: Final = float(np.log1p(-RECOGNISED))
+
+
+def beginnings(
+    knowledge: Knowledge, memory: Memory, model: ContactModel, anchors: Array, origin_m: Array
+) -> list[Begin]:
+    """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
+
+    ``anchors`` (6,) say where the body is, ``origin_m`` is the world's origin in which hypotheses are.
+    """
+    met = memory.assumptions(model)
+    begins: list[Begin] = []
+    for pair, known in enumerate(assumptions(knowledge, model)):
+        filled = [merged for other in met if (merged := _filled(known, other)) is not None]
+        own_share = known.log_share + (_OTHERS if filled else 0.0)
+        given = known.given(model, anchors, origin_m)
+        source = len(begins) + 1 if given.information.any() else 0
+        begins.append(Begin(source, own_share, given, pair, known.certain, _searched(model, given)))
+        for other in filled:
+            share = known.log_share + float(np.log(RECOGNISED / len(filled)))
+            begins.append(Begin(len(begins) + 1, share, other.given(model, anchors, origin_m), pair))
+    return begins
+
+
+def _filled(known: Assumption, met: Assumption) -> Assumption | None:
+    """``known`` with elements met before where it leaves them open; None if they do not go together."""
+    if (known.object and met.object) or (known.environment and met.environment) or known.certain:
+        return None
+    object, environment = known.object or met.object, known.environment or met.environment
+    return Assumption(object, environment, 0.0, None if environment else known.up)
+
+
+def _searched(model: ContactModel, given: Given) -> bool:
+    """Whether directions are unknown: the rest is a linear problem."""
+    directions = np.delete(np.arange(model.family.SIZE), model.family.LINEAR)
+    return not given.told[directions].all()
+
+
+def named(geometry: ContactGeometry, known: Assumption) -> ContactGeometry:
+    """The geometry of a hypothesis that assumes ``known``, with the names that the user gave."""
+    faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
+    return ContactGeometry(
+        _named(geometry.object, known.object, faces), _named(geometry.environment, known.environment, faces)
+    )
+
+
+def _named(element: Element, known: Known | None, faces: bool) -> Element:
+    """With the name; where faces slide on each other (``faces``) only the user knows how far out they are."""
+    if known is None:
+        return element
+    if faces and isinstance(element, Plane) and isinstance(known.element, Plane):
+        assert element.covariance is not None
+        assert known.element.covariance is not None
+        covariance = np.zeros((4, 4))
+        covariance[:3, :3] = element.covariance[:3, :3]
+        covariance[3, 3] = known.element.covariance[3, 3]
+        side = 1.0 if element.normal @ known.element.normal > 0 else -1.0
+        normal, offset_m = side * element.normal, known.element.offset_m
+        return Plane(normal, offset_m, covariance, element.unobserved, known.name)
+    return replace(element, name=known.name)

@@ -1,0 +1,50 @@
+"""What may come with a new tick: which hypotheses may begin, and how likely states change or last."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from contact_tracker import hmm
+from contact_tracker.bank import Begin
+from contact_tracker.beginnings import beginnings
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.encounter import foreseen, meeting
+from contact_tracker.evidence import Window
+from contact_tracker.geometry import Array
+from contact_tracker.lift import T
+from contact_tracker.state import TrackerState, scales_of
+from contact_tracker.transitions import log_stay, log_transition
+
+
+class Outlook(NamedTuple):
+    """``begins`` of each contact; ``change`` (7, 7) and ``stay`` (7,), the log chances of changing before the
+    tick and of lasting through it; ``entry`` (7,), the log weights with which states begin."""
+
+    begins: list[list[Begin]]
+    change: Array
+    stay: Array
+    entry: Array
+
+
+def outlook(state: TrackerState, window: Window) -> Outlook:
+    """The outlook at the newest tick of ``window``, which ``state`` has not taken in."""
+    assert state.averaging is not None
+    model, scales, newest = state.model, scales_of(state.model), window.cut(-1, None)
+    first, origin_m = state.ticks == 0, state.averaging.origin_m
+    begins = [
+        beginnings(state.knowledge, state.memory, contact, contact.anchors(newest.zeta[0, T]), origin_m)
+        for contact in CONTACT_MODELS
+    ]
+    activity = window.activity
+    if not state.knowledge:
+        change, stay = log_transition(model, activity), log_stay(model, activity)
+        return Outlook(begins, change, stay, state.log_left if first else hmm.enter(state.log_left, change))
+    # what is known is met by moving, however smoothly
+    activity = max(activity, window.unrest)
+    met = [meeting(c, b, newest, scales) for c, b in zip(CONTACT_MODELS, begins, strict=True)]
+    begins = [m.of(b) for m, b in zip(met, begins, strict=True)]
+    change, stay = foreseen(log_transition(model, activity), log_stay(model, activity), met)
+    if not first:
+        return Outlook(begins, change, stay, hmm.enter(state.log_left, change))
+    entry = state.log_left + np.array([*(m.log_odds for m in met), 0.0])
+    return Outlook(begins, change, stay, entry - hmm.log_sum_exp(entry))
