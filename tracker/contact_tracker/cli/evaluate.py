@@ -4,6 +4,7 @@ import argparse
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_source
+from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, warn
@@ -16,6 +17,7 @@ from contact_tracker.errors import (
 
 if TYPE_CHECKING:
     from contact_tracker.evaluation.evaluate import Evaluation
+    from contact_tracker.knowledge import Knowledge
     from contact_tracker.model import Model
 
 HELP: Final = "compare with the truth that recordings carry"
@@ -29,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
     add_source(parser)
     add_model(parser)
+    add_known(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
 
 
@@ -36,12 +39,12 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.evaluation.report import Report
     from contact_tracker.model import load_model
 
-    model = load_model(args.model)
+    model, knowledge = load_model(args.model), knowledge_of(args)
     evaluations = {}
     code = DONE
     for name in recordings(args.logs, "evaluate"):
         try:
-            evaluations[name], damage = _evaluate(name, args, model)
+            evaluations[name], damage = _evaluate(name, args, model, knowledge)
         except (InputError, AmbiguousSource) as error:  # the others are still worth their figures
             fail(str(error))
             code = INPUT if isinstance(error, InputError) else USAGE
@@ -55,7 +58,9 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _evaluate(name: str, args: argparse.Namespace, model: "Model") -> "tuple[Evaluation, str | None]":
+def _evaluate(
+    name: str, args: argparse.Namespace, model: "Model", knowledge: "Knowledge"
+) -> "tuple[Evaluation, str | None]":
     from contact_tracker.evaluation.evaluate import evaluate
     from contact_tracker.poses import Poses
     from contact_tracker.recording import open_log, read_truth
@@ -69,5 +74,5 @@ def _evaluate(name: str, args: argparse.Namespace, model: "Model") -> "tuple[Eva
     if not len(poses):
         raise NoPoses(f"{name}: no pose that can be used")
     with progress(name, "poses") as set_done:
-        found = segment(poses, model, set_done)
+        found = segment(poses, model, set_done, knowledge)
     return evaluate(poses, truth, found), log.damage

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, positive, seconds
+from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.status import INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine
 from contact_tracker.errors import UsageError
@@ -27,6 +28,7 @@ EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json |
 def configure(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     add_model(parser)
+    add_known(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
     parser.add_argument("--rate", type=positive, metavar="X", help="replay at X times the recorded speed")
     parser.add_argument(
@@ -46,12 +48,12 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.model import load_model
     from contact_tracker.recording import Follow, open_log
 
-    model = load_model(args.model)
+    model, knowledge = load_model(args.model), knowledge_of(args)
     if args.lag > model.search.window_s:
         raise UsageError(
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
         )
-    state = tracker.start(model, args.lag)
+    state = tracker.start(model, args.lag, knowledge)
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, output_file
+from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o ou
 def configure(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     add_model(parser)
+    add_known(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -41,10 +43,10 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.recording import open_log
     from contact_tracker.segmenter import segment
 
-    model = load_model(args.model)
+    model, knowledge = load_model(args.model), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
     with progress("segment", "poses") as set_done:
-        found = segment(source, model, set_done)
+        found = segment(source, model, set_done, knowledge)
     if args.output is None:
         _print(found, source.origin_ns)
     else:

@@ -4,6 +4,7 @@ import argparse
 from typing import Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, output_file
+from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress
 
 HELP: Final = "see a recording in the rerun viewer"
@@ -17,6 +18,7 @@ EXAMPLE: Final = "contact-tracker view recordings/all_states.mcap"
 def configure(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     add_model(parser)
+    add_known(parser)
     parser.add_argument(
         "--save",
         type=output_file(".rrd"),
@@ -35,11 +37,11 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.viewer.offline import open_viewer, write_rrd
     from contact_tracker.windows import curves
 
-    model = load_model(args.model)
+    model, knowledge = load_model(args.model), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
     poses = Poses.collect(source)
     with progress("segment", "poses") as set_done:
-        found = segment(poses, model, set_done)
+        found = segment(poses, model, set_done, knowledge)
     vertices_m = vertices_from_metadata(read_metadata(args.log))
     shown = (poses, found, read_truth(args.log), curves(poses), vertices_m)
     if args.save is None:

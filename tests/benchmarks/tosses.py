@@ -1,0 +1,137 @@
+"""Real tosses of a cube on a table: what knowing the table and the cube is worth.
+
+    python tests/benchmarks/tosses.py --model impacts
+
+Share of the frames with sure truth, the cube in motion, whose label is right: offline and online, with
+nothing known, with the table's plane and with plane and cube, both from the metadata of each recording.
+Figures are of every second recording (``--half checked``); what was chosen, was chosen on the others.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.knowledge import NOTHING, Knowledge
+from contact_tracker.known import knowledge_from
+from contact_tracker.labels import STATES
+from contact_tracker.model import load_model
+from contact_tracker.poses import Poses
+from contact_tracker.recording import open_log, read_metadata, read_truth
+from contact_tracker.segmenter import segment
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+MOVING_M_S: Final = 0.05
+"""The cube is in motion while its fastest corner is faster than this."""
+SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
+"""How exactly the metadata are taken to tell plane and cube."""
+LEVELS: Final = ("nothing", "plane", "plane and cube")
+
+
+class Scores(NamedTuple):
+    """Confusion (7, 7), truth by label, of the frames in motion: offline and online."""
+
+    offline: NDArray[np.int64]
+    online: NDArray[np.int64]
+
+
+def known(level: str, metadata: dict[str, str]) -> Knowledge:
+    """What ``level`` knows of a recording with this metadata."""
+    if level == "nothing":
+        return NOTHING
+    *normal, offset_m = map(float, metadata["table_plane_n_h"].split())
+    plane = {"name": "table", "normal": normal, "offset_m": offset_m, **SIGMA}
+    tables: dict[str, Any] = {"environment": {"plane": [plane]}}
+    if level == "plane and cube":
+        tables["environment"]["complete"] = True
+        tables["object"] = {"box": {"size_m": [float(metadata["cube_side_m"])] * 3, **SIGMA}}
+    return knowledge_from(tables)
+
+
+def measure(path: Path, model_name: str) -> dict[str, Scores]:
+    """One recording at each level of knowledge."""
+    poses, truth = Poses.collect(open_log(str(path))), read_truth(str(path))
+    metadata = read_metadata(str(path))["recording"]
+    assert truth is not None
+    scored = scoring(poses.stamp_ns, truth)
+    sure = (scored.truth != UNSCORED) & in_motion(poses, float(metadata["cube_side_m"]))
+    results = {}
+    for level in LEVELS:
+        found = segment(poses, load_model(model_name), knowledge=known(level, dict(metadata)))
+        rows = []
+        for beliefs, tick_of in ((found.beliefs, tick_containing), (found.filtered, tick_in_force)):
+            tick = tick_of(poses.stamp_ns, np.array([b.stamp_ns for b in beliefs], np.int64))
+            label = np.array([b.contact.column for b in beliefs])[tick]
+            confusion = np.zeros((len(STATES), len(STATES)), np.int64)
+            told = sure & (tick >= 0)
+            np.add.at(confusion, (scored.truth[told], label[told]), 1)
+            np.add.at(confusion, (scored.truth[sure & (tick < 0)], STATES.index(STATES[-1])), 1)
+            rows.append(confusion)
+        results[level] = Scores(*rows)
+    return results
+
+
+def in_motion(poses: Poses, side_m: float) -> NDArray[np.bool_]:
+    """(N,) frames in which the fastest corner of the cube is faster than ``MOVING_M_S``."""
+    corners = 0.5 * side_m * np.array(list(product((-1.0, 1.0), repeat=3)))
+    places = poses.position_m[:, None] + np.einsum("nij,kj->nki", poses.rotation, corners)
+    velocity = np.gradient(places, poses.stamp_ns * 1e-9, axis=0)
+    return np.asarray(np.linalg.norm(velocity, axis=2).max(axis=1) > MOVING_M_S)
+
+
+def lines(total: dict[str, Scores]) -> Iterator[str]:
+    """The table of accuracies, then what was taken for what with everything known."""
+    rows = [
+        [level, str(scores.offline.sum()), *(number(c.trace() / c.sum()) for c in scores)]
+        for level, scores in total.items()
+    ]
+    yield table(("known", "frames", "offline", "online"), rows)
+    confusion = total[LEVELS[-1]].offline
+    yield f"\noffline with {LEVELS[-1]} known: truth by row, label by column"
+    yield table(
+        ("", *STATES),
+        [[state, *map(str, row)] for state, row in zip(STATES, confusion, strict=True) if row.any()],
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(default) / "cube_tosses")
+    parser.add_argument("--model", default="impacts", metavar="NAME|FILE")
+    parser.add_argument("--half", choices=("checked", "chosen"), default="checked")
+    parser.add_argument("--processes", type=int, default=2)
+    args = parser.parse_args(argv)
+    paths = sorted(args.folder.glob("*.mcap"))[1 if args.half == "checked" else 0 :: 2]
+    if not paths:
+        raise SystemExit(f"{args.folder}: no recordings")
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
+    begin_s = time.monotonic()
+    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+        results = list(pool.map(partial(measure, model_name=args.model), paths))
+    total = {
+        level: Scores(*(sum(r[level][i] for r in results) for i in range(2)))  # type: ignore[arg-type]
+        for level in LEVELS
+    }
+    print("\n".join(lines(total)))
+    print(f"\n{len(paths)} recordings, {time.monotonic() - begin_s:.0f} s", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
