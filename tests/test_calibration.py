@@ -86,7 +86,8 @@ def test_a_model_is_learned_and_its_file_says_from_what(
     assert model.transitions.seen.begins == (2.0, 1.0, *(0.0,) * 5)
     assert 6.0 < sum(model.transitions.seen.moving_s) < 3 * 3.8
     assert model.search == MODEL.search
-    assert all(word in out for word in ("3 recordings", "noise.floor_position_m", f"{MODEL.transitions.prior_changes:g} changes"))
+    weight = f"{MODEL.transitions.prior_changes:g} changes"
+    assert all(word in out for word in ("3 recordings", "noise.floor_position_m", weight))
     # the same data teach the same, also from what was learned before
     assert run([*command, "--start", "mine.toml"]) == 0
     later = load_model("mine.toml")

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from scores import OFFLINE, Answer, Method, Score
 
 from contact_tracker import hmm
+from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
 from contact_tracker.labels import STATES, Contact
@@ -191,6 +192,11 @@ def test_a_short_recording_by_every_method() -> None:
         **segment_bic.answers(poses, scored, tracked, MODEL),
     }
     scores = {method: Score.of(answer, scored) for method, answer in answers.items()}
+    judged = evaluate(poses, simulated.truth, tracked.segmentation)
+    for wait_s, whole in ((OFFLINE, judged.offline), (0.0, judged.online)):
+        mine = scores[Method(tracking.NAME, wait_s)].main
+        assert mine.accuracy() == pytest.approx(whole.accuracy(Subset.IDENTIFIABLE))
+        assert mine.log_loss == pytest.approx(whole.log_loss)  # nothing here is scored apart
     right = {method: score.main.accuracy() for method, score in scores.items()}
     tracker = {m.wait_s: a for m, a in right.items() if m.name == tracking.NAME and m.wait_s < OFFLINE}
     assert right[Method(segment_bic.SEGMENTS, OFFLINE)] == pytest.approx(1.0)
@@ -241,7 +247,7 @@ def test_the_tables_say_each_figure_in_its_place(folder: Path, capsys: pytest.Ca
     assert identification.main([str(folder), "--set", "hard", "paper"], fake) == 1  # b is missing
     text = capsys.readouterr().out
     titles = [line.split(":")[0] for line in text.splitlines() if "recordings, " in line]
-    assert titles == ["hard", "paper", "all sets"]
+    assert titles == ["hard", "paper", "all sets"] * 2  # by contact, then by method
     assert "all sets: 2 recordings, 8.0 s scored and 2.0 s apart" in text
     lines = text.splitlines()
     rows = [line.split() for line in lines if line.startswith("tracker")]
@@ -275,7 +281,7 @@ def test_the_section_of_a_document_is_replaced(folder: Path, capsys: pytest.Capt
     assert once.endswith("\nafter\n")
     assert "python tests/benchmarks/identification.py FOLDER --set other" in once
     assert str(folder) not in once
-    assert capsys.readouterr().out.count("other: 1 recordings") == 2
+    assert capsys.readouterr().out.count("other: 1 recordings") == 4
 
 
 def test_all_figures_are_in_the_json(folder: Path) -> None:

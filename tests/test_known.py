@@ -1,6 +1,7 @@
 """What the user knows is read whole or refused with key and reason; bodies fall into their elements."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from contact_tracker.errors import KnowledgeError, UsageError
 from contact_tracker.geometry import Line, Plane, Point
 from contact_tracker.known import knowledge_from, load_knowledge
 
+PAGE = (Path(__file__).resolve().parent.parent / "docs" / "knowledge.md").read_text(encoding="utf-8")
 ALL = """
 [up]
 direction = [0, 0, 1]
@@ -77,6 +79,27 @@ def test_a_file_says_what_is_known(tmp_path):
     assert len(known.object) == 6 + 12 + 8
     assert known.object_complete
     assert not known.environment_complete
+
+
+def block(language):
+    (found,) = re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    return found
+
+
+def test_the_file_of_the_documentation_is_read(tmp_path):
+    """It has every key there is but those of the other kinds of elements."""
+    trimesh.creation.box((80, 60, 40)).export(tmp_path / "part.stl")
+    known = loaded(tmp_path, block("toml"))
+    assert known.up is not None
+    assert len(known.object) == 26
+    assert {k.name for k in known.environment} >= {"table", "line 1", "point 1", "block face +x"}
+    assert (known.object_complete, known.environment_complete) == (True, False)
+
+
+def test_the_python_of_the_documentation_runs():
+    names = {}
+    exec(block("python"), names)
+    assert len(names["state"].knowledge.object) == 26
 
 
 def test_nothing_is_nothing(tmp_path):

@@ -257,6 +257,9 @@ def test_figures_by_state_by_hand() -> None:
     # f-f is true half the time and believed with 0.7, e-f a quarter with 0.3, free a quarter with nothing
     assert result.calibration_error_by_state[[ff, ef, ee, free]] == pytest.approx([0.2, 0.05, 0.0, 0.25])
     assert result.calibration_error == pytest.approx(0.2)
+    assert result.sure_wrong_by_state[[ff, ef, free]].tolist() == [0.0, 0.0, 0.0]
+    sure = judge(scored, np.zeros(400, np.int64))
+    assert sure.sure_wrong_by_state[[ff, ef, free]] == pytest.approx([0.0, 1.0, 1.0])
     assert result.into.tolist() == [ef, free]
     assert np.isnan(result.detection_delay_s).all()
 

@@ -62,11 +62,12 @@ def _tally_figures(method: Method, tally: Tally, state: Contact | None = None) -
     into = slice(None) if state is None else tally.into == state.column
     if state is None:
         label = tally.seconds(), tally.accuracy(), tally.macro_f1
-        belief = tally.log_loss, tally.brier, tally.calibration_error
+        belief = [tally.log_loss, tally.brier, tally.calibration_error, tally.sure_wrong]
     else:
         c = state.column
         label = tally.seconds_by_state[c], tally.recall[c], tally.f1[c]
-        belief = tally.log_loss_by_state[c], tally.brier_by_state[c], tally.calibration_error_by_state[c]
+        by_state = tally.log_loss_by_state, tally.brier_by_state, tally.calibration_error_by_state
+        belief = [float(values[c]) for values in (*by_state, tally.sure_wrong_by_state)]
     figures = dict(zip(("seconds", "right", "f1"), map(_finite, label), strict=True))
     names = ("median", "p90", "unfound")
     figures |= {
@@ -77,9 +78,8 @@ def _tally_figures(method: Method, tally: Tally, state: Contact | None = None) -
         delays = quantiles(tally.detection_delay_s[into] + method.wait_s)
         figures |= {f"delay_s_{name}": _finite(value) for name, value in zip(names, delays, strict=True)}
     if method.believes:
-        figures |= dict(zip(("log_loss", "brier", "calibration_error"), map(_finite, belief), strict=True))
-        if state is None:
-            figures["sure_wrong"] = _finite(tally.sure_wrong)
+        keys = ("log_loss", "brier", "calibration_error", "sure_wrong")
+        figures |= dict(zip(keys, map(_finite, belief), strict=True))
     return figures
 
 

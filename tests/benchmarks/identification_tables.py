@@ -19,10 +19,10 @@ BEGIN: Final = "<!-- identification: begin -->"
 END: Final = "<!-- identification: end -->"
 TOTAL: Final = "all sets"
 CHANGES: Final = ("bound. s", "90 %", "missed", "delay s", "90 %", "never")
-BELIEFS: Final = ("log-loss", "Brier", "ECE")
+BELIEFS: Final = ("log-loss", "Brier", "ECE", "sure&wrong")
 GEOMETRY: Final = ("deg", "mm")
 BY_METHOD: Final = (
-    "method", "", "right", "F1", *CHANGES, *BELIEFS, "sure&wrong", *GEOMETRY, "in 3 sd",
+    "method", "", "right", "F1", *CHANGES, *BELIEFS, *GEOMETRY, "in 3 sd",
     "| right", "sure&wrong",
 )  # fmt: skip
 BY_CONTACT: Final = ("contact", "s", "method", "", "right", "F1", *CHANGES, *BELIEFS, *GEOMETRY)
@@ -35,7 +35,7 @@ delay s     from a true onset until the label stays right for 0.3 s, and the lag
 log-loss    of the posterior, nats: offline smoothed, online filtered; by contact: while it was true
 Brier       squared distance of posterior and truth, 0 to 2; by contact: what it adds to the sum
 ECE         expected calibration error, 15 bins: of the top probability; by contact: of the contact's own
-sure&wrong  share of the time with a probability above 0.9 on a wrong state
+sure&wrong  share of the time (by contact: in which it was true) with more than 0.9 on a wrong state
 deg, mm     angle and distance of the found elements from the true ones, median; in 3 sd: share of the
             elements within 3 standard deviations of their covariance
 after |     the same of what is scored apart: singular motion, and rest before the first motion
@@ -109,8 +109,8 @@ def _block(name: str, measured: Sequence[Judged]) -> Block:
 
 
 def in_order(scores: Scores) -> list[Method]:
-    """The tracker first, each method from offline to online."""
-    names = list(dict.fromkeys([TRACKER, *sorted(method.name for method in scores)]))
+    """Each method from offline to online."""
+    names = list(dict.fromkeys(method.name for method in scores))
     return sorted(scores, key=lambda m: (names.index(m.name), -m.wait_s))
 
 
@@ -145,7 +145,12 @@ def _contact_rows(contact: Contact, total: Sum) -> list[list[str]]:
         if not main.seconds_by_state[column]:
             return []
         into = main.into == column
-        believed = [main.log_loss_by_state, main.brier_by_state, main.calibration_error_by_state]
+        believed = (
+            main.log_loss_by_state,
+            main.brier_by_state,
+            main.calibration_error_by_state,
+            main.sure_wrong_by_state,
+        )
         geometry = total.geometry.of_contact(contact) if _has_geometry(method) else None
         rows.append(
             [
@@ -189,9 +194,10 @@ def _geometry(errors: GeometryErrors | None) -> list[str]:
 
 
 def to_text(shown: Sequence[Block]) -> str:
-    """By contact, then by method, so that what matters most is last on the screen."""
-    parts = [f"{b.title}\n\n{b.by_contact}\n\n{b.by_method}" for b in shown]
-    return "\n\n\n".join([*parts, LEGEND])
+    """All by contact, then all by method, so that what matters most is last on the screen."""
+    by_contact = [f"{block.title}\n\n{block.by_contact}" for block in shown]
+    by_method = [f"{block.title}\n\n{block.by_method}" for block in shown]
+    return "\n\n".join([*by_contact, *by_method, LEGEND])
 
 
 def to_markdown(shown: Sequence[Block], command: str) -> str:

@@ -77,7 +77,7 @@ def is_idle(label: Contact, window: Window, older: bool) -> bool:
 
 
 def restricted(idle: bool, window: Window, tick_s: float) -> float:
-    """Probability that the object is moved in so few directions on purpose (T29).
+    """Probability that the object is moved in so few directions on purpose (T30).
 
     So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
     other directions.

@@ -130,6 +130,11 @@ class Tally:
         return _ratio(float(self.sure_wrong_by_state_s.sum()), self.seconds())
 
     @property
+    def sure_wrong_by_state(self) -> Array:
+        """The same (7,) of the time in which each state was true."""
+        return _ratios(self.sure_wrong_by_state_s, self.seconds_by_state)
+
+    @property
     def boundary_s(self) -> Array:
         """Errors (B,) of the true changes that have a found one."""
         return _found(self.boundary_error_s)
