@@ -24,8 +24,6 @@ KEPT: Final = 2
 """So many elements of each kind and side are remembered, the latest."""
 RECOGNISED: Final = 0.5
 """Prior probability that what touches has touched before."""
-REACH_M: Final = 0.3
-"""How far an edge's ends are from where it comes nearest to the body's origin."""
 LOOSE_M: Final = 0.3e-3
 LOOSE_RAD: Final = 2e-3
 """Real elements are not quite the same at the second touch."""
@@ -70,19 +68,7 @@ def _kept(met: Sequence[tuple[int, Known]], onset_ns: int, element: Element) -> 
 
 
 def _of(met: Sequence[tuple[int, Known]], kind: str) -> list[Known | None]:
-    """None, what was met of a kind, and the vertices of which it is known on which edge they lie."""
-    alike = [known for _, known in met if known.kind == kind]
-    on_edges = [_on_edge(known) for _, known in met if kind == "v" and isinstance(known.element, Line)]
-    return [None, *alike, *on_edges]
-
-
-def _on_edge(edge: Known) -> Known:
-    """An end of an edge: anywhere along it."""
-    line = edge.element
-    assert isinstance(line, Line)
-    assert line.covariance is not None
-    along = REACH_M**2 * np.outer(line.direction, line.direction)
-    return Known(edge.name, Point(line.point_m, line.covariance[3:, 3:] + along))
+    return [None, *(known for _, known in met if known.kind == kind)]
 
 
 def _outward(element: Element, position_m: Array, inside: bool) -> Element:
