@@ -20,6 +20,7 @@ from contact_tracker.knowledge import (
     known_to,
     number_name,
 )
+from contact_tracker.known import knowledge_from
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.model import load_model
 from contact_tracker.polyhedron import convex
@@ -189,3 +190,16 @@ def test_arguments_say_what_is_known(tmp_path, capsys):
         error = capsys.readouterr().err
         assert wanted in error
         assert error.count("\n") == 1
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "table",
+    [{"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}, {"up": {"direction": [0.0, 0.0, 1.0]}}],
+    ids=["box", "up"],
+)
+def test_what_is_known_by_half_and_wrong_does_no_harm(table):
+    """Directions along axes, of elements that are not there: beliefs are probabilities all the same."""
+    for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge_from(table)).filtered:
+        assert np.isfinite(belief.probability).all()
+        assert belief.probability.sum() == pytest.approx(1.0)
