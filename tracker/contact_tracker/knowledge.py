@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry import Array, Element, Line, Plane, Point
+from contact_tracker.labels import Contact
 from contact_tracker.polyhedron import Feature, Polyhedron
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
@@ -62,6 +63,14 @@ class Knowledge:
         """Whether anything is known at all."""
         given = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
         return any(map(bool, given))
+
+    def allows(self, contact: Contact) -> bool:
+        """Whether there may be elements of the kinds that ``contact`` needs."""
+        sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
+        return contact is Contact.FREE or all(
+            not complete or any(known.kind == kind for known in listed)
+            for (listed, complete), kind in zip(sides, contact.value[0::2], strict=True)
+        )
 
 
 NOTHING: Final = Knowledge()

@@ -185,7 +185,8 @@ def _told(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    inseparable = separability.inseparable(label, rivals, idle)
+    others = separability.inseparable(label, rivals, idle)
+    inseparable = tuple(other for other in others if state.knowledge.allows(other))
     if label is Contact.FREE:
         return None, inseparable
     contact = CONTACT_MODELS[label.column]
