@@ -168,7 +168,8 @@ def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -
     assert stamps == sorted(set(stamps))
     assert START_NS < stamps[0] < stamps[-1] == START_NS + round((LENGTH_S - 1 / RATE_HZ) * 1e9)
     for belief in beliefs:
-        assert list(belief) == ["stamp_ns", "contact", "probability", "onset_ns", "geometry"]
+        assert list(belief) == ["stamp_ns", "contact", "probability", "onset_ns", "inseparable", "geometry"]
+        assert set(belief["inseparable"]) <= set(NAMES) - {belief["contact"]}
         assert list(belief["probability"]) == NAMES
         assert sum(belief["probability"].values()) == pytest.approx(1)
         assert belief["contact"] in NAMES
@@ -206,7 +207,7 @@ def test_segment_writes_csv_whole(log: Path, tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     with open(tmp_path / "out.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["start_ns", "end_ns", "contact", "probability", "geometry"]
+    assert list(rows[0]) == ["start_ns", "end_ns", "contact", "probability", "geometry", "inseparable"]
     assert int(rows[0]["start_ns"]) == START_NS
     for row in rows:
         assert int(row["start_ns"]) <= int(row["end_ns"])
@@ -223,7 +224,9 @@ def test_segment_writes_every_tick_as_json_lines_and_a_table_to_stdout(log: Path
     assert ticks == live
     header, *lines = run("segment", log).stdout.splitlines()
     assert header.split()[:5] == ["start", "s", "end", "s", "contact"]
+    *lines, open_contacts = lines if lines[-1].startswith("The motion leaves") else [*lines, ""]
     assert all(line.split()[2] in NAMES for line in lines)
+    assert not open_contacts or open_contacts.endswith(" s.")
 
 
 def test_truncated_input_gives_what_is_readable_and_3(truncated: Path, tmp_path: Path) -> None:

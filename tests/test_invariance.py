@@ -129,8 +129,8 @@ def test_the_body_frame(beside_m, seed):
     shift = aside / np.linalg.norm(aside) * beside_m
     done = segment(moved_body(recorded(), body, shift), MODEL)
     same_segments(done, ticks=1.0)
-    assert difference(done).max() < 0.05
-    assert difference(done, filtered).mean() < 0.06
+    assert difference(done).max() < 0.12
+    assert difference(done, filtered).mean() < 0.1
     same_geometry(done, body=body, body_shift=shift)
 
 

@@ -105,6 +105,7 @@ def test_a_short_part_of_a_recording_is_segmented(tmp_path: Path, capsys: Any) -
     log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(200))])
     assert run(["segment", str(log), "--start", "0.5", "--duration", "0.02"]) == 0
     said = capsys.readouterr()
-    _, line = said.out.splitlines()
+    _, line, doubt = said.out.splitlines()
     assert line.split()[0] == "0.50"
+    assert doubt == "The motion leaves the contact open for 0.02 of 0.02 s."
     assert "4 poses" in said.err
