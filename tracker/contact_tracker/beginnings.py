@@ -1,7 +1,6 @@
 """What a contact that begins may assume: elements that the user knows, elements met before, or nothing."""
 
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -11,28 +10,32 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
 from contact_tracker.knowledge import Knowledge, Known
-from contact_tracker.memory import RECOGNISED, Memory
-
-_OTHERS: Final = float(np.log1p(-RECOGNISED))
+from contact_tracker.memory import Memory
 
 
 def beginnings(
-    knowledge: Knowledge, memory: Memory, model: ContactModel, anchors: Array, origin_m: Array
+    knowledge: Knowledge,
+    memory: Memory,
+    recognised: float,
+    model: ContactModel,
+    anchors: Array,
+    origin_m: Array,
 ) -> list[Begin]:
     """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
 
+    ``recognised`` is the share of those that have met their elements before, if there are any;
     ``anchors`` (6,) say where the body is, ``origin_m`` is the world's origin in which hypotheses are.
     """
     met = memory.assumptions(model)
     begins: list[Begin] = []
     for pair, known in enumerate(assumptions(knowledge, model)):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
-        own_share = known.log_share + (_OTHERS if filled else 0.0)
+        own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
         given = known.given(model, anchors, origin_m)
         source = len(begins) + 1 if given.information.any() else 0
         begins.append(Begin(source, own_share, given, pair, known.certain, _searched(model, given)))
         for other in filled:
-            share = known.log_share + float(np.log(RECOGNISED / len(filled)))
+            share = known.log_share + float(np.log(recognised / len(filled)))
             begins.append(Begin(len(begins) + 1, share, other.given(model, anchors, origin_m), pair))
     return begins
 

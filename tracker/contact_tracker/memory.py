@@ -22,8 +22,6 @@ SURE: Final = 0.9
 """An element is kept that belongs to a contact of so much probability."""
 KEPT: Final = 2
 """So many elements of each kind and side are remembered, the latest."""
-RECOGNISED: Final = 0.5
-"""Prior probability that what touches has touched before."""
 LOOSE_M: Final = 0.3e-3
 LOOSE_RAD: Final = 2e-3
 """Real elements are not quite the same at the second touch."""
@@ -46,15 +44,13 @@ class Memory:
         return Memory(_kept(self.object, onset_ns, ours), _kept(self.environment, onset_ns, theirs))
 
     def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
-        """What a contact that begins may assume of elements met before; shares add up to ``RECOGNISED``."""
+        """Pairs of elements met before, or of one and an unknown one; all weigh the same."""
         ours, theirs = model.contact.value[0], model.contact.value[2]
-        pairs = [
-            (o, e)
+        return tuple(
+            Assumption(o, e, 0.0)
             for o, e in product(_of(self.object, ours), _of(self.environment, theirs))
             if o is not None or e is not None
-        ]
-        share = float(np.log(RECOGNISED / len(pairs))) if pairs else 0.0
-        return tuple(Assumption(o, e, share) for o, e in pairs)
+        )
 
 
 def _kept(met: Sequence[tuple[int, Known]], onset_ns: int, element: Element) -> tuple[tuple[int, Known], ...]:

@@ -46,10 +46,12 @@ class Motion:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Scales of the weak priors."""
+    """What is expected of elements before they are found."""
 
     reach_m: float
     """Distance of touching points from the body's origin."""
+    recognised: float
+    """Prior probability that an element has been met before in the recording, where one of its kind was."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,7 @@ _RANGES: Final = {
     "foreknowledge": (0.0, 1.0),
     "independence": (0.0, 1.01),
     "reach_m": (1e-6, 1e6),
+    "recognised": (0.0, 1.0),
     "skip": (0.0, 1.0),
     "initial_f_f": (0.0, 1.0),
 }

@@ -31,8 +31,9 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     assert state.averaging is not None
     model, scales, newest = state.model, scales_of(state.model), window.cut(-1, None)
     first, origin_m = state.ticks == 0, state.averaging.origin_m
+    recognised, place_m = model.geometry.recognised, newest.zeta[0, T]
     begins = [
-        beginnings(state.knowledge, state.memory, contact, contact.anchors(newest.zeta[0, T]), origin_m)
+        beginnings(state.knowledge, state.memory, recognised, contact, contact.anchors(place_m), origin_m)
         for contact in CONTACT_MODELS
     ]
     activity = window.activity

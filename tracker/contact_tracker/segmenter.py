@@ -199,5 +199,5 @@ def _fitted(contact: ContactModel, stretch: Window, state: TrackerState) -> Bank
     """The best hypothesis of a contact about a whole stretch, if there can be one."""
     assert state.averaging is not None
     anchors, origin_m = contact.anchors(stretch.zeta[:, T].mean(axis=0)), state.averaging.origin_m
-    begins = beginnings(state.knowledge, Memory(), contact, anchors, origin_m)
+    begins = beginnings(state.knowledge, Memory(), 0.0, contact, anchors, origin_m)
     return hypotheses.fit_stretch(contact, stretch, scales_of(state.model), begins)

@@ -36,6 +36,7 @@ LEARNED: Final = (
     Learned("motion.foreknowledge", How.SEARCH),
     Learned("motion.independence", How.SEARCH),
     Learned("geometry.reach_m", How.SEARCH),
+    Learned("geometry.recognised", How.SEARCH),
 )
 
 
