@@ -7,14 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scores import LAGS_S, OFFLINE, Answer, Method
 
-from contact_tracker import hmm, tracker
+from contact_tracker import tracker
+from contact_tracker.answers import looking_back
 from contact_tracker.belief import Belief, Segmentation
 from contact_tracker.evaluation.scoring import tick_containing, tick_in_force
 from contact_tracker.evidence import Window
 from contact_tracker.model import Model
 from contact_tracker.poses import Poses
 from contact_tracker.segmenter import Pass, conclude
-from contact_tracker.tracker import TrackerState
+from contact_tracker.state import TrackerState
+from contact_tracker.ticks import Tick
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,37 +42,31 @@ class Tracked(NamedTuple):
 def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Tracked:
     """One pass over at least one pose, which looks back as far as the longest lag."""
     state, seen = tracker.start(model, max(lags_s)), Pass()
-    pasts: list[Array] = []
-    for pose in poses:
-        state, closed = tracker.gather(state, pose)
+    lags = {lag_s: round(lag_s / model.tick_s) for lag_s in lags_s}
+    lagged: dict[float, list[Array]] = {lag_s: [] for lag_s in lags_s}
+
+    def follow(state: TrackerState, closed: list[Tick]) -> TrackerState:
         for tick in closed:
             state = seen.follow(state, [tick])
-            pasts.append(past(state))
-    state, closed = tracker.gather_rest(state)
-    for tick in closed:
-        state = seen.follow(state, [tick])
-        pasts.append(past(state))
+            for lag_s, lag in lags.items():
+                if len(seen.beliefs) > lag:
+                    lagged[lag_s].append(looking_back(state, len(state.recent) - 1 - lag).probability)
+        return state
+
+    for pose in poses:
+        state = follow(*tracker.gather(state, pose))
+    state = follow(*tracker.gather_rest(state))
+    for lag_s, lag in lags.items():  # the stream has ended: the last ticks are known as well as they will be
+        rows = range(max(len(state.recent) - lag, 0), len(state.recent))
+        lagged[lag_s] += [looking_back(state, row).probability for row in rows]
     return Tracked(
         conclude(seen, state),
-        {lag_s: looking_back(pasts, round(lag_s / model.tick_s)) for lag_s in lags_s},
+        {lag_s: np.array(told) for lag_s, told in lagged.items()},
         seen.window(state),
         np.array(seen.frames, np.int64),
         np.array(seen.start_ns, np.int64),
         stamps(seen.beliefs),
     )
-
-
-def past(state: TrackerState) -> Array:
-    """Posterior (L, 7) of the last L ticks, the newest last, as the tracker knows them now."""
-    weight = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
-    return np.asarray(np.einsum("j,jls->ls", weight, state.past))
-
-
-def looking_back(pasts: Sequence[Array], lag: int) -> Array:
-    """Posterior (T, 7) of each tick as it was known ``lag`` ticks later, or at the end; ``lag`` < L."""
-    newest = [min(tick + lag, len(pasts) - 1) for tick in range(len(pasts))]
-    known = np.array([pasts[b][tick - b - 1] for tick, b in enumerate(newest)])
-    return np.asarray(known / known.sum(axis=1, keepdims=True))
 
 
 def answers(poses: Poses, tracked: Tracked) -> dict[Method, Answer]:

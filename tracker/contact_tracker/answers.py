@@ -26,22 +26,22 @@ def answer(state: TrackerState, online: Belief) -> Belief | None:
     length = state.past.shape[1]
     if not length:
         return online
-    return _looking_back(state, 0) if len(state.recent) == length else None
+    return looking_back(state, 0) if len(state.recent) == length else None
 
 
 def remaining(state: TrackerState) -> list[Belief]:
     """What the lag still holds back when the stream has ended."""
     said = 1 if len(state.recent) == state.past.shape[1] else 0
-    return [_looking_back(state, row) for row in range(said, len(state.recent))]
+    return [looking_back(state, row) for row in range(said, len(state.recent))]
 
 
-def _looking_back(state: TrackerState, row: int) -> Belief:
+def looking_back(state: TrackerState, row: int) -> Belief:
     """What is believed now of the tick of ``recent[row]``."""
     then = state.recent[row]
     weight = np.exp(state.log_left - state.log_left.max())
     back = row - len(state.recent)
     probability = np.einsum("j,js->s", weight, state.past[:, back])
-    probability = probability / probability.sum()
+    probability = separability.tempered(probability / probability.sum(), state.model.certainty.sureness)
     contact = STATES[int(np.argmax(probability))]
     # where that contact was lies in what was said of it at the time, or soon after
     telling = next((b for b in state.recent[row:] if b.contact is contact), then)
@@ -59,6 +59,7 @@ def _looking_back(state: TrackerState, row: int) -> Belief:
 def believe(state: TrackerState, stamp_ns: int) -> Belief:
     """What the weights say: posterior of the states, and the best hypothesis of the most probable one."""
     probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
+    probability = separability.tempered(probability, state.model.certainty.sureness)
     label = STATES[int(np.argmax(probability))]
     residual = np.array([_residual(living) for living in state.banks])
     tick_ns = round(state.model.tick_s * 1e9)

@@ -82,6 +82,14 @@ class Transitions:
 
 
 @dataclass(frozen=True)
+class Certainty:
+    """How far the probabilities are trusted."""
+
+    sureness: float
+    """Power of the posterior that is told: what the model does not know of its own faults."""
+
+
+@dataclass(frozen=True)
 class Search:
     """What is kept of the hypotheses."""
 
@@ -101,6 +109,7 @@ class Model:
     motion: Motion
     geometry: Geometry
     transitions: Transitions
+    certainty: Certainty
     search: Search
 
 
@@ -110,6 +119,7 @@ _RANGES: Final = {
     "independence": (0.0, 1.01),
     "reach_m": (1e-6, 1e6),
     "recognised": (0.0, 1.0),
+    "sureness": (0.0, 1.01),
     "skip": (0.0, 1.0),
     "initial_f_f": (0.0, 1.0),
 }

@@ -128,6 +128,7 @@ def conclude(seen: Pass, state: TrackerState) -> Segmentation:
     trellis = seen.trellis
     initial, transition = seen.entry[0], np.array(seen.change)
     posterior, _ = hmm.smooth(trellis, initial, transition)
+    posterior = separability.tempered(posterior, state.model.certainty.sureness)
     stretches = _merge_free(
         [(int(trellis.state[h]), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
     )

@@ -76,6 +76,12 @@ def is_idle(label: Contact, window: Window, older: bool) -> bool:
     return judged and used_directions(window) < SIX - label.codimension
 
 
+def tempered(probability: Array, sureness: float) -> Array:
+    """Posterior (..., 7) to the power of ``sureness``: the order of the states stays, one and all (T31)."""
+    power = probability**sureness
+    return np.asarray(power / power.sum(axis=-1, keepdims=True))
+
+
 def restricted(idle: bool, window: Window, tick_s: float) -> float:
     """Probability that the object is moved in so few directions on purpose (T30).
 

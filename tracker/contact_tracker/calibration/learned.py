@@ -37,6 +37,7 @@ LEARNED: Final = (
     Learned("motion.independence", How.SEARCH),
     Learned("geometry.reach_m", How.SEARCH),
     Learned("geometry.recognised", How.SEARCH),
+    Learned("certainty.sureness", How.SEARCH),
 )
 
 
