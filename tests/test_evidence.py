@@ -29,6 +29,19 @@ def window(rng, model, ticks=12):
 
 
 @each_model
+@given(seed=seeds, first=st.integers(1, 10))
+@settings(max_examples=10, deadline=None)
+def test_a_window_that_moves_on_loses_none_of_what_it_said(model, seed, first):
+    seen, x = window(np.random.default_rng(seed), model)
+    certain = np.array([True, False, True])
+    whole = evidence.log_ratio(model, x, seen, SCALES, certain).log_ratio
+    parts = [seen.cut(0, first), seen.cut(first, None).cut(-len(seen), -1), seen.cut(-1, None)]
+    ratios = [evidence.log_ratio(model, x, part, SCALES, certain).log_ratio for part in parts]
+    np.testing.assert_allclose(np.concatenate(ratios, axis=1), whole, atol=1e-9)
+    np.testing.assert_array_equal(Window.join(parts[:2]).travel, seen.travel[:-1])
+
+
+@each_model
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
 def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):

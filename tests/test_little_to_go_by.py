@@ -49,7 +49,7 @@ MOTIONS: dict[str, Callable[[], Poses]] = {
     "a tick and a pose": lambda: smooth_poses(21),
     "held, longer than a window of the paper": lambda: held(smooth_poses(520)),
     "at the origin": lambda: Poses(
-        smooth_poses(50).stamp_ns, np.zeros((50, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (50, 1))
+        smooth_poses(400).stamp_ns, np.zeros((400, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (400, 1))
     ),
     "only moving": lambda: only_moving(smooth_poses(520)),
     "only turning": lambda: only_turning(smooth_poses(520)),

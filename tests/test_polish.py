@@ -8,13 +8,19 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.stretches import NOISES, find_simulated, stretch_geometry
+from contact_tracker import hypotheses
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao
 from contact_tracker.evaluation.elements import angle_rad, deviation
+from contact_tracker.evidence import Window
 from contact_tracker.geometry import Plane
 from contact_tracker.labels import CONTACTS, Contact
+from contact_tracker.lift import lift
+from contact_tracker.model import load_model
+from contact_tracker.polish import polish
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.state import scales_of
 from moving import moving
 
 SEEDS = 6
@@ -129,3 +135,14 @@ def test_an_object_at_rest_shows_nothing_however_long(contact):
         assert element.unobserved
         if isinstance(element, Plane):
             assert np.sqrt(np.trace(element.covariance[:3, :3])) > 0.3
+
+
+@each_contact
+def test_poses_that_are_held_exactly_leave_a_finite_geometry(contact):
+    model, count = CONTACT_MODELS[contact.column], 20
+    scales = scales_of(load_model())
+    zeta = np.tile(lift(np.eye(3), np.zeros(3)), (count, 1))
+    rest = Window(np.arange(count), zeta, np.tile([1e-9, 1e-8], (count, 1)), np.zeros((count, 2)))
+    polished = polish(hypotheses.fit_stretch(model, rest, scales), model, rest, scales)
+    assert np.isfinite(polished.x).all()
+    assert np.isfinite(polished.hessian).all()

@@ -55,6 +55,17 @@ def waves(number, seed=1):
     return np.sin(2.0 * np.pi * rng.uniform(0.2, 0.8, (5, number)) * time_s + phase).mean(axis=1)
 
 
+def test_an_object_that_whirls_about_within_a_tick_moves_in_all_directions():
+    """The mean of its orientations is no rotation, and may be a mirror or nothing at all."""
+    rng = np.random.default_rng(0)
+    rotation = Rotation.random(20 * TICKS, random_state=rng).as_matrix()
+    position = rng.normal(size=(20 * TICKS, 3))
+    zeta = lift.lift(rotation, position).reshape(TICKS, 20, -1).mean(axis=1)
+    zeta[3, lift.R] = 0.0
+    rows = np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1))
+    assert separability.used_directions(Window(np.arange(TICKS), zeta, rows, 1e4 * rows)) == 6
+
+
 def turning(axis, angle):
     return Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
 

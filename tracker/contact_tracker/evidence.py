@@ -28,13 +28,15 @@ class Window:
     """The last W ticks, oldest first: what evidence is computed on.
 
     ``index`` (W,) of the ticks, ``zeta`` (W, 25), ``variance`` (W, 2) noise of position (m^2) and rotation
-    (rad^2), ``excess`` (W, 2) of free motion, zero where the tick has no frames.
+    (rad^2), ``excess`` (W, 2) of free motion, zero where the tick has no frames; ``before`` (25,) is the zeta
+    of the tick before the first, None where nothing came before.
     """
 
     index: NDArray[np.int64]
     zeta: Array
     variance: Array
     excess: Array
+    before: Array | None = None
 
     def __len__(self) -> int:
         return len(self.index)
@@ -42,13 +44,14 @@ class Window:
     @property
     def travel(self) -> Array:
         """How far the object moved since the tick before, (W, 2) variances per axis as in ``excess``."""
-        apart = np.square(np.diff(self.zeta, axis=0, prepend=self.zeta[:1]))
+        before = self.zeta[:1] if self.before is None else self.before[None]
+        apart = np.square(np.diff(self.zeta, axis=0, prepend=before))
         return np.stack([apart[:, T].sum(axis=1) / 3.0, apart[:, R].sum(axis=1) / 6.0], axis=1)
 
     @property
     def unrest(self) -> float:
         """As ``activity``, of how far the object moved in the newest tick, however smoothly."""
-        moved = self.cut(-2, None).travel[-1]
+        moved = self.cut(-1, None).travel[-1]
         return float(np.max(moved / (moved + self.variance[-1])))
 
     @property
@@ -58,9 +61,9 @@ class Window:
 
     def cut(self, first: int, end: int | None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
-        return Window(
-            self.index[first:end], self.zeta[first:end], self.variance[first:end], self.excess[first:end]
-        )
+        rows = slice(*slice(first, end).indices(len(self)))
+        before = self.zeta[rows.start - 1] if rows.start else self.before
+        return Window(self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], before)
 
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":
@@ -70,6 +73,7 @@ class Window:
             np.concatenate([p.zeta for p in parts]),
             np.concatenate([p.variance for p in parts]),
             np.concatenate([p.excess for p in parts]),
+            parts[0].before,
         )
 
 

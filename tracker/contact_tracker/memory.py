@@ -2,8 +2,7 @@
 
 What was found with confidence, of the surroundings in the world's frame and of the object in the body's, is
 offered to the hypotheses that begin later, with the accuracy at which it is known. Who recognises an element
-has fewer unknowns to pay for. Geometry is inherited along the lattice in the same way: the edge on which the
-object turned is a line on which its vertex lies.
+has fewer unknowns to pay for.
 """
 
 from collections.abc import Sequence

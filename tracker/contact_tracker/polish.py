@@ -30,6 +30,7 @@ STRANGE_SIGMAS: Final = 2.5
 """A tick at an end of the stretch is left out if it is so far off, unless there are only ``FEW_TICKS``."""
 LEAST_SCALE: Final = 1e-6
 LEAST_CURVATURE: Final = 1e-9
+LEAST_DAMPING: Final = 1e-9
 _STEP: Final = 1e-6
 """Of finite differences, in radians and metres."""
 
@@ -80,8 +81,9 @@ def _belong(polished: Bank, model: ContactModel, window: Window, scales: Scales)
     whitened, jacobian, tangent = _linearised(model, polished.x, anchors, window)
     weight = _row_weight(whitened, model.family.PARAMETERS / model.family.ROWS)
     held = tangent.T @ prior_of(polished, model, anchors, scales.reach_m).precision[0] @ tangent
-    information = polished.hessian[0].sum(axis=0) + held + LEAST_CURVATURE * np.eye(len(held))
-    leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, np.linalg.inv(information), jacobian)
+    # what the stretch has not shown at all has no leverage
+    covariance = np.linalg.pinv(polished.hessian[0].sum(axis=0) + held, hermitian=True)
+    leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, covariance, jacobian)
     square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
     return np.asarray(np.all(square < STRANGE_SIGMAS**2, axis=0))
 
@@ -107,7 +109,7 @@ def _maximise(
         proposal = model.family.normalise(x + step @ tangent.T, anchors)
         proposed = cost(proposal)
         if proposed < now:
-            x, now, damping = proposal, proposed, damping * 0.1
+            x, now, damping = proposal, proposed, max(0.1 * damping, LEAST_DAMPING)
             whitened, jacobian, tangent = _linearised(model, x, anchors, window)
         else:
             damping *= 100.0

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.bank import Bank
 from contact_tracker.evidence import Window
 from contact_tracker.labels import CONTACTS, STATES, Contact
-from contact_tracker.lift import R, T
+from contact_tracker.lift import R, T, nearest_rotation
 
 Array = NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def used_directions(window: Window) -> int:
     """
     if len(window) <= STRIDE_TICKS:
         return 0
-    turn = Rotation.from_matrix(window.zeta[:, R].reshape(-1, 3, 3))
+    turn = Rotation.from_matrix(nearest_rotation(window.zeta[:, R].reshape(-1, 3, 3)))
     place = window.zeta[:, T] - window.zeta[:, T].mean(axis=0)
     first, last = slice(None, -STRIDE_TICKS), slice(STRIDE_TICKS, None)
     turned = (turn[last] * turn[first].inv()).as_rotvec()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import free_motion, noise
 from contact_tracker.free_motion import Excess, FreeMotion
-from contact_tracker.lift import R, T, lift
+from contact_tracker.lift import R, T, lift, nearest_rotation
 from contact_tracker.model import Model
 from contact_tracker.noise import NoiseEstimate
 from contact_tracker.poses import Pose, Poses
@@ -86,7 +86,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     zeta = lift(rotation[good], position[good]).mean(axis=0)
     count = int(good.sum())
     variances = tick_variances(estimate, np.asarray(float(count)), model)
-    turn = _nearest_rotation(zeta[R].reshape(3, 3))
+    turn = nearest_rotation(zeta[R].reshape(3, 3))
     if state.motion is None:
         motion, excess = free_motion.begin(turn, zeta[T]), Excess(0.0, 0.0)
     else:
@@ -162,9 +162,3 @@ def _local_median(rows: Array) -> Array:
     medians = np.median(np.lib.stride_tricks.sliding_window_view(rows, width, axis=0), axis=-1)
     centre = np.clip(np.arange(len(rows)) - width // 2, 0, len(medians) - 1)
     return np.asarray(medians[centre])
-
-
-def _nearest_rotation(mean: Array) -> Array:
-    left, _, right = np.linalg.svd(mean)
-    sign = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-    return np.asarray(left @ sign @ right)

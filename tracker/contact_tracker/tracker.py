@@ -144,15 +144,14 @@ def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
     assert state.averaging is not None
     keep = _window_ticks(state.model)
     old = state.window
-    frames = np.append(state.frames, float(tick.count))[-keep:]
+    frames = np.append(state.frames, float(tick.count))
     variance = np.array(ticks.tick_variances(state.averaging.noise, frames, state.model)).T
     excess = np.array([tick.excess.position_m2, tick.excess.rotation_rad2])
-    return (
-        Window(
-            np.append(old.index, state.ticks)[-keep:],
-            np.concatenate([old.zeta, tick.zeta[None]])[-keep:],
-            variance,
-            np.concatenate([old.excess, excess[None]])[-keep:],
-        ),
-        frames,
+    window = Window(
+        np.append(old.index, state.ticks),
+        np.concatenate([old.zeta, tick.zeta[None]]),
+        variance,
+        np.concatenate([old.excess, excess[None]]),
+        old.before,
     )
+    return window.cut(-keep, None), frames[-keep:]
