@@ -79,8 +79,9 @@ def _posteriors(spans: list[tuple[int, int]], tracked: Tracked, scales: Scales) 
         enough = inside.sum() >= FEWEST
         row.append(len(found) if enough else -1)
         if enough:
-            parts = vars(tracked.window)
-            found.append(posterior(Window(**{name: part[inside] for name, part in parts.items()}), scales))
+            whole = tracked.window
+            parts = (whole.index, whole.zeta, whole.variance, whole.excess)
+            found.append(posterior(Window(*(part[inside] for part in parts)), scales))
     return np.array(found).reshape(-1, len(STATES)), np.array(row, np.int64)
 
 
