@@ -79,9 +79,14 @@ def _posteriors(spans: list[tuple[int, int]], tracked: Tracked, scales: Scales) 
         enough = inside.sum() >= FEWEST
         row.append(len(found) if enough else -1)
         if enough:
-            whole = tracked.window
-            parts = (whole.index, whole.zeta, whole.variance, whole.excess)
-            found.append(posterior(Window(*(part[inside] for part in parts)), scales))
+            all_of = tracked.window
+            within = Window(
+                index=all_of.index[inside],
+                zeta=all_of.zeta[inside],
+                variance=all_of.variance[inside],
+                excess=all_of.excess[inside],
+            )
+            found.append(posterior(within, scales))
     return np.array(found).reshape(-1, len(STATES)), np.array(row, np.int64)
 
 
