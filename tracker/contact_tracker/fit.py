@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts.base import Family
+from contact_tracker.contacts.base import Family, dot
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def minimise(
     prior: Prior,
     anchors: Array,
     x: Array,
-    iterations: int,
+    iterations: int | NDArray[np.int64],
     tolerance: float = 1e-3,
 ) -> Fit:
     """Fit one family to B windows, each from its own start.
@@ -91,37 +91,49 @@ def minimise(
     prior : weak knowledge that keeps unobservable directions finite.
     anchors : (B, 6) where the body is in frames 1 and 2 (see ``contacts.base``).
     x : (B, S) starts.
-    iterations : steps at most.
+    iterations : steps at most, of all or of each window (B,).
     tolerance : a window has converged when a step would lower its cost by less than this (nats).
 
     Returns
     -------
     Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, converged (B,).
     """
+    left = np.broadcast_to(np.asarray(iterations), len(x)).copy()
     damping = np.full(len(x), 1e-3)
-    converged = np.zeros(len(x), bool)
     x = complete(family, moments, row_weight, prior, anchors, x)
     cost_now = cost(family, moments, row_weight, prior, x)
-    for _ in range(iterations):
-        tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
-        curvature = hessian.sum(axis=1) + held
-        diagonal = np.einsum("bii->bi", curvature)
-        # a direction without any curvature, as in an empty window, must not make the whole batch singular
-        ridge = damping[:, None] * diagonal + _LEAST_CURVATURE
-        damped = curvature + np.eye(curvature.shape[-1]) * ridge[:, None, :]
-        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
-        proposal = family.normalise(x + np.einsum("bsp,bp->bs", tangent, step), anchors)
-        proposal = complete(family, moments, row_weight, prior, anchors, proposal)
-        proposed_cost = cost(family, moments, row_weight, prior, proposal)
-        better = proposed_cost < cost_now
-        converged = np.abs(np.einsum("bp,bp->b", gradient, step)) < tolerance
-        x = np.where(better[:, None], proposal, x)
-        cost_now = np.where(better, proposed_cost, cost_now)
-        damping = np.clip(np.where(better, damping * 0.2, damping * 8.0), 1e-9, 1e6)
-        if converged.all():
-            break
-    hessian = _normal_equations(family, moments, row_weight, prior, anchors, x)[2]
-    return Fit(x, cost_now, hessian, converged)
+    gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
+    converged = np.zeros(len(x), bool)
+    rows = np.arange(len(x))
+    while True:
+        step = _step(gradient[rows], hessian[rows], held[rows], damping[rows])
+        converged[rows] = np.abs(dot(gradient[rows], step)) < tolerance
+        go_on = ~converged[rows] & (left[rows] > 0)
+        rows, step = rows[go_on], step[go_on]
+        if not len(rows):
+            return Fit(x, cost_now, hessian, converged)
+        left[rows] -= 1
+        these = moments[rows], row_weight[rows], prior.pick(rows)
+        moved = x[rows] + (family.tangent(x[rows], anchors[rows]) @ step[..., None])[..., 0]
+        proposal = complete(family, *these, anchors[rows], family.normalise(moved, anchors[rows]))
+        proposed_cost = cost(family, *these, proposal)
+        better = proposed_cost < cost_now[rows]
+        damping[rows] = np.clip(damping[rows] * np.where(better, 0.2, 8.0), 1e-9, 1e6)
+        won = rows[better]
+        if len(won):
+            x[won], cost_now[won] = proposal[better], proposed_cost[better]
+            gradient[won], hessian[won], held[won] = _normal_equations(
+                family, moments[won], row_weight[won], prior.pick(won), anchors[won], x[won]
+            )
+
+
+def _step(gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:
+    """Levenberg's and Marquardt's step (B, P)."""
+    curvature = hessian.sum(axis=1) + held
+    diagonal = np.einsum("bii->bi", curvature)
+    # a direction without any curvature, as in an empty window, must not make the whole batch singular
+    diagonal += damping[:, None] * diagonal + _LEAST_CURVATURE
+    return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 
 
 def cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
@@ -176,7 +188,7 @@ def information(
 
 def _normal_equations(
     family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array]:
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     c = family.rows(x)
@@ -190,7 +202,7 @@ def _normal_equations(
     hessian = weighted @ np.swapaxes(jacobian, -1, -2)
     gradient = gradient + np.einsum("bps,bs->bp", along, prior.gradient(x))
     held = along @ prior.precision @ tangent
-    return tangent, gradient, hessian, held
+    return gradient, hessian, held
 
 
 def _per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:

@@ -27,8 +27,8 @@ SEARCH_EVERY: Final = 3
 SEARCH_STEPS: Final = 10
 REFINE_STEPS: Final = 2
 FIRST_TICKS: Final = 6.0
-FIRST_STEPS: Final = 4
-"""In its first ticks with motion the geometry moves far, and takes so many steps more."""
+FIRST_STEPS: Final = 6
+"""In its first ticks with motion the geometry moves far, and takes so many steps."""
 SCREENED: Final = 6
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
@@ -44,12 +44,10 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
         return bank
     bank = _grow(bank, model, window)
     bank = replace(bank, lasted=bank.lasted + np.where(bank.onset < window.index[-1], log_stay, 0.0))
-    bank = _refine(_adopt(bank, model, scales), model, scales)
-    bank = _refine_young(bank, model, scales)
+    steps = np.where(bank.told < FIRST_TICKS, FIRST_STEPS, REFINE_STEPS)
+    bank = _refine(_adopt(bank, model, scales), model, scales, steps)
     if window.index[-1] % SEARCH_EVERY == 0 and window.activity > AT_REST:
-        due = np.isin(bank.told.astype(np.int64)[:, None] - np.arange(SEARCH_EVERY), SEARCH_AGES).any(axis=1)
-        lost = due & (bank.rms > AT_THE_NOISE) & bank.searched
-        bank = _search(bank, model, window, scales, np.flatnonzero(lost))
+        bank = _search(bank, model, window, scales, _lost(bank))
     return _evaluate(bank, model, window, scales)
 
 
@@ -120,24 +118,20 @@ def _adopt(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
     return replace(bank, x=np.where(better[:, None], bank.x[best], bank.x))
 
 
-def _refine(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
+def _refine(bank: Bank, model: ContactModel, scales: Scales, steps: int | Index = REFINE_STEPS) -> Bank:
     row_weight, prior, anchors = _problem(bank, model, scales)
-    found = fit.minimise(model.family, bank.moments, row_weight, prior, anchors, bank.x, REFINE_STEPS)
+    found = fit.minimise(model.family, bank.moments, row_weight, prior, anchors, bank.x, steps)
     return replace(bank, x=found.x, hessian=found.hessian)
 
 
-def _refine_young(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
-    """More steps for those whose geometry still moves far."""
-    rows = np.flatnonzero(bank.told < FIRST_TICKS)
-    if not len(rows):
-        return bank
-    row_weight, prior, anchors = _problem(bank.pick(rows), model, scales)
-    found = fit.minimise(
-        model.family, bank.moments[rows], row_weight, prior, anchors, bank.x[rows], FIRST_STEPS
-    )
-    x, hessian = bank.x.copy(), bank.hessian.copy()
-    x[rows], hessian[rows] = found.x, found.hessian
-    return replace(bank, x=x, hessian=hessian)
+def _lost(bank: Bank) -> Index:
+    """Rows that search: one for each age, since what it finds is offered to those that began beside it."""
+    passed = bank.told.astype(np.int64)[:, None] - np.arange(SEARCH_EVERY)
+    due = np.isin(passed, SEARCH_AGES).any(axis=1) & (bank.rms > AT_THE_NOISE) & bank.searched
+    rows = np.flatnonzero(due)
+    age = np.searchsorted(SEARCH_AGES, bank.told[rows], side="right")
+    best = np.lexsort((-bank.joint[rows], age))
+    return np.sort(rows[best[np.unique(age[best], return_index=True)[1]]])
 
 
 def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, rows: Index) -> Bank:
