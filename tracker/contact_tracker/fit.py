@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 _LEAST_CURVATURE: Final = 1e-12
 _LEAST_SHARE: Final = 1e-12
+_ORIGIN_FIRST: Final = np.append(0.0, np.ones(12))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +54,11 @@ class Prior:
 
     def gradient(self, x: Array) -> Array:
         """Derivative (B, S) of the cost at x (B, S)."""
-        return np.asarray(np.einsum("bst,bt->bs", self.precision, x) - self.information)
+        return np.asarray((self.precision @ x[..., None])[..., 0] - self.information)
 
     def cost(self, x: Array) -> Array:
         """Half the squared distance (B,) of x (B, S) from the mean."""
-        half = np.einsum("bs,bs->b", x, self.gradient(x) - self.information)
+        half = dot(x, self.gradient(x) - self.information)
         return np.asarray(0.5 * half + self.constant)
 
 
@@ -100,9 +101,8 @@ def minimise(
     """
     left = np.broadcast_to(np.asarray(iterations), len(x)).copy()
     damping = np.full(len(x), 1e-3)
-    x = complete(family, moments, row_weight, prior, anchors, x)
-    cost_now = cost(family, moments, row_weight, prior, x)
-    gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
+    x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
+    tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
     converged = np.zeros(len(x), bool)
     rows = np.arange(len(x))
     while True:
@@ -114,15 +114,14 @@ def minimise(
             return Fit(x, cost_now, hessian, converged)
         left[rows] -= 1
         these = moments[rows], row_weight[rows], prior.pick(rows)
-        moved = x[rows] + (family.tangent(x[rows], anchors[rows]) @ step[..., None])[..., 0]
-        proposal = complete(family, *these, anchors[rows], family.normalise(moved, anchors[rows]))
-        proposed_cost = cost(family, *these, proposal)
+        moved = family.normalise(x[rows] + (tangent[rows] @ step[..., None])[..., 0], anchors[rows])
+        proposal, proposed_cost = complete(family, *these, anchors[rows], moved)
         better = proposed_cost < cost_now[rows]
         damping[rows] = np.clip(damping[rows] * np.where(better, 0.2, 8.0), 1e-9, 1e6)
         won = rows[better]
         if len(won):
             x[won], cost_now[won] = proposal[better], proposed_cost[better]
-            gradient[won], hessian[won], held[won] = _normal_equations(
+            tangent[won], gradient[won], hessian[won], held[won] = _normal_equations(
                 family, moments[won], row_weight[won], prior.pick(won), anchors[won], x[won]
             )
 
@@ -130,9 +129,9 @@ def minimise(
 def _step(gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:
     """Levenberg's and Marquardt's step (B, P)."""
     curvature = hessian.sum(axis=1) + held
-    diagonal = np.einsum("bii->bi", curvature)
     # a direction without any curvature, as in an empty window, must not make the whole batch singular
-    diagonal += damping[:, None] * diagonal + _LEAST_CURVATURE
+    np.einsum("bii->bi", curvature)[...] *= 1.0 + damping[:, None]
+    np.einsum("bii->bi", curvature)[...] += _LEAST_CURVATURE
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 
 
@@ -160,20 +159,29 @@ def every_cost(family: Family, moments: Array, row_weight: Array, prior: Prior, 
 
 def complete(
     family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
-) -> Array:
-    """x (B, S) with its coordinates where they cost least, its directions as they are: a linear problem."""
+) -> tuple[Array, Array]:
+    """x (B, S) with its coordinates where they cost least, its directions as they are, and its cost (B,).
+
+    That is a linear problem: rows are affine in the coordinates.
+    """
     linear = family.LINEAR
-    x = x.copy()
-    x[:, linear] = 0.0
-    design = family.rows_derivative(x)[:, :, linear]
+    bare = x.copy()
+    bare[:, linear] = 0.0
+    rows = family.rows(bare[:, None, :] + np.eye(family.SIZE)[[0, *linear]] * _ORIGIN_FIRST[: len(linear) + 1])
+    design = np.swapaxes(rows, 1, 2)
+    design[:, :, 1:] -= design[:, :, :1]
+    gram = (design @ moments[:, None]) @ np.swapaxes(design, -1, -2)
     weight = _per_metre(family, moments, row_weight, x)
-    seen = weight[..., None, None] * (design @ moments[:, None])
-    normal = (seen @ np.swapaxes(design, -1, -2)).sum(axis=1) + prior.precision[:, linear[:, None], linear]
-    pull = np.einsum("bklc,bkc->bl", seen, family.rows(x)) + prior.gradient(x)[:, linear]
-    trace = np.einsum("bll->b", normal)[:, None, None]
-    ridge = (_LEAST_SHARE * trace + _LEAST_CURVATURE) * np.eye(len(linear))
-    x[:, linear] = -np.linalg.solve(normal + ridge, pull[..., None])[..., 0]
-    return family.normalise(x, anchors)
+    gram = (weight[..., None, None] * gram).sum(axis=1)
+    normal = gram[:, 1:, 1:] + prior.precision[:, linear[:, None], linear]
+    pull = gram[:, 1:, 0] + prior.gradient(bare)[:, linear]
+    trace = np.einsum("bll->b", normal)[:, None]
+    np.einsum("bll->bl", normal)[...] += _LEAST_SHARE * trace + _LEAST_CURVATURE
+    bare[:, linear] = -np.linalg.solve(normal, pull[..., None])[..., 0]
+    x = family.normalise(bare, anchors)
+    one = np.concatenate([np.ones((len(x), 1)), x[:, linear]], axis=1)
+    squares = (one[:, None, :] @ gram @ one[..., None])[:, 0, 0]
+    return x, 0.5 * squares + prior.cost(x)
 
 
 def information(
@@ -188,7 +196,7 @@ def information(
 
 def _normal_equations(
     family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     c = family.rows(x)
@@ -198,11 +206,10 @@ def _normal_equations(
     jacobian = along[:, None] @ derivative
     row_weight = _per_metre(family, moments, row_weight, x)
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
-    gradient = np.einsum("bkpc,bkc->bp", weighted, c)
     hessian = weighted @ np.swapaxes(jacobian, -1, -2)
-    gradient = gradient + np.einsum("bps,bs->bp", along, prior.gradient(x))
+    gradient = (weighted @ c[..., None])[..., 0].sum(axis=1) + (along @ prior.gradient(x)[..., None])[..., 0]
     held = along @ prior.precision @ tangent
-    return gradient, hessian, held
+    return tangent, gradient, hessian, held
 
 
 def _per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:

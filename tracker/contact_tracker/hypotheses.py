@@ -173,8 +173,8 @@ def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array
     many = bank.pick(rows)
     row_weight, prior, anchors = _problem(many, model, scales)
     x = family.normalise(np.tile(raw, (len(bank), 1)), anchors)
-    x = fit.complete(family, many.moments, row_weight, prior, anchors, x)
-    cost = fit.cost(family, many.moments, row_weight, prior, x).reshape(len(bank), -1)
+    x, cost = fit.complete(family, many.moments, row_weight, prior, anchors, x)
+    cost = cost.reshape(len(bank), -1)
     best = np.argsort(cost, axis=1)[:, :SCREENED]
     screened = np.take_along_axis(x.reshape(len(bank), -1, family.SIZE), best[..., None], axis=1)
     return np.concatenate([relaxed, screened], axis=1)

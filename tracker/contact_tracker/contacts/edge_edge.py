@@ -16,6 +16,7 @@ from contact_tracker.contacts.base import (
     Frames,
     Measurement,
     block_tangent,
+    cross,
     dot,
     line_tangent,
     normalise_line,
@@ -47,7 +48,7 @@ STARTS: Final = 6
 
 def rows(x: Array) -> Array:
     d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
-    on_r = outer(d2, np.cross(q1, d1)) + outer(np.cross(q2, d2), d1)
+    on_r = outer(d2, cross(q1, d1)) + outer(cross(q2, d2), d1)
     return np.concatenate([on_r, outer(d2, d1), np.zeros_like(x[..., :1])], axis=-1)[..., None, :]
 
 
@@ -55,7 +56,7 @@ def rows_derivative(x: Array) -> Array:
     d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
     by_m1 = outer_derivative_second(d2)
     by_m2 = outer_derivative_first(d1)
-    m1, m2 = np.cross(q1, d1), np.cross(q2, d2)
+    m1, m2 = cross(q1, d1), cross(q2, d2)
     out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
     out[..., 0, D1, :9] = _cross(q1).swapaxes(-1, -2) @ by_m1 + outer_derivative_second(m2)
     out[..., 0, D1, 9:18] = by_m1
@@ -115,9 +116,9 @@ def starts(moments: Array) -> Array:
 def measure(x: Array, frames: Frames) -> Measurement:
     d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
     rotation, t, u = frames.rotation.T, frames.t.T, frames.u.T
-    m1 = np.cross(q1, d1)
+    m1 = cross(q1, d1)
     d2_r_m1 = outer(d2, m1) @ rotation
-    volume = d2_r_m1 + outer(np.cross(q2, d2), d1) @ rotation + outer(d2, d1) @ frames.t_cross_r.T
+    volume = d2_r_m1 + outer(cross(q2, d2), d1) @ rotation + outer(d2, d1) @ frames.t_cross_r.T
     cosine = outer(d2, d1) @ rotation
     sine_sq = np.maximum(1.0 - cosine**2, SINE_SQ_FLOOR)
     # gap w = R q1 + t - q2 along both directions, then the touching point q1 + s d1
