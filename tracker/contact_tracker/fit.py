@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 
 _LEAST_CURVATURE: Final = 1e-12
 _LEAST_SHARE: Final = 1e-12
-_ORIGIN_FIRST: Final = np.append(0.0, np.ones(12))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +166,9 @@ def complete(
     linear = family.LINEAR
     bare = x.copy()
     bare[:, linear] = 0.0
-    rows = family.rows(bare[:, None, :] + np.eye(family.SIZE)[[0, *linear]] * _ORIGIN_FIRST[: len(linear) + 1])
-    design = np.swapaxes(rows, 1, 2)
+    moved = np.repeat(bare[:, None, :], len(linear) + 1, axis=1)
+    moved[:, np.arange(len(linear)) + 1, linear] = 1.0
+    design = np.swapaxes(family.rows(moved), 1, 2)
     design[:, :, 1:] -= design[:, :, :1]
     gram = (design @ moments[:, None]) @ np.swapaxes(design, -1, -2)
     weight = _per_metre(family, moments, row_weight, x)
