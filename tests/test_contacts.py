@@ -10,7 +10,7 @@ from contact_tracker import lift
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.paper import direct, motion
-from touching import point_of, touching
+from touching import touching, x_of
 
 seeds = st.integers(0, 2**32 - 1)
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
@@ -49,21 +49,6 @@ def first_and_second(model, x):
         case _:
             lines = [np.append(d, np.cross(q, d)) for d, q in ((x[:3], x[3:6]), (x[6:9], x[9:12]))]
             return lines[0], lines[1]
-
-
-def x_of(contact, obj, environment):
-    """The true elements as x."""
-    first, second = (environment, obj) if contact in (Contact.FE, Contact.FV) else (obj, environment)
-    match contact:
-        case Contact.FF:
-            # the height of the body's origin: where the faces lie along their normal cannot be told
-            return np.concatenate([first[:3], second[:3], [second[3] - first[3]]])
-        case Contact.EF | Contact.FE:
-            return np.concatenate([first[:3], point_of(first), second])
-        case Contact.VF | Contact.FV:
-            return np.concatenate([first[:3], second])
-        case _:
-            return np.concatenate([first[:3], point_of(first), second[:3], point_of(second)])
 
 
 def test_models_stand_in_the_order_of_the_labels():
@@ -183,6 +168,26 @@ def test_lever_is_how_a_turn_of_the_body_enters_the_distance(model, seed):
     measured = model.measure(x[None], lift.lift(t.rotation, t.position_m))
     assume(scale_sq(model, x, t.rotation, t.position_m)[0] > 0.01)
     assert np.sum(np.square(slopes)) == pytest.approx(measured.lever_sq[0, 0], rel=1e-3, abs=1e-6)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_the_distance_is_measured_along_its_direction_in_the_world(model, seed):
+    """Where the elements touch, shifting the body changes the distance by its share along that direction."""
+    rng = np.random.default_rng(seed)
+    t = touching(model.contact, rng, frames=2)
+    x = x_of(model.contact, t.object, t.environment)
+    assume((scale_sq(model, x, t.rotation, t.position_m) > 0.01).all())
+
+    def distance(position_m):
+        return model.measure(x[None], lift.lift(t.rotation, position_m)).residual[0, -1]
+
+    here, step = distance(t.position_m), 1e-6
+    slopes = [(distance(t.position_m + step * axis) - here) / step for axis in np.eye(3)]
+    along = model.measure(x[None], lift.lift(t.rotation, t.position_m)).along[0]
+    side = np.sign(np.sum(np.transpose(slopes) * along, axis=1))[:, None]
+    np.testing.assert_allclose(np.transpose(slopes), side * along, atol=1e-5)
 
 
 # --- derivatives and constraints --------------------------------------------------------------------------

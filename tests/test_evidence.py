@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 from scipy.stats import norm
 
@@ -11,7 +12,7 @@ from contact_tracker import evidence, fit
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.lift import lift
-from touching import touching
+from touching import touching, x_of
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 SCALES = Scales(reach_m=0.3, body_radius_m=0.1, foreknowledge=0.3, independence=1.0, tick_s=0.1)
@@ -72,6 +73,31 @@ def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
             expected[b, tick] -= 0.5 * stray * SCALES.tick_s
     np.testing.assert_allclose(found.log_ratio, expected, rtol=1e-8, atol=1e-8)
     assert (found.gain > 0.0).all()
+
+
+@each_model
+def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
+    """As a camera sees depth: residuals of noisy poses scatter as much as they are said to."""
+    rng = np.random.default_rng(5)
+    t = touching(model.contact, rng, 3)
+    shape = rng.normal(size=(3, 3))
+    covariance_m2 = 1e-6 * shape @ shape.T + 1e-10 * np.eye(3)
+    sigma_rad, draws = 1e-4, 4000
+    shaken_m = rng.multivariate_normal(np.zeros(3), covariance_m2, (draws, 3))
+    turned = Rotation.from_rotvec(rng.normal(scale=sigma_rad, size=(3 * draws, 3))).as_matrix()
+    noisy = lift(t.rotation @ turned.reshape(draws, 3, 3, 3), t.position_m + shaken_m)
+    x = x_of(model.contact, t.object, t.environment)[None]
+    mean_m2 = np.trace(covariance_m2) / 3.0
+    seen = Window(
+        np.arange(3),
+        lift(t.rotation, t.position_m),
+        np.tile([mean_m2, sigma_rad**2], (3, 1)),
+        np.zeros((3, 2)),
+        np.tile(covariance_m2 - mean_m2 * np.eye(3), (3, 1, 1)),
+    )
+    said = evidence.residual_noise(model.measure(x, seen.zeta), seen)[0]
+    scattered = model.measure(x, noisy.reshape(-1, 25)).residual[0].reshape(-1, draws, 3).var(axis=1)
+    np.testing.assert_allclose(scattered, said, rtol=0.15)
 
 
 @each_model

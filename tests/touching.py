@@ -94,3 +94,18 @@ def _turn_onto(start: Array, end: Array) -> Array:
 def _unit(rng: np.random.Generator) -> Array:
     v = rng.normal(size=3)
     return v / np.linalg.norm(v)
+
+
+def x_of(contact, obj, environment):
+    """The true elements as x."""
+    first, second = (environment, obj) if contact in (Contact.FE, Contact.FV) else (obj, environment)
+    match contact:
+        case Contact.FF:
+            # the height of the body's origin: where the faces lie along their normal cannot be told
+            return np.concatenate([first[:3], second[:3], [second[3] - first[3]]])
+        case Contact.EF | Contact.FE:
+            return np.concatenate([first[:3], point_of(first), second])
+        case Contact.VF | Contact.FV:
+            return np.concatenate([first[:3], second])
+        case _:
+            return np.concatenate([first[:3], point_of(first), second[:3], point_of(second)])

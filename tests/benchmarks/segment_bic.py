@@ -79,14 +79,7 @@ def _posteriors(spans: list[tuple[int, int]], tracked: Tracked, scales: Scales) 
         enough = inside.sum() >= FEWEST
         row.append(len(found) if enough else -1)
         if enough:
-            all_of = tracked.window
-            within = Window(
-                index=all_of.index[inside],
-                zeta=all_of.zeta[inside],
-                variance=all_of.variance[inside],
-                excess=all_of.excess[inside],
-            )
-            found.append(posterior(within, scales))
+            found.append(posterior(tracked.window.pick(inside), scales))
     return np.array(found).reshape(-1, len(STATES)), np.array(row, np.int64)
 
 

@@ -87,6 +87,7 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
         np.array([tick.zeta for tick in closed]),
         np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T,
         np.array([[tick.excess.position_m2, tick.excess.rotation_rad2] for tick in closed]),
+        ticks.tick_unevenness(state.averaging.noise, counts),
     )
     model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
     fitted = polish(hypotheses.fit_stretch(model, window, scales), model, window, scales)

@@ -13,7 +13,7 @@ import numpy as np
 from contact_tracker import hmm
 from contact_tracker.bank import Begin
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales, Window, residual_noise
 from contact_tracker.geometry import Array
 from contact_tracker.labels import STATES, Contact
 
@@ -66,10 +66,7 @@ def _met(
     """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching and anywhere."""
     family, zeta = model.family, newest.zeta[-1]
     seen = model.measure(x, newest.zeta[-1:])
-    position, rotation = newest.variance[-1]
-    noise = np.full((len(x), family.ROWS), rotation)
-    noise[:, -1] = position + rotation * seen.lever_sq[:, 0]
-    noise += _spread(model, x, information, zeta)
+    noise = residual_noise(seen, newest.cut(-1, None))[..., 0] + _spread(model, x, information, zeta)
     anywhere = np.full(family.ROWS, ANY_DIRECTION)
     anywhere[-1] = scales.reach_m**2
     ratio = anywhere / noise

@@ -10,13 +10,13 @@ window: the Laplace approximation of the integral over it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Family
+from contact_tracker.contacts.base import Family, Measurement
 from contact_tracker.fit import Prior
 from contact_tracker.lift import R, T
 
@@ -28,14 +28,17 @@ class Window:
     """The last W ticks, oldest first: what evidence is computed on.
 
     ``index`` (W,) of the ticks, ``zeta`` (W, 25), ``variance`` (W, 2) noise of position (m^2) and rotation
-    (rad^2), ``excess`` (W, 2) of free motion, zero where the tick has no frames; ``before`` (25,) is the zeta
-    of the tick before the first, None where nothing came before.
+    (rad^2), mean over the axes; ``excess`` (W, 2) of free motion, zero where the tick has no frames;
+    ``uneven`` (W, 3, 3) what the covariance of the position (m^2, in the world's axes) is beyond its mean,
+    None where noise is the same in all directions; ``before`` (25,) is the zeta of the tick before the first,
+    None where nothing came before.
     """
 
     index: NDArray[np.int64]
     zeta: Array
     variance: Array
     excess: Array
+    uneven: Array | None = None
     before: Array | None = None
 
     def __len__(self) -> int:
@@ -63,16 +66,24 @@ class Window:
         """The ticks in rows ``first`` to ``end``."""
         rows = slice(*slice(first, end).indices(len(self)))
         before = self.zeta[rows.start - 1] if rows.start else self.before
-        return Window(self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], before)
+        return replace(self.pick(rows), before=before)
+
+    def pick(self, rows: slice | NDArray[np.generic]) -> "Window":
+        """Some ticks by themselves, whatever came before."""
+        uneven = None if self.uneven is None else self.uneven[rows]
+        return Window(self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], uneven)
 
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":
         """Windows one after the other."""
+        known = any(p.uneven is not None for p in parts)
+        uneven = [np.zeros((len(p), 3, 3)) if p.uneven is None else p.uneven for p in parts]
         return cls(
             np.concatenate([p.index for p in parts]),
             np.concatenate([p.zeta for p in parts]),
             np.concatenate([p.variance for p in parts]),
             np.concatenate([p.excess for p in parts]),
+            np.concatenate(uneven) if known else None,
             parts[0].before,
         )
 
@@ -113,10 +124,8 @@ def log_ratio(
     it away from the constraint.
     """
     seen = model.measure(x, window.zeta)
-    noise = np.empty((len(x), model.family.ROWS, len(window)))
+    noise = residual_noise(seen, window)
     excess = np.empty_like(noise)
-    position, rotation = window.variance.T
-    noise[:, :-1], noise[:, -1] = rotation, position + rotation * seen.lever_sq
     known = np.zeros(len(x), bool) if certain is None else certain
     for rows, free in ((~known, window.excess), (known, np.maximum(window.excess, window.travel))):
         free_position, free_rotation = free.T
@@ -135,6 +144,18 @@ def log_ratio(
         np.swapaxes(square / noise, 1, 2),
         np.swapaxes(1.0 / noise, 1, 2),
     )
+
+
+def residual_noise(seen: Measurement, window: Window) -> Array:
+    """Noise variances (B, K, W) of residuals: an angle has that of rotation, a distance that of the position
+    along it and that of rotation on its lever arm."""
+    position, rotation = window.variance.T
+    noise = np.empty_like(seen.residual)
+    noise[:, :-1], noise[:, -1] = rotation, position + rotation * seen.lever_sq
+    if window.uneven is not None:
+        uneven = (seen.along[..., None, :] @ window.uneven @ seen.along[..., None])[..., 0, 0]
+        noise[:, -1] += uneven
+    return noise
 
 
 def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:

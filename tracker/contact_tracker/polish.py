@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.bank import Bank, anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales, Window, residual_noise
 from contact_tracker.fit import Prior
 
 Array = NDArray[np.float64]
@@ -121,11 +121,7 @@ def _maximise(
 def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:
     """Residuals of x (B, S) and their noise variances, (B, K, W) both."""
     seen = model.measure(x, window.zeta)
-    position, rotation = window.variance.T
-    variance = np.empty_like(seen.residual)
-    variance[:, :-1] = rotation
-    variance[:, -1] = position + rotation * seen.lever_sq
-    return seen.residual, variance
+    return seen.residual, residual_noise(seen, window)
 
 
 def _whitened(model: ContactModel, x: Array, window: Window) -> Array:

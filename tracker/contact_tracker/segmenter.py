@@ -60,7 +60,8 @@ class Pass:
         assert state.averaging is not None
         counts = np.array(self.frames, float)
         variance = np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T
-        return replace(Window.join(self.newest), variance=variance)
+        uneven = ticks.tick_unevenness(state.averaging.noise, counts)
+        return replace(Window.join(self.newest), variance=variance, uneven=uneven)
 
     @property
     def trellis(self) -> hmm.Trellis:

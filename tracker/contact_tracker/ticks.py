@@ -112,6 +112,14 @@ def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple
     )
 
 
+def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
+    """What the covariance (W, 3, 3) of the mean position of ticks with ``count`` (W,) frames, in the world's
+    axes, is beyond its mean over the axes (m^2)."""
+    covariance = estimate.position_m2
+    beyond = covariance - np.eye(3) * np.trace(covariance) / 3.0
+    return np.asarray(beyond / np.maximum(count, 1.0)[:, None, None])
+
+
 def _plausible(
     state: TickState, frames: Poses, rotation: Array, position: Array, estimate: NoiseEstimate, model: Model
 ) -> NDArray[np.bool_]:

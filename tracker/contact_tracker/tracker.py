@@ -152,6 +152,7 @@ def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
         np.concatenate([old.zeta, tick.zeta[None]]),
         variance,
         np.concatenate([old.excess, excess[None]]),
+        ticks.tick_unevenness(state.averaging.noise, frames),
         old.before,
     )
     return window.cut(-keep, None), frames[-keep:]

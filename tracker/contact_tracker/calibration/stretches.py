@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from contact_tracker import hypotheses
 from contact_tracker.calibration.observed import MOVING, Observed, runs
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evidence import Window
+from contact_tracker.evidence import Window, residual_noise
 from contact_tracker.labels import CONTACTS
 from contact_tracker.model import Model
 from contact_tracker.state import scales_of
@@ -58,7 +58,7 @@ def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretc
         first, end = first + MARGIN_TICKS, end - MARGIN_TICKS
         moving = first + np.flatnonzero(observed.activity[first:end] >= MOVING)
         if column < len(CONTACTS) and len(moving) >= SHORTEST_TICKS:
-            window = _rows(observed.window, moving)
+            window = replace(observed.window.pick(moving), index=np.arange(len(moving)))
             contact, scales = CONTACT_MODELS[column], scales_of(model)
             noisy = replace(window, variance=window.variance + _floors_sq(model))
             fitted = hypotheses.fit_stretch(contact, noisy, scales)
@@ -73,14 +73,11 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
     pull = contact.family.SPREAD / model.geometry.reach_m**2
     place = contact.family.place(anchors)
     x = stretch.x
+    noisy = replace(stretch.window, variance=stretch.window.variance + _floors_sq(model))
 
     def measured(many: Array) -> tuple[Array, Array, Array]:
         seen = contact.measure(many, stretch.window.zeta)
-        position, rotation = (stretch.window.variance + _floors_sq(model)).T
-        noise = np.empty_like(seen.residual)
-        noise[:, :-1] = rotation
-        noise[:, -1] = position + rotation * seen.lever_sq
-        return seen.residual, noise, seen.lever_sq
+        return seen.residual, residual_noise(seen, noisy), seen.lever_sq
 
     def cost(x: Array) -> float:
         residual, noise, _ = measured(x[None])
@@ -109,7 +106,3 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
 
 def _floors_sq(model: Model) -> Array:
     return np.array([model.noise.floor_position_m, model.noise.floor_rotation_rad]) ** 2
-
-
-def _rows(window: Window, rows: Ints) -> Window:
-    return Window(np.arange(len(rows)), window.zeta[rows], window.variance[rows], window.excess[rows])

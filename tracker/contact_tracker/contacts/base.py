@@ -27,11 +27,13 @@ class Measurement(NamedTuple):
     ``residual`` (B, K, T): the K residuals, angles (rad) first and one distance (m) last.
     ``lever_sq`` (B, T): squared lever arm (m^2) with which an error of orientation enters the distance.
     ``reach_sq`` (B, T): squared distance (m^2) of the touching point from the body's origin.
+    ``along`` (B, T or 1, 3): unit vectors in the world along which the distance is measured.
     """
 
     residual: Array
     lever_sq: Array
     reach_sq: Array
+    along: Array
 
 
 class Family(Protocol):
@@ -205,6 +207,12 @@ class Frames(NamedTuple):
     def body_origin(self) -> Array:
         """The body's origin in frame 1, (T, 3)."""
         return np.zeros_like(self.u) if self.body_in_1 else -self.u
+
+    def in_world(self, n: Array) -> Array:
+        """Directions n (B, 3) of frame 2 in the world, (B, T or 1, 3)."""
+        if self.body_in_1:
+            return n[:, None, :]
+        return np.asarray(n @ self.rotation.reshape(-1, 3, 3)).swapaxes(0, 1)
 
 
 def dot(a: Array, b: Array) -> Array:

@@ -127,8 +127,11 @@ def measure(x: Array, frames: Frames) -> Measurement:
     s = (cosine * w_d2 - w_d1) / sine_sq
     reach_sq = dot(q1, q1)[:, None] + 2.0 * s * dot(q1, d1)[:, None] + s**2
     height_sq = d2_r_m1**2 / sine_sq
-    residual = (volume / np.sqrt(sine_sq))[:, None, :]
-    return Measurement(residual, np.maximum(reach_sq - height_sq, 0.0), reach_sq)
+    sine = np.sqrt(sine_sq)
+    residual = (volume / sine)[:, None, :]
+    d1_in_2 = (frames.rotation.reshape(-1, 3, 3) @ d1.T).transpose(2, 0, 1)
+    along = cross(d1_in_2, d2[:, None, :]) / sine[..., None]
+    return Measurement(residual, np.maximum(reach_sq - height_sq, 0.0), reach_sq, along)
 
 
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:

@@ -113,7 +113,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
     reach_sq = dot(q, q)[:, None] - 2.0 * q @ o.T + dot(o, o) - s**2
     height = n_r_q + s * n_r_d + (0.0 if frames.body_in_1 else n_t)
     residual = np.stack([n_r_d, n_r_q + s * n_r_d + n_t - h], axis=1)
-    return Measurement(residual, np.maximum(reach_sq - height**2, 0.0), reach_sq)
+    return Measurement(residual, np.maximum(reach_sq - height**2, 0.0), reach_sq, frames.in_world(n))
 
 
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:

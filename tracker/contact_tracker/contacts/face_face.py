@@ -96,7 +96,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
     angles = [outer(n, b[..., k]) @ frames.rotation.T for k in range(2)]
     residual = np.stack([*angles, n @ frames.t.T - h], axis=1)
     zero = np.zeros((len(x), len(frames.t)))
-    return Measurement(residual, zero, zero)
+    return Measurement(residual, zero, zero, frames.in_world(n))
 
 
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:

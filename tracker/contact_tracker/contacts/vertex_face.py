@@ -90,7 +90,8 @@ def measure(x: Array, frames: Frames) -> Measurement:
     reach_sq = dot(q, q)[:, None] - 2.0 * q @ o.T + dot(o, o)
     # n . R (q - o), where -R o is 0 or t
     height = n_r_q if frames.body_in_1 else n_r_q + n_t
-    return Measurement(residual[:, None, :], np.maximum(reach_sq - height**2, 0.0), reach_sq)
+    lever_sq = np.maximum(reach_sq - height**2, 0.0)
+    return Measurement(residual[:, None, :], lever_sq, reach_sq, frames.in_world(n))
 
 
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
