@@ -100,6 +100,15 @@ def test_spikes_are_left_out(rate_hz, missed):
     assert np.mean(np.array(off) > 0.005) < missed
 
 
+def test_spikes_of_a_camera_stand_out_of_three_frames():
+    """3 cm off at 30 Hz and 1.5 mm: what the motion may do between neighbours is less than in a tick."""
+    rng = np.random.default_rng(4)
+    clean = moving(rng, 60.0, 30.0, 1.5e-3, 1.2e-2)
+    poses, wrong = spiked(rng, clean, 0.02, size_m=0.03)
+    assert sum(tick.outliers for tick in averaged(poses)) >= 0.3 * wrong.sum()
+    assert sum(tick.outliers for tick in averaged(clean)) <= 0.005 * len(clean)
+
+
 @pytest.mark.parametrize("start", ["stream", "gap"])
 def test_spikes_are_left_out_from_the_beginning(start):
     """The other frames of a tick tell an outlier as well as the motion does."""
