@@ -153,8 +153,11 @@ def residual_noise(seen: Measurement, window: Window) -> Array:
     noise = np.empty_like(seen.residual)
     noise[:, :-1], noise[:, -1] = rotation, position + rotation * seen.lever_sq
     if window.uneven is not None:
-        uneven = (seen.along[..., None, :] @ window.uneven @ seen.along[..., None])[..., 0, 0]
-        noise[:, -1] += uneven
+        i, j = np.triu_indices(3)
+        square = seen.along[..., i] * seen.along[..., j]
+        uneven = window.uneven[:, i, j] * np.where(i == j, 1.0, 2.0)
+        same = square.shape[1] == 1
+        noise[:, -1] += square[:, 0] @ uneven.T if same else np.einsum("btk,tk->bt", square, uneven)
     return noise
 
 
