@@ -180,15 +180,16 @@ def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -
     assert run("live", "-", "--json", stdin=log.read_bytes()).stdout == done.stdout
 
 
-def test_live_for_people_is_a_line_per_change_and_a_summary(log: Path) -> None:
+def test_live_for_people_is_a_line_per_change_one_when_settled_and_a_summary(log: Path) -> None:
     done = run("live", log)
     assert done.returncode == 0, done.stderr
     header, *changes = done.stdout.splitlines()
     assert header.split()[:5] == ["time", "s", "contact", "p", "since"]
-    contacts = [line.split()[1] for line in changes]
-    assert set(contacts) <= set(NAMES)
-    assert contacts
-    assert all(a != b for a, b in pairwise(contacts))
+    told = [(line.split()[1], float(line.split()[2]) >= 0.9 and "; or " not in line) for line in changes]
+    assert {contact for contact, _ in told} <= set(NAMES)
+    assert told
+    for (before, settled_before), (contact, settled) in pairwise(told):
+        assert contact != before or (settled and not settled_before)
     assert f"{LENGTH_S * RATE_HZ} poses" in done.stderr
     assert "\r" not in done.stderr, "a status line is for terminals"
 

@@ -97,21 +97,22 @@ def _viewer(args: argparse.Namespace) -> "LiveView":
 
 
 def _shower(as_json: bool, source: "Source", status: StatusLine) -> "Callable[[Belief], None]":
-    """What to do with each belief: a JSON line, or a line where the contact changed; and the status."""
+    """What to do with each belief: a JSON line, or a line where the contact changed or became settled."""
     from contact_tracker.outputs.rows import json_line
-    from contact_tracker.outputs.words import CHANGES_HEADER, change_line, status_text
+    from contact_tracker.outputs.words import CHANGES_HEADER, change_line, is_settled, status_text
 
-    previous = None
+    previous, settled = None, False
 
     def show(belief: "Belief") -> None:
-        nonlocal previous
+        nonlocal previous, settled
+        changed, settles = belief.contact is not previous, is_settled(belief)
         if as_json:
             status.print(json_line(belief))
-        elif belief.contact is not previous:
+        elif changed or (settles and not settled):
             if previous is None:
                 status.print(CHANGES_HEADER)
             status.print(change_line(belief, source.origin_ns))
-        previous = belief.contact
+        previous, settled = belief.contact, settles or (settled and not changed)
         status.show(lambda: status_text(belief, source.origin_ns))
 
     return show

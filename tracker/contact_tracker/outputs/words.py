@@ -11,11 +11,17 @@ from contact_tracker.labels import STATES, Contact
 
 _GEOMETRY: Final = "the object's element (body frame) on the surroundings' (world frame)"
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
+SURE: Final = 0.9
 TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 
+def is_settled(belief: Belief) -> bool:
+    """Whether the contact is nearly sure, and no other one fits the motion as well."""
+    return bool(belief.probability[belief.contact.column] >= SURE) and not belief.inseparable
+
+
 def change_line(belief: Belief, origin_ns: int) -> str:
-    """A change of contact; times in seconds after ``origin_ns``."""
+    """A contact that is new, or settled; times in seconds after ``origin_ns``."""
     return (
         f"{_seconds(belief.stamp_ns, origin_ns):8.2f}  {belief.contact.value:<7} "
         f"{belief.probability[belief.contact.column]:5.2f}  {_seconds(belief.onset_ns, origin_ns):8.2f}  "
