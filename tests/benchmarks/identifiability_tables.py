@@ -1,0 +1,160 @@
+"""The tables of the identifiability benchmark: accuracy beside oracles, and the tracker's errors in classes."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from oracle import ORACLES
+from tracking import NAME as TRACKER
+
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.labels import Contact
+from contact_tracker.separability import DECISIVE
+
+Array = NDArray[np.float64]
+
+ACCURACY: Final = ("set", "s", TRACKER, "fitted", "given", "rule", f"F1 {TRACKER}", "fitted", "given", "rule")
+PAIRS: Final = ("set", "true", "taken for", "s", "phases", "phase s", "Hz", "mm", "margin", "given", "class")
+OWN: Final = ("recording", "from s", "to s", "true", "taken for", "s", "margin", "given")
+SHOWN_S: Final = 0.3
+"""Of the errors in less time there is no list."""
+LEGEND: Final = f"""\
+{TRACKER}         the label, offline; share of the time, and mean F1 over the states
+fitted          oracle: the true boundaries, all contacts fitted (the true one from the true elements as well)
+given           oracle: the true boundaries, and the true elements of the true contact at no price
+rule            the true boundaries, the most constrained contact that fits, whatever the evidence
+
+near a change   wrong within 0.25 s of a true change
+oracle wrong    the oracle "fitted" is wrong in this phase as well
+not tellable    its evidence for the truth, against what the {TRACKER} said, is less than log 20 nats
+own             the rest: what the {TRACKER} could still gain; "at best" is its accuracy without these
+
+margin, given   evidence for the truth over that for the label, nats, median: all fitted, and with the true
+                elements at no price; phase s, Hz and mm: medians of the phases' length and noise of a pose"""
+
+
+class Class(StrEnum):
+    """Why a label was wrong."""
+
+    NEAR = "near a change"
+    ORACLE = "oracle wrong"
+    TIE = "not tellable"
+    OWN = "own"
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A label that was wrong in a true phase.
+
+    ``start_s`` to ``end_s`` since the first pose, the first and the last frame that had it; of that ``near_s``
+    within 0.25 s of a true change and ``clear_s`` not. ``margin`` and ``margin_given`` (nats): evidence of the
+    truth over that of the label, fitted and with the true elements. ``phase_s`` long, of ``ticks`` whole ticks.
+    """
+
+    recording: str
+    rate_hz: float
+    sigma_mm: float
+    start_s: float
+    end_s: float
+    phase_s: float
+    ticks: int
+    true: Contact
+    taken: Contact
+    near_s: float
+    clear_s: float
+    oracles: Mapping[str, Contact]
+    margin: float
+    margin_given: float
+
+    @property
+    def reason(self) -> Class:
+        """Of what is not near a change."""
+        if self.oracles["fitted"] is not self.true:
+            return Class.ORACLE
+        return Class.OWN if self.margin >= DECISIVE else Class.TIE
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One recording: ``confusion_s`` (7, 7) by who answers, truth by label, and the tracker's mistakes."""
+
+    name: str
+    confusion_s: Mapping[str, Array]
+    mistakes: tuple[Mistake, ...]
+
+
+def classes(judged: Iterable[Judged]) -> dict[Class, float]:
+    """Seconds in each class of the tracker's errors."""
+    seconds = dict.fromkeys(Class, 0.0)
+    for mistake in (m for j in judged for m in j.mistakes):
+        seconds[Class.NEAR] += mistake.near_s
+        seconds[mistake.reason] += mistake.clear_s
+    return seconds
+
+
+def to_text(sets: Mapping[str, Sequence[Judged]]) -> str:
+    """All tables."""
+    named = [(name, judged) for name, judged in sets.items() if judged]
+    wrong = ("set", "wrong s", *Class, "at best")
+    own = [row for _, judged in named for row in _own_rows(judged)]
+    parts = [
+        table(ACCURACY, [_accuracy_row(name, judged) for name, judged in named]),
+        table(wrong, [_class_row(name, judged) for name, judged in named]),
+        table(PAIRS, [row for name, judged in named for row in _pair_rows(name, judged)], left=3),
+        "Own errors:\n" + table(OWN, own) if own else "No error of its own.",
+        LEGEND,
+    ]
+    return "\n\n".join(parts)
+
+
+def _accuracy_row(name: str, judged: Sequence[Judged]) -> list[str]:
+    who = (TRACKER, *ORACLES)
+    total = {w: sum((j.confusion_s[w] for j in judged), np.zeros((7, 7))) for w in who}
+    right = [number(float(np.trace(total[w]) / total[w].sum())) for w in who]
+    return [name, number(float(total[TRACKER].sum()), 1), *right, *(number(_macro_f1(total[w])) for w in who)]
+
+
+def _macro_f1(confusion_s: Array) -> float:
+    true_s, found_s = confusion_s.sum(axis=1), confusion_s.sum(axis=0)
+    known = true_s > 0
+    return float(np.mean(2.0 * np.diag(confusion_s)[known] / (true_s + found_s)[known]))
+
+
+def _class_row(name: str, judged: Sequence[Judged]) -> list[str]:
+    seconds = classes(judged)
+    total_s = sum(float(j.confusion_s[TRACKER].sum()) for j in judged)
+    wrong_s = sum(seconds.values())
+    best = 1.0 - (wrong_s - seconds[Class.OWN]) / total_s
+    return [name, number(wrong_s, 1), *(number(s, 1) for s in seconds.values()), number(best)]
+
+
+def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
+    """What was taken for what, the longest first."""
+
+    def key(mistake: Mistake) -> tuple[str, str, str]:
+        return mistake.true, mistake.taken, mistake.reason
+
+    mistakes = sorted((m for j in judged for m in j.mistakes if m.clear_s > 0), key=key)
+    groups = [list(group) for _, group in groupby(mistakes, key)]
+    for group in sorted(groups, key=lambda g: -sum(m.clear_s for m in g)):
+        seconds = sum(m.clear_s for m in group)
+        if seconds >= SHOWN_S:
+            phase_s, rate_hz, sigma_mm, margin, given = np.median(
+                [(m.phase_s, m.rate_hz, m.sigma_mm, m.margin, m.margin_given) for m in group], axis=0
+            )
+            yield [
+                name, group[0].true, group[0].taken, number(seconds, 1), str(len(group)), number(phase_s, 1),
+                number(rate_hz, 0), number(sigma_mm, 2), number(margin, 1), number(given, 1), group[0].reason,
+            ]  # fmt: skip
+
+
+def _own_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
+    for m in sorted((m for j in judged for m in j.mistakes), key=lambda m: (m.recording, m.start_s)):
+        if m.reason is Class.OWN and m.clear_s >= SHOWN_S:
+            times = number(m.start_s, 1), number(m.end_s, 1)
+            seconds, margins = number(m.clear_s, 1), (number(m.margin, 1), number(m.margin_given, 1))
+            yield [m.recording, *times, m.true, m.taken, seconds, *margins]
