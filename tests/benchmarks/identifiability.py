@@ -3,9 +3,9 @@
     python tests/benchmarks/identifiability.py FOLDER --set hard robot
     python tests/benchmarks/identifiability.py FOLDER --markdown docs/benchmarks.md
 
-Sets of labelled recordings as in identification.py. The tracker's offline labels stand beside those of oracles
-that are told the true boundaries (``oracle.py``), and each second that it was wrong is put into one class. What
-is singular, or at rest before the first motion, is left out.
+Sets of labelled recordings as in identification.py. The tracker's offline labels stand beside those of
+oracles that are told the true boundaries (``oracle.py``), and each second that it was wrong is put into one
+class. What is singular, or at rest before the first motion, is left out.
 """
 
 import argparse
@@ -13,7 +13,6 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
@@ -23,8 +22,8 @@ import numpy as np
 import oracle
 import sections
 import tracking
-from identification import ROOT, find_sets
 from identifiability_tables import Judged, Mistake
+from identification import ROOT, command_of, find_sets
 from numpy.typing import NDArray
 from scores import OFFLINE, Method
 from tqdm import tqdm
@@ -32,11 +31,10 @@ from tqdm import tqdm
 from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
 from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
 from contact_tracker.labels import STATES
-from contact_tracker.model import load_model
+from contact_tracker.model import Model, load_model
 from contact_tracker.noise import estimate_noise
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.separability import DECISIVE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,7 +53,7 @@ def measure(path: Path, model_name: str) -> Judged:
     tracked = tracking.track(poses, model)
     true = oracle.phases(truth)
     verdict = oracle.judge(true, tracked, poses.position_m[0], model)
-    return compare(path.stem, poses, scoring(poses.stamp_ns, truth), true, tracked, verdict)
+    return compare(path.stem, poses, scoring(poses.stamp_ns, truth), true, tracked, verdict, model)
 
 
 def compare(
@@ -65,8 +63,9 @@ def compare(
     true: Sequence[oracle.Phase],
     tracked: tracking.Tracked,
     verdict: oracle.Verdict,
+    model: Model,
 ) -> Judged:
-    """Labels of tracker and oracles over the frames whose motion can tell, and the tracker's errors in classes."""
+    """Labels of tracker and oracles over the frames whose motion can tell, and the tracker's mistakes."""
     answer = tracking.answers(poses, tracked)[Method(tracking.NAME, OFFLINE)]
     label = answer.label[answer.tick]
     taken = scored.subsets[Subset.IDENTIFIABLE]
@@ -82,7 +81,8 @@ def compare(
     mistakes = []
     for row, column in pairs:
         mine = (phase == row) & (label == column) & (wrong > 0)
-        contact = true[row].contact
+        contact, stamp_ns = true[row].contact, poses.stamp_ns[mine]
+        alone = oracle.evidence_within(int(stamp_ns[0]), int(stamp_ns[-1]), tracked, model)
         mistakes.append(
             Mistake(
                 recording=name,
@@ -99,6 +99,7 @@ def compare(
                 oracles={o: STATES[verdict.label[o][row]] for o in oracle.ORACLES},
                 margin=float(verdict.evidence[row, contact.column] - verdict.evidence[row, column]),
                 margin_given=float(verdict.given[row, contact.column] - verdict.given[row, column]),
+                margin_there=float(alone[contact.column] - alone[column]),
             )
         )
     return Judged(name, confusion_s, tuple(mistakes))
@@ -112,9 +113,7 @@ def _confusion(truth: Ints, label: Ints, weight: Array) -> Array:
     return confusion
 
 
-def measure_sets(
-    sets: dict[str, list[Path]], model_name: str, processes: int
-) -> dict[str, list[Judged]]:
+def measure_sets(sets: dict[str, list[Path]], model_name: str, processes: int) -> dict[str, list[Judged]]:
     """All that could be measured, by set; what could not is said on stderr, one line each."""
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
@@ -137,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
     parser.add_argument("folder", nargs="?", type=Path, default=Path(default), help="default: %(default)s")
-    parser.add_argument("--set", nargs="+", default=SETS, metavar="NAME", help="default: all but singular")
+    parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables into its section")
     parser.add_argument("--processes", type=int, default=2)
@@ -149,7 +148,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     text = identifiability_tables.to_text(judged)
     print(text)
     if args.markdown:
-        command = "python tests/benchmarks/identifiability.py FOLDER"
+        command = command_of("identifiability", args.set, args.model)
         sections.write(args.markdown, SECTION, f"```console\n{command}\n```\n\n```text\n{text}\n```")
     return 0 if sum(map(len, judged.values())) == sum(map(len, sets.values())) else 1
 

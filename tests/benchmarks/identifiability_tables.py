@@ -1,8 +1,9 @@
-"""The tables of the identifiability benchmark: accuracy beside oracles, and the tracker's errors in classes."""
+"""The tables of the identifiability benchmark: accuracy beside oracles, and the errors in classes."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from itertools import groupby
 from typing import Final
 
@@ -17,24 +18,26 @@ from contact_tracker.separability import DECISIVE
 
 Array = NDArray[np.float64]
 
+MARGINS: Final = ("margin", "given", "there")
 ACCURACY: Final = ("set", "s", TRACKER, "fitted", "given", "rule", f"F1 {TRACKER}", "fitted", "given", "rule")
-PAIRS: Final = ("set", "true", "taken for", "s", "phases", "phase s", "Hz", "mm", "margin", "given", "class")
-OWN: Final = ("recording", "from s", "to s", "true", "taken for", "s", "margin", "given")
+PAIRS: Final = ("set", "true", "taken for", "s", "phases", "phase s", "Hz", "mm", *MARGINS, "class")
+OWN: Final = ("recording", "from s", "to s", "true", "taken for", "s", *MARGINS)
 SHOWN_S: Final = 0.3
 """Of the errors in less time there is no list."""
 LEGEND: Final = f"""\
-{TRACKER}         the label, offline; share of the time, and mean F1 over the states
-fitted          oracle: the true boundaries, all contacts fitted (the true one from the true elements as well)
-given           oracle: the true boundaries, and the true elements of the true contact at no price
-rule            the true boundaries, the most constrained contact that fits, whatever the evidence
+{TRACKER}        the label, offline; share of the time, and mean F1 over the states
+fitted         oracle: the true boundaries, all contacts fitted (the true one from the true elements as well)
+given          oracle: the true boundaries, and the true elements of the true contact at no price
+rule           the true boundaries, the most constrained contact that fits, whatever the evidence
 
-near a change   wrong within 0.25 s of a true change
-oracle wrong    the oracle "fitted" is wrong in this phase as well
-not tellable    its evidence for the truth, against what the {TRACKER} said, is less than log 20 nats
-own             the rest: what the {TRACKER} could still gain; "at best" is its accuracy without these
+near a change  wrong within 0.25 s of a true change
+oracle wrong   the oracle "fitted" is wrong in this phase as well
+not tellable   its evidence for the truth, against what the {TRACKER} said, is less than log 20 nats
+own            the rest, what the {TRACKER} could still gain; "at best" is its accuracy without these
 
-margin, given   evidence for the truth over that for the label, nats, median: all fitted, and with the true
-                elements at no price; phase s, Hz and mm: medians of the phases' length and noise of a pose"""
+margin         evidence for the truth over that for the label, nats, all fitted; given: with the true elements
+               at no price; there: fitted to just the time that had the wrong label. phase s (length), Hz, mm
+               (noise of a pose) and margins of pairs are medians"""
 
 
 class Class(StrEnum):
@@ -50,9 +53,10 @@ class Class(StrEnum):
 class Mistake:
     """A label that was wrong in a true phase.
 
-    ``start_s`` to ``end_s`` since the first pose, the first and the last frame that had it; of that ``near_s``
-    within 0.25 s of a true change and ``clear_s`` not. ``margin`` and ``margin_given`` (nats): evidence of the
-    truth over that of the label, fitted and with the true elements. ``phase_s`` long, of ``ticks`` whole ticks.
+    ``start_s`` to ``end_s`` since the first pose, the first and the last frame that had it; of that
+    ``near_s`` within 0.25 s of a true change and ``clear_s`` not. ``margin`` and ``margin_given`` (nats):
+    evidence of the truth over that of the label in this phase of ``phase_s`` and ``ticks`` whole ticks,
+    fitted and with the true elements; ``margin_there``: fitted to just the time that had the label.
     """
 
     recording: str
@@ -69,6 +73,7 @@ class Mistake:
     oracles: Mapping[str, Contact]
     margin: float
     margin_given: float
+    margin_there: float
 
     @property
     def reason(self) -> Class:
@@ -143,18 +148,19 @@ def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
     for group in sorted(groups, key=lambda g: -sum(m.clear_s for m in g)):
         seconds = sum(m.clear_s for m in group)
         if seconds >= SHOWN_S:
-            phase_s, rate_hz, sigma_mm, margin, given = np.median(
-                [(m.phase_s, m.rate_hz, m.sigma_mm, m.margin, m.margin_given) for m in group], axis=0
-            )
-            yield [
-                name, group[0].true, group[0].taken, number(seconds, 1), str(len(group)), number(phase_s, 1),
-                number(rate_hz, 0), number(sigma_mm, 2), number(margin, 1), number(given, 1), group[0].reason,
-            ]  # fmt: skip
+            middle = np.median([(m.phase_s, m.rate_hz, m.sigma_mm, *_margins(m)) for m in group], axis=0)
+            shown = map(number, middle, (1, 0, 2, 1, 1, 1))
+            first, count = group[0], str(len(group))
+            yield [name, first.true, first.taken, number(seconds, 1), count, *shown, first.reason]
 
 
 def _own_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
     for m in sorted((m for j in judged for m in j.mistakes), key=lambda m: (m.recording, m.start_s)):
         if m.reason is Class.OWN and m.clear_s >= SHOWN_S:
-            times = number(m.start_s, 1), number(m.end_s, 1)
-            seconds, margins = number(m.clear_s, 1), (number(m.margin, 1), number(m.margin_given, 1))
-            yield [m.recording, *times, m.true, m.taken, seconds, *margins]
+            figures = map(partial(number, decimals=1), (m.start_s, m.end_s, m.clear_s, *_margins(m)))
+            from_s, to_s, *others = figures
+            yield [m.recording, from_s, to_s, m.true, m.taken, *others]
+
+
+def _margins(mistake: Mistake) -> tuple[float, float, float]:
+    return mistake.margin, mistake.margin_given, mistake.margin_there

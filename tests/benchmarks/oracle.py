@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from tracking import Tracked
 
 from contact_tracker import evidence, hmm, hypotheses
-from contact_tracker.bank import Begin
+from contact_tracker.bank import Bank, Begin
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.given import Given, given
 from contact_tracker.evidence import Scales, Window
@@ -61,8 +61,8 @@ class Phase:
 class Verdict:
     """What the oracles say of P phases.
 
-    ``label`` (P,) columns by oracle; ``evidence`` (P, 7) against free motion, of what is fitted, and ``given``
-    (P, 7) with the true elements; ``ticks`` (P,) in each phase.
+    ``label`` (P,) columns by oracle; ``evidence`` (P, 7) against free motion, of what is fitted, and
+    ``given`` (P, 7) with the true elements; ``ticks`` (P,) in each phase.
     """
 
     label: dict[str, Ints]
@@ -93,7 +93,7 @@ def _goes_on(before: TruthInterval, after: TruthInterval) -> bool:
 
 def judge(true: list[Phase], tracked: Tracked, origin_m: Array, model: Model) -> Verdict:
     """Ask the oracles about the phases; ``origin_m`` (3,) is where the tracker put the world's origin."""
-    scales, windows = scales_of(model), [_within(phase, tracked) for phase in true]
+    scales, windows = scales_of(model), [within(phase.start_ns, phase.end_ns, tracked) for phase in true]
     fitted, at_truth = np.zeros((2, len(true), len(STATES)))
     rule = np.full(len(true), FREE)
     for row, (phase, window) in enumerate(zip(true, windows, strict=True)):
@@ -110,9 +110,17 @@ def judge(true: list[Phase], tracked: Tracked, origin_m: Array, model: Model) ->
     return Verdict(label | {"rule": rule}, fitted, at_truth, np.array([len(w) for w in windows], np.int64))
 
 
-def _within(phase: Phase, tracked: Tracked) -> Window:
-    """The ticks with frames of this phase only."""
-    inside = (tracked.start_ns >= phase.start_ns) & (tracked.stamp_ns <= phase.end_ns) & (tracked.frames > 0)
+def evidence_within(start_ns: int, end_ns: int, tracked: Tracked, model: Model) -> Array:
+    """Evidence (7,) of the states for any span of time alone; all zero where there are too few ticks."""
+    window = within(start_ns, end_ns, tracked)
+    if len(window) < FEWEST:
+        return np.zeros(len(STATES))
+    return _fit_all(Contact.FREE, None, window, scales_of(model))[0]
+
+
+def within(start_ns: int, end_ns: int, tracked: Tracked) -> Window:
+    """The ticks with frames of this span only."""
+    inside = (tracked.start_ns >= start_ns) & (tracked.stamp_ns <= end_ns) & (tracked.frames > 0)
     ticks = tracked.window
     return Window(ticks.index[inside], ticks.zeta[inside], ticks.variance[inside], ticks.excess[inside])
 
@@ -148,7 +156,7 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> 
     return log_evidence, int(np.argmax(rank))
 
 
-def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales) -> hypotheses.Bank:
+def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales) -> Bank:
     """The minimum next to x."""
     nothing = np.zeros((contact.family.SIZE, contact.family.SIZE))
     for _ in range(ROUNDS):
@@ -173,4 +181,5 @@ def _chain(log_evidence: Array, windows: list[Window], model: Model) -> Ints:
         list(number),
         list(log_evidence + stay),
     )
-    return hmm.smooth(trellis, log_initial(model), change)[0].argmax(axis=1)
+    posterior, _ = hmm.smooth(trellis, log_initial(model), change)
+    return np.asarray(posterior.argmax(axis=1), np.int64)

@@ -1,4 +1,4 @@
-"""Sections of a document that a command writes: between ``<!-- name: begin -->`` and ``<!-- name: end -->``."""
+"""Sections of a document that a command writes, between ``<!-- name: begin -->`` and ``... end -->``."""
 
 from pathlib import Path
 
@@ -9,7 +9,9 @@ def find(path: Path, name: str) -> tuple[str, str]:
     before, begin, rest = text.partition(f"<!-- {name}: begin -->\n")
     _, end, after = rest.partition(f"<!-- {name}: end -->")
     if not (begin and end):
-        raise SystemExit(f"{path}: there is no <!-- {name}: begin --> ... <!-- {name}: end --> to write between")
+        raise SystemExit(
+            f"{path}: there is no <!-- {name}: begin --> ... <!-- {name}: end --> to write between"
+        )
     return before + begin, end + after
 
 
