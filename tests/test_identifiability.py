@@ -88,7 +88,7 @@ def test_what_was_wrong_is_put_into_one_class_each() -> None:
     assert np.trace(judged.confusion_s["given"]) == pytest.approx(confusion_s.sum())
 
 
-def mistake(fitted: Contact = Contact.EF, margin: float = 9.0) -> Mistake:
+def mistake(fitted: Contact = Contact.EF, margin: float = 9.0, clear_s: float = 1.25) -> Mistake:
     return Mistake(
         recording="some_00",
         rate_hz=200.0,
@@ -100,7 +100,7 @@ def mistake(fitted: Contact = Contact.EF, margin: float = 9.0) -> Mistake:
         true=Contact.EF,
         taken=Contact.EE,
         near_s=0.25,
-        clear_s=1.25,
+        clear_s=clear_s,
         oracles=dict.fromkeys(oracle.ORACLES, fitted),
         margin=margin,
         margin_given=15.0,
@@ -109,31 +109,21 @@ def mistake(fitted: Contact = Contact.EF, margin: float = 9.0) -> Mistake:
 
 
 def test_classes_and_tables_by_hand() -> None:
-    mistakes = mistake(), mistake(margin=1.0), mistake(fitted=Contact.EE), mistake(margin=-4.0)
+    reasons = mistake(), mistake(margin=1.0), mistake(fitted=Contact.EE), mistake(margin=-4.0)
+    mistakes = (*reasons, mistake(clear_s=0.05))
     right = np.diag(np.full(7, 10.0))
     right[1, 5] = 6.0
     confusion_s = {tracking.NAME: right} | dict.fromkeys(oracle.ORACLES, np.diag(np.full(7, 76 / 7)))
     judged = Judged("some_00", confusion_s, mistakes)
-    assert classes([judged]) == {Class.NEAR: 1.0, Class.ORACLE: 1.25, Class.TIE: 2.5, Class.OWN: 1.25}
+    assert classes([judged]) == pytest.approx(
+        {Class.NEAR: 0.3, Class.ORACLE: 1.5, Class.TIE: 3.0, Class.OWN: 1.5}
+    )
     lines = [line.split() for line in to_text({"some": [judged], "none": []}).splitlines()]
     assert lines[1][:6] == ["some", "76.0", "0.921", "1.000", "1.000", "1.000"]
-    assert ["some", "6.0", "1.0", "1.2", "2.5", "1.2", "0.938"] in lines
-    assert [
-        "some",
-        "e-f",
-        "e-e",
-        "2.5",
-        "2",
-        "3.0",
-        "200",
-        "0.30",
-        "-1.5",
-        "15.0",
-        "-2.0",
-        "not",
-        "tellable",
-    ] in lines
-    assert ["some_00", "1.0", "2.5", "e-f", "e-e", "1.2", "9.0", "15.0", "-2.0"] in lines
+    assert ["some", "6.3", "0.3", "1.5", "3.0", "1.5", "0.937"] in lines
+    pair = ["some", "e-f", "e-e", "3.0", "2", "3.0", "200", "0.30", "-1.5", "15.0", "-2.0", "not", "tellable"]
+    assert pair in lines
+    assert ["some_00", "1.0", "2.5", "e-f", "e-e", "1.5", "9.0", "15.0", "-2.0"] in lines
     assert not any("none" in line for line in lines)
 
 

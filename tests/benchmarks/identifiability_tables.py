@@ -22,15 +22,16 @@ MARGINS: Final = ("margin", "given", "there")
 ACCURACY: Final = ("set", "s", TRACKER, "fitted", "given", "rule", f"F1 {TRACKER}", "fitted", "given", "rule")
 PAIRS: Final = ("set", "true", "taken for", "s", "phases", "phase s", "Hz", "mm", *MARGINS, "class")
 OWN: Final = ("recording", "from s", "to s", "true", "taken for", "s", *MARGINS)
+TICK_S: Final = 0.1
 SHOWN_S: Final = 0.3
-"""Of the errors in less time there is no list."""
+"""Pairs that were mistaken for less time are not listed."""
 LEGEND: Final = f"""\
 {TRACKER}        the label, offline; share of the time, and mean F1 over the states
 fitted         oracle: the true boundaries, all contacts fitted (the true one from the true elements as well)
 given          oracle: the true boundaries, and the true elements of the true contact at no price
 rule           the true boundaries, the most constrained contact that fits, whatever the evidence
 
-near a change  wrong within 0.25 s of a true change
+near a change  wrong within 0.25 s of a true change and for no more than a tick beyond
 oracle wrong   the oracle "fitted" is wrong in this phase as well
 not tellable   its evidence for the truth, against what the {TRACKER} said, is less than log 20 nats
 own            the rest, what the {TRACKER} could still gain; "at best" is its accuracy without these
@@ -76,8 +77,14 @@ class Mistake:
     margin_there: float
 
     @property
+    def seconds(self) -> float:
+        return self.near_s + self.clear_s
+
+    @property
     def reason(self) -> Class:
-        """Of what is not near a change."""
+        """The class of the whole mistake."""
+        if self.clear_s < TICK_S:
+            return Class.NEAR
         if self.oracles["fitted"] is not self.true:
             return Class.ORACLE
         return Class.OWN if self.margin >= DECISIVE else Class.TIE
@@ -96,8 +103,7 @@ def classes(judged: Iterable[Judged]) -> dict[Class, float]:
     """Seconds in each class of the tracker's errors."""
     seconds = dict.fromkeys(Class, 0.0)
     for mistake in (m for j in judged for m in j.mistakes):
-        seconds[Class.NEAR] += mistake.near_s
-        seconds[mistake.reason] += mistake.clear_s
+        seconds[mistake.reason] += mistake.seconds
     return seconds
 
 
@@ -143,10 +149,10 @@ def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
     def key(mistake: Mistake) -> tuple[str, str, str]:
         return mistake.true, mistake.taken, mistake.reason
 
-    mistakes = sorted((m for j in judged for m in j.mistakes if m.clear_s > 0), key=key)
+    mistakes = sorted((m for j in judged for m in j.mistakes if m.reason is not Class.NEAR), key=key)
     groups = [list(group) for _, group in groupby(mistakes, key)]
-    for group in sorted(groups, key=lambda g: -sum(m.clear_s for m in g)):
-        seconds = sum(m.clear_s for m in group)
+    for group in sorted(groups, key=lambda g: -sum(m.seconds for m in g)):
+        seconds = sum(m.seconds for m in group)
         if seconds >= SHOWN_S:
             middle = np.median([(m.phase_s, m.rate_hz, m.sigma_mm, *_margins(m)) for m in group], axis=0)
             shown = map(number, middle, (1, 0, 2, 1, 1, 1))
@@ -156,8 +162,8 @@ def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
 
 def _own_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
     for m in sorted((m for j in judged for m in j.mistakes), key=lambda m: (m.recording, m.start_s)):
-        if m.reason is Class.OWN and m.clear_s >= SHOWN_S:
-            figures = map(partial(number, decimals=1), (m.start_s, m.end_s, m.clear_s, *_margins(m)))
+        if m.reason is Class.OWN:
+            figures = map(partial(number, decimals=1), (m.start_s, m.end_s, m.seconds, *_margins(m)))
             from_s, to_s, *others = figures
             yield [m.recording, from_s, to_s, m.true, m.taken, *others]
 
