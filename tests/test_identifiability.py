@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import geometry
 import identifiability
 import numpy as np
 import oracle
@@ -12,6 +13,7 @@ import tracking
 from identifiability_tables import Class, Judged, Mistake, classes, to_text
 from resampling import Phases
 
+from contact_tracker.belief import Segment
 from contact_tracker.evaluation.metrics import tally
 from contact_tracker.evaluation.scoring import Subset, scoring
 from contact_tracker.labels import STATES, Contact
@@ -179,7 +181,25 @@ def test_the_interval_is_as_wide_as_so_few_phases_leave_it() -> None:
     assert twice.accuracy()[1] - twice.accuracy()[0] == pytest.approx(width / np.sqrt(2), rel=0.15)
 
 
+def test_exact_probabilities_have_an_error_as_well() -> None:
+    """Of one bin with p = 0.9: the mean deviation of a binomial share."""
+    scored, answer = answered(4, 270)
+    expected = np.sqrt(2 / np.pi * 0.9 * 0.1 / 270)
+    assert Phases.of(scored, *answer).calibration_error_if_exact() == pytest.approx(expected, rel=0.1)
+
+
 def test_without_phases_there_is_no_interval() -> None:
     scored, answer = answered(3, 4)
     nothing = Phases.of(scored.within(Subset.AMBIGUOUS), *answer)
     assert np.isnan([*nothing.accuracy(), *nothing.calibration_error()]).all()
+    assert np.isnan(nothing.calibration_error_if_exact())
+
+
+# --- covariances -----------------------------------------------------------------------------------------
+
+
+def test_only_segments_that_are_mostly_right_have_true_elements() -> None:
+    scored, _ = answered(4, 4)  # f-f, e-f, f-f, e-f, 1 s each
+    spans = [(0.0, 1.4), (0.4, 1.9), (1.4, 2.9), (5.0, 6.0)]
+    segments = [Segment(round(a * SECOND), round(b * SECOND), Contact.FF, 1.0, None) for a, b in spans]
+    assert geometry.rightly_labelled(segments, scored) == [segments[0], segments[2]]

@@ -262,7 +262,7 @@ def test_the_tables_say_each_figure_in_its_place(folder: Path, capsys: pytest.Ca
     lag, online = (next(r for r in reversed(lines) if r.strip().startswith(w)) for w in ("lag 1 s", "online"))
     assert lag.split()[9] == "1.40"  # a lag delays what is found
     labels_only = lines[max(i for i, line in enumerate(lines) if line.startswith("labels"))]
-    assert labels_only.split()[-9:-2] == ["-"] * 7
+    assert labels_only.split()[-10:-2] == ["-"] * 8
     assert "nan" not in text
     assert online
 

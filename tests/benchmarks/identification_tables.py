@@ -22,13 +22,14 @@ BELIEFS: Final = ("log-loss", "Brier", "ECE", "sure&wrong")
 GEOMETRY: Final = ("deg", "mm")
 BAND: Final = "5-95 %"
 BY_METHOD: Final = (
-    "method", "", "right", BAND, "F1", *CHANGES, "log-loss", "Brier", "ECE", BAND, "sure&wrong", *GEOMETRY,
-    "in 3 sd", "| right", "sure&wrong",
+    "method", "", "right", BAND, "F1", *CHANGES, "log-loss", "Brier", "ECE", BAND, "exact", "sure&wrong",
+    *GEOMETRY, "in 3 sd", "| right", "sure&wrong",
 )  # fmt: skip
 BY_CONTACT: Final = ("contact", "s", "method", "", "right", "F1", *CHANGES, *BELIEFS, *GEOMETRY)
 LEGEND: Final = """\
 right       share of the time in which the label was right; by contact: of the time in which it was true
 5-95 %      interval of the figure before it: bootstrap over the true phases
+exact       ECE that exact probabilities would show in so few phases, if each is right or wrong as a whole
 F1          by contact; of a set the mean over the contacts that occur in it
 bound. s    from a true change to the nearest found one, median and 90 %; missed: share without one
 delay s     from a true onset until the label stays right for 0.3 s, and the lag, median and 90 %;
@@ -124,7 +125,8 @@ def _method_row(method: Method, total: Sum) -> list[str]:
     main, apart = total.scores[method].main, total.scores[method].apart
     phases = total.scores[method].phases
     believed = [number(main.log_loss), number(main.brier), number(main.calibration_error)]
-    believed += [_between(phases.calibration_error()), number(main.sure_wrong)]
+    believed += [_between(phases.calibration_error()), number(phases.calibration_error_if_exact())]
+    believed += [number(main.sure_wrong)]
     geometry = total.geometry if _has_geometry(method) else None
     return [
         method.name,
