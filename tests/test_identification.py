@@ -6,7 +6,6 @@ from pathlib import Path
 
 import fixed_windows
 import identification
-import identification_tables
 import numpy as np
 import pytest
 import segment_bic
@@ -258,12 +257,12 @@ def test_the_tables_say_each_figure_in_its_place(folder: Path, capsys: pytest.Ca
     assert header.split()[:2] == ["method", "right"]
     # 0.4 of 4 s wrong: the f-f of 2.4 s and the e-f of 1.6 s; the e-f found 0.4 s late, 0.4 of v-f wrong
     f1 = (2 * 2.0 / 4.4 + 2 * 1.6 / 3.6) / 2
-    assert rows[-1][:5] == ["tracker", "offline", "0.900", f"{f1:.3f}", "0.40"]
+    assert rows[-1][:6] == ["tracker", "offline", "0.900", "0.800-1.000", f"{f1:.3f}", "0.40"]
     assert rows[-1][-2:] == ["0.600", "0.000"]
     lag, online = (next(r for r in reversed(lines) if r.strip().startswith(w)) for w in ("lag 1 s", "online"))
-    assert lag.split()[8] == "1.40"  # a lag delays what is found
+    assert lag.split()[9] == "1.40"  # a lag delays what is found
     labels_only = lines[max(i for i, line in enumerate(lines) if line.startswith("labels"))]
-    assert labels_only.split()[-8:-2] == ["-"] * 6
+    assert labels_only.split()[-10:-2] == ["-"] * 8
     assert "nan" not in text
     assert online
 
@@ -275,7 +274,7 @@ def test_the_section_of_a_document_is_replaced(folder: Path, capsys: pytest.Capt
     with pytest.raises(SystemExit, match="there is no <!-- identification: begin -->"):
         identification.main(arguments, fake)
     frame = "before\n{}\n{}\nafter\n"
-    document.write_text(frame.format(identification_tables.BEGIN, identification_tables.END))
+    document.write_text(frame.format(*(f"<!-- identification: {end} -->" for end in ("begin", "end"))))
     assert identification.main(arguments, fake) == 0
     once = document.read_text(encoding="utf-8")
     assert identification.main(arguments, fake) == 0
@@ -294,6 +293,9 @@ def test_all_figures_are_in_the_json(folder: Path) -> None:
     assert data["hard"]["recordings"].keys() == data["hard"]["cpu_s"].keys() == {"c.mcap"}
     offline = data["paper"]["total"]["methods"]["tracker offline"]
     assert offline["right"] == pytest.approx(0.9)
+    assert offline["right_5_95"] == pytest.approx([0.8, 1.0])  # one of the two phases, twice
+    assert len(offline["calibration_error_5_95"]) == 2
+    assert "calibration_error_5_95" not in data["paper"]["total"]["methods"]["labels online"]
     assert offline["contacts"].keys() == {"f-f", "e-f"}
     assert offline["contacts"]["e-f"]["right"] == pytest.approx(0.8)
     assert offline["contacts"]["e-f"]["boundary_s_median"] == pytest.approx(0.4)

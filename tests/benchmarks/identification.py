@@ -20,6 +20,7 @@ from pathlib import Path
 import fixed_windows
 import identification_json
 import identification_tables
+import sections
 import segment_bic
 import tracking
 from fixed_windows import Recorded, Windows
@@ -157,23 +158,26 @@ def main(
 
     sets = find_sets(args.folder, args.set)
     if args.markdown:
-        identification_tables.find_section(args.markdown)  # before the long run
+        sections.find(args.markdown, identification_tables.SECTION)  # before the long run
     measured = measure_them(sets, args.model, args.processes)
     if measured:
         blocks = identification_tables.blocks(measured)
         print(identification_tables.to_text(blocks))
         if args.markdown:
-            identification_tables.write_section(args.markdown, blocks, command(args))
+            section = identification_tables.to_markdown(
+                blocks, command_of("identification", args.set, args.model)
+            )
+            sections.write(args.markdown, identification_tables.SECTION, section)
         if args.json:
             args.json.write_text(identification_json.to_json(measured), encoding="utf-8")
     return 0 if sum(map(len, measured.values())) == sum(map(len, sets.values())) else 1
 
 
-def command(args: argparse.Namespace) -> str:
+def command_of(benchmark: str, sets: Sequence[str], model_name: str) -> str:
     """The command that gives the same figures anywhere."""
-    chosen = [*(["--set", *args.set] if args.set else [])]
-    chosen += ["--model", Path(args.model).name] if args.model != "default" else []
-    return " ".join(["python tests/benchmarks/identification.py FOLDER", *chosen])
+    chosen = [*(["--set", *sets] if sets else [])]
+    chosen += ["--model", Path(model_name).name] if model_name != "default" else []
+    return " ".join([f"python tests/benchmarks/{benchmark}.py FOLDER", *chosen])
 
 
 if __name__ == "__main__":

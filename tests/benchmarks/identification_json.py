@@ -50,8 +50,14 @@ def _score_figures(method: Method, score: Score) -> dict[str, Any]:
         for state in STATES
         if score.main.seconds_by_state[state.column]
     }
+    bands = {"right_5_95": score.phases.accuracy()}
+    if method.believes:
+        bands["calibration_error_5_95"] = score.phases.calibration_error()
+    exact = {"calibration_error_if_exact": _finite(score.phases.calibration_error_if_exact())}
     return {
         **_tally_figures(method, score.main),
+        **{name: [_finite(end) for end in band] for name, band in bands.items()},
+        **(exact if method.believes else {}),
         "contacts": contacts,
         "apart": _tally_figures(method, score.apart),
     }

@@ -15,19 +15,21 @@ from contact_tracker.evaluation.metrics import Array, quantile
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.labels import STATES, Contact
 
-BEGIN: Final = "<!-- identification: begin -->"
-END: Final = "<!-- identification: end -->"
+SECTION: Final = "identification"
 TOTAL: Final = "all sets"
 CHANGES: Final = ("bound. s", "90 %", "missed", "delay s", "90 %", "never")
 BELIEFS: Final = ("log-loss", "Brier", "ECE", "sure&wrong")
 GEOMETRY: Final = ("deg", "mm")
+BAND: Final = "5-95 %"
 BY_METHOD: Final = (
-    "method", "", "right", "F1", *CHANGES, *BELIEFS, *GEOMETRY, "in 3 sd",
-    "| right", "sure&wrong",
+    "method", "", "right", BAND, "F1", *CHANGES, "log-loss", "Brier", "ECE", BAND, "exact", "sure&wrong",
+    *GEOMETRY, "in 3 sd", "| right", "sure&wrong",
 )  # fmt: skip
 BY_CONTACT: Final = ("contact", "s", "method", "", "right", "F1", *CHANGES, *BELIEFS, *GEOMETRY)
 LEGEND: Final = """\
 right       share of the time in which the label was right; by contact: of the time in which it was true
+5-95 %      interval of the figure before it: bootstrap over the true phases
+exact       ECE that exact probabilities would show in so few phases, if each is right or wrong as a whole
 F1          by contact; of a set the mean over the contacts that occur in it
 bound. s    from a true change to the nearest found one, median and 90 %; missed: share without one
 delay s     from a true onset until the label stays right for 0.3 s, and the lag, median and 90 %;
@@ -121,15 +123,19 @@ def _named_once(rows: list[list[str]]) -> list[list[str]]:
 
 def _method_row(method: Method, total: Sum) -> list[str]:
     main, apart = total.scores[method].main, total.scores[method].apart
-    believed = [main.log_loss, main.brier, main.calibration_error, main.sure_wrong]
+    phases = total.scores[method].phases
+    believed = [number(main.log_loss), number(main.brier), number(main.calibration_error)]
+    believed += [_between(phases.calibration_error()), number(phases.calibration_error_if_exact())]
+    believed += [number(main.sure_wrong)]
     geometry = total.geometry if _has_geometry(method) else None
     return [
         method.name,
         method.when,
         number(main.accuracy()),
+        _between(phases.accuracy()),
         number(main.macro_f1),
         *_changes(method, main.boundary_error_s, main.detection_delay_s),
-        *(number(value) if method.believes else "-" for value in believed),
+        *(believed if method.believes else ["-"] * len(believed)),
         *_geometry(geometry),
         number(geometry.within_3_sd if geometry else math.nan, 2),
         number(apart.accuracy()),
@@ -187,6 +193,11 @@ def quantiles(values: Array) -> tuple[float, float, float]:
     return quantile(known, 0.5), quantile(known, 0.9), unknown
 
 
+def _between(band: tuple[float, float]) -> str:
+    low, high = map(number, band)
+    return low if low == high else f"{low}-{high}"
+
+
 def _geometry(errors: GeometryErrors | None) -> list[str]:
     if errors is None:
         return ["-", "-"]
@@ -214,20 +225,3 @@ def to_markdown(shown: Sequence[Block], command: str) -> str:
             "</details>",
         ]
     return "\n".join(lines)
-
-
-def find_section(path: Path) -> tuple[str, str]:
-    """What stands before and after the section in a file; exits where there are no markers."""
-    text = path.read_text(encoding="utf-8") if path.is_file() else ""
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise SystemExit(f"{path}: there is no {BEGIN} ... {END} to put the tables between")
-    return before, after
-
-
-def write_section(path: Path, shown: Sequence[Block], command: str) -> None:
-    """Replace the section in a file."""
-    before, after = find_section(path)
-    section = f"{BEGIN}\n{to_markdown(shown, command)}\n{END}"
-    path.write_text(before + section + after, encoding="utf-8")

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from resampling import Phases
 
 from contact_tracker.evaluation.metrics import Tally, tally
 from contact_tracker.evaluation.scoring import Scoring, Subset
@@ -56,19 +57,23 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Tallies of what can be told, and ``apart`` of what cannot: singular, or at rest before any motion."""
+    """Tallies of what can be told, and ``apart`` of what cannot: singular, or at rest before any motion.
+
+    ``phases`` of what can be told, for the intervals.
+    """
 
     main: Tally
     apart: Tally
+    phases: Phases
 
     def __add__(self, other: "Score") -> "Score":
-        return Score(self.main + other.main, self.apart + other.apart)
+        return Score(self.main + other.main, self.apart + other.apart, self.phases + other.phases)
 
     @classmethod
     def of(cls, answer: Answer, scored: Scoring) -> "Score":
         """Score an answer about all frames of a recording."""
-        main, apart = (tally(scored.within(s), *answer) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
-        return cls(main, apart)
+        told, untold = (scored.within(s) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
+        return cls(tally(told, *answer), tally(untold, *answer), Phases.of(told, *answer))
 
 
 Scores = dict[Method, Score]

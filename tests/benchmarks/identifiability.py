@@ -1,0 +1,157 @@
+"""Which of the tracker's errors are its own, and which nobody could avoid: beside oracles.
+
+    python tests/benchmarks/identifiability.py FOLDER --set hard robot
+    python tests/benchmarks/identifiability.py FOLDER --markdown docs/benchmarks.md
+
+Sets of labelled recordings as in identification.py. The tracker's offline labels stand beside those of
+oracles that are told the true boundaries (``oracle.py``), and each second that it was wrong is put into one
+class. What is singular, or at rest before the first motion, is left out.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Final
+
+import identifiability_tables
+import numpy as np
+import oracle
+import sections
+import tracking
+from identifiability_tables import Judged, Mistake
+from identification import ROOT, command_of, find_sets
+from numpy.typing import NDArray
+from scores import OFFLINE, Method
+from tqdm import tqdm
+
+from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
+from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
+from contact_tracker.labels import STATES
+from contact_tracker.model import Model, load_model
+from contact_tracker.noise import estimate_noise
+from contact_tracker.poses import Poses
+from contact_tracker.recording import open_log, read_truth
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SECTION: Final = "identifiability"
+
+
+def measure(path: Path, model_name: str) -> Judged:
+    """Track one recording and ask the oracles; raises ContactTrackerError where it cannot be used."""
+    model, truth = load_model(model_name), read_truth(str(path))
+    if truth is None:
+        raise NoTruth(f"{path}: no truth")
+    poses = Poses.collect(open_log(str(path)))
+    if not len(poses):
+        raise NoPoses(f"{path}: no pose that can be used")
+    tracked = tracking.track(poses, model)
+    true = oracle.phases(truth)
+    verdict = oracle.judge(true, tracked, poses.position_m[0], model)
+    return compare(path.stem, poses, scoring(poses.stamp_ns, truth), true, tracked, verdict, model)
+
+
+def compare(
+    name: str,
+    poses: Poses,
+    scored: Scoring,
+    true: Sequence[oracle.Phase],
+    tracked: tracking.Tracked,
+    verdict: oracle.Verdict,
+    model: Model,
+) -> Judged:
+    """Labels of tracker and oracles over the frames whose motion can tell, and the tracker's mistakes."""
+    answer = tracking.answers(poses, tracked)[Method(tracking.NAME, OFFLINE)]
+    label = answer.label[answer.tick]
+    taken = scored.subsets[Subset.IDENTIFIABLE]
+    phase = np.searchsorted([p.start_ns for p in true], poses.stamp_ns, side="right") - 1
+    weight = np.where(taken, scored.seconds, 0.0)
+    said = {tracking.NAME: label} | {o: verdict.label[o][phase] for o in oracle.ORACLES}
+    confusion_s = {who: _confusion(scored.truth, column, weight) for who, column in said.items()}
+    wrong = np.where(label != scored.truth, weight, 0.0)
+    pairs = sorted({(int(p), int(c)) for p, c in zip(phase[wrong > 0], label[wrong > 0], strict=True)})
+    clear = np.where(scored.subsets[Subset.CLEAR], wrong, 0.0)
+    stamp_s = (poses.stamp_ns - poses.stamp_ns[0]) * 1e-9
+    rate_hz, sigma_mm = 1.0 / float(np.median(np.diff(stamp_s))), 1e3 * estimate_noise(poses)[0]
+    mistakes = []
+    for row, column in pairs:
+        mine = (phase == row) & (label == column) & (wrong > 0)
+        contact, stamp_ns = true[row].contact, poses.stamp_ns[mine]
+        alone = oracle.evidence_within(int(stamp_ns[0]), int(stamp_ns[-1]), tracked, model)
+        mistakes.append(
+            Mistake(
+                recording=name,
+                rate_hz=rate_hz,
+                sigma_mm=sigma_mm,
+                start_s=float(stamp_s[mine][0]),
+                end_s=float(stamp_s[mine][-1]),
+                phase_s=(true[row].end_ns - true[row].start_ns) * 1e-9,
+                ticks=int(verdict.ticks[row]),
+                true=contact,
+                taken=STATES[column],
+                near_s=float((wrong - clear)[mine].sum()),
+                clear_s=float(clear[mine].sum()),
+                oracles={o: STATES[verdict.label[o][row]] for o in oracle.ORACLES},
+                margin=float(verdict.evidence[row, contact.column] - verdict.evidence[row, column]),
+                margin_given=float(verdict.given[row, contact.column] - verdict.given[row, column]),
+                margin_there=float(alone[contact.column] - alone[column]),
+            )
+        )
+    return Judged(name, confusion_s, tuple(mistakes))
+
+
+def _confusion(truth: Ints, label: Ints, weight: Array) -> Array:
+    """Seconds (7, 7) by truth and label; no label is wrong, and counts as free unless that is true."""
+    confusion = np.zeros((len(STATES), len(STATES)))
+    scored = weight > 0
+    np.add.at(confusion, (truth[scored], label[scored]), weight[scored])
+    return confusion
+
+
+def measure_sets(sets: dict[str, list[Path]], model_name: str, processes: int) -> dict[str, list[Judged]]:
+    """All that could be measured, by set; what could not is said on stderr, one line each."""
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
+    paths = [path for some in sets.values() for path in some]
+    done: dict[Path, Judged] = {}
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        waiting = {pool.submit(measure, path, model_name): path for path in paths}
+        for future in tqdm(as_completed(waiting), total=len(waiting), unit="recording"):
+            path = waiting[future]
+            try:
+                done[path] = future.result()
+            except ContactTrackerError as error:
+                tqdm.write(f"{path.name}: {error}", file=sys.stderr)
+    return {name: [done[path] for path in some if path in done] for name, some in sets.items()}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(default), help="default: %(default)s")
+    parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
+    parser.add_argument("--model", default="default", metavar="NAME|FILE")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables into its section")
+    parser.add_argument("--processes", type=int, default=2)
+    args = parser.parse_args(argv)
+    sets = find_sets(args.folder, args.set)
+    if args.markdown:
+        sections.find(args.markdown, SECTION)  # before the long run
+    judged = measure_sets(sets, args.model, args.processes)
+    text = identifiability_tables.to_text(judged)
+    print(text)
+    if args.markdown:
+        command = command_of("identifiability", args.set, args.model)
+        sections.write(args.markdown, SECTION, f"```console\n{command}\n```\n\n```text\n{text}\n```")
+    return 0 if sum(map(len, judged.values())) == sum(map(len, sets.values())) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

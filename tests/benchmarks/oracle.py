@@ -1,0 +1,185 @@
+"""What the tracker's evidence could tell at best: with the true boundaries given, and the true geometry.
+
+Each true phase is judged as a whole, by the ticks that lie within it and with the noise that the tracker
+estimates:
+
+- *fitted*: every contact is fitted to the phase, the true one from the true elements as well; the hidden
+  Markov model of the tracker, whose changes are allowed at the true boundaries only, gives the label.
+- *given*: the same, but the true contact has its true elements, and pays nothing for them.
+- *rule*: the most constrained contact that fits, whatever the evidence.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+from tracking import Tracked
+
+from contact_tracker import evidence, hmm, hypotheses
+from contact_tracker.bank import Bank, Begin
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts.given import Given, given
+from contact_tracker.evidence import Scales, Window
+from contact_tracker.geometry import ContactGeometry
+from contact_tracker.knowledge import Accuracy, known_to
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.lift import T
+from contact_tracker.model import Model
+from contact_tracker.readout import shifted
+from contact_tracker.state import scales_of
+from contact_tracker.transitions import log_initial, log_stay, log_transition
+from contact_tracker.truth import Truth, TruthInterval
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ORACLES: Final = ("fitted", "given", "rule")
+FEWEST: Final = 2
+"""A phase with fewer whole ticks tells nothing."""
+ROUNDS: Final = 4
+"""Of a few steps each from the true elements to the minimum next to them."""
+RARE: Final = 1e-3
+AS_WELL: Final = 1.2
+"""A contact fits unless its residuals are so improbable and as many times the noise."""
+FREE: Final = Contact.FREE.column
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A contact of the same two elements from ``start_ns`` to ``end_ns`` (included)."""
+
+    start_ns: int
+    end_ns: int
+    contact: Contact
+    geometry: ContactGeometry | None
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What the oracles say of P phases.
+
+    ``label`` (P,) columns by oracle; ``evidence`` (P, 7) against free motion, of what is fitted, and
+    ``given`` (P, 7) with the true elements; ``ticks`` (P,) in each phase.
+    """
+
+    label: dict[str, Ints]
+    evidence: Array
+    given: Array
+    ticks: Ints
+
+
+def phases(truth: Truth) -> list[Phase]:
+    """The true phases in order: intervals that follow each other with the same elements are one."""
+    found: list[Phase] = []
+    told = [i for i in truth.intervals if i.contact is not None]
+    for before, interval in pairwise([None, *told]):
+        assert interval is not None
+        assert interval.contact is not None
+        if before is not None and _goes_on(before, interval):
+            found[-1] = replace(found[-1], end_ns=interval.end_ns)
+        else:
+            found.append(Phase(interval.start_ns, interval.end_ns, interval.contact, interval.geometry))
+    return found
+
+
+def _goes_on(before: TruthInterval, after: TruthInterval) -> bool:
+    if before.geometry is None or after.geometry is None:
+        return before.contact is after.contact
+    return before.contact is after.contact and before.geometry.to_json() == after.geometry.to_json()
+
+
+def judge(true: list[Phase], tracked: Tracked, origin_m: Array, model: Model) -> Verdict:
+    """Ask the oracles about the phases; ``origin_m`` (3,) is where the tracker put the world's origin."""
+    scales, windows = scales_of(model), [within(phase.start_ns, phase.end_ns, tracked) for phase in true]
+    fitted, at_truth = np.zeros((2, len(true), len(STATES)))
+    rule = np.full(len(true), FREE)
+    for row, (phase, window) in enumerate(zip(true, windows, strict=True)):
+        if len(window) < FEWEST:
+            continue
+        x = _true_x(phase, window, origin_m)
+        fitted[row], rule[row] = _fit_all(phase.contact, x, window, scales)
+        at_truth[row] = fitted[row]
+        if x is not None:
+            contact = CONTACT_MODELS[phase.contact.column]
+            seen = evidence.log_ratio(contact, x[None], window, scales).log_ratio[0, 1:].sum()
+            at_truth[row, phase.contact.column] = scales.independence * seen
+    label = {"fitted": _chain(fitted, windows, model), "given": _chain(at_truth, windows, model)}
+    return Verdict(label | {"rule": rule}, fitted, at_truth, np.array([len(w) for w in windows], np.int64))
+
+
+def evidence_within(start_ns: int, end_ns: int, tracked: Tracked, model: Model) -> Array:
+    """Evidence (7,) of the states for any span of time alone; all zero where there are too few ticks."""
+    window = within(start_ns, end_ns, tracked)
+    if len(window) < FEWEST:
+        return np.zeros(len(STATES))
+    return _fit_all(Contact.FREE, None, window, scales_of(model))[0]
+
+
+def within(start_ns: int, end_ns: int, tracked: Tracked) -> Window:
+    """The ticks with frames of this span only."""
+    inside = (tracked.start_ns >= start_ns) & (tracked.stamp_ns <= end_ns) & (tracked.frames > 0)
+    ticks = tracked.window
+    return Window(ticks.index[inside], ticks.zeta[inside], ticks.variance[inside], ticks.excess[inside])
+
+
+def _true_x(phase: Phase, window: Window, origin_m: Array) -> Array | None:
+    """The true elements as the parameters (S,) of the true contact; None where they are not told."""
+    if phase.geometry is None or phase.contact is Contact.FREE:
+        return None
+    contact = CONTACT_MODELS[phase.contact.column]
+    anchors = contact.anchors(window.zeta[:, T].mean(axis=0))
+    ours, theirs = phase.geometry.object, shifted(phase.geometry.environment, -origin_m)
+    x = given(contact, known_to(ours, Accuracy()), known_to(theirs, Accuracy()), anchors).mean
+    return contact.family.normalise(x, anchors)
+
+
+def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> tuple[Array, int]:
+    """Evidence (7,) of the states, and the most constrained of them that fits."""
+    log_evidence, excess = np.zeros(len(STATES)), np.full(len(STATES), np.inf)
+    excess[FREE] = 0.0
+    for contact in CONTACT_MODELS:
+        column, family = contact.contact.column, contact.family
+        fits = [hypotheses.fit_stretch(contact, window, scales)]
+        if contact.contact is true and x is not None:
+            fits.append(_from_truth(contact, x, window, scales))
+        best = max(fits, key=lambda fit: float(fit.log_likelihood[0]))
+        log_evidence[column] = best.log_likelihood[0]
+        freedom = max(family.ROWS * len(window) - family.PARAMETERS, 1)
+        square = family.ROWS * len(window) * best.rms[0] ** 2
+        tolerated = max(chi2.ppf(1.0 - RARE, freedom), AS_WELL**2 * freedom)
+        excess[column] = square / tolerated
+    codimension = np.array([state.codimension for state in STATES])
+    rank = np.where(excess <= 1.0, codimension - 0.5 * excess, -1.0)
+    return log_evidence, int(np.argmax(rank))
+
+
+def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales) -> Bank:
+    """The minimum next to x."""
+    nothing = np.zeros((contact.family.SIZE, contact.family.SIZE))
+    for _ in range(ROUNDS):
+        begin = Begin(0, 0.0, Given(x, nothing), searched=False)
+        fitted = hypotheses.fit_stretch(contact, window, scales, [begin])
+        x = fitted.x[0]
+    return fitted
+
+
+def _chain(log_evidence: Array, windows: list[Window], model: Model) -> Ints:
+    """The most probable label (P,) of each phase, whose evidence is (P, 7), in the chain of all of them."""
+    stay, change = np.zeros(log_evidence.shape), np.zeros((*log_evidence.shape, len(STATES)))
+    for row, window in enumerate(windows):
+        activity = np.max(window.excess / (window.excess + window.variance), axis=1, initial=0.0)
+        stay[row] = sum((log_stay(model, float(a)) for a in activity[1:]), np.zeros(len(STATES)))
+        change[row] = log_transition(model, float(activity[0]) if len(window) else 0.0)
+    count, states = log_evidence.shape
+    number = np.arange(count * states).reshape(count, states)
+    trellis = hmm.Trellis(
+        np.tile(np.arange(states), count),
+        np.repeat(np.arange(count), states),
+        list(number),
+        list(log_evidence + stay),
+    )
+    posterior, _ = hmm.smooth(trellis, log_initial(model), change)
+    return np.asarray(posterior.argmax(axis=1), np.int64)

@@ -1,0 +1,99 @@
+"""How far figures of so few recordings can be trusted: the bootstrap over true phases.
+
+Frames of one phase are right or wrong together, so phases are what is drawn again, with replacement. Errors
+of calibration are sums of absolute values: resamples tend to be larger, and the interval may begin above the
+figure itself.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.evaluation.metrics import CALIBRATION_BINS
+from contact_tracker.evaluation.scoring import Scoring, Subset
+from contact_tracker.labels import STATES
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+RESAMPLES: Final = 1000
+BAND: Final = (0.05, 0.95)
+UNKNOWN: Final = (float("nan"), float("nan"))
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """Of Q true phases: ``label_s`` (Q, 2), seconds and those in which the label was right; ``belief_s``
+    (Q, 15, 3) by bin of the top probability: seconds, seconds x probability, those in which it was right."""
+
+    label_s: Array
+    belief_s: Array
+
+    def __add__(self, other: "Phases") -> "Phases":
+        return Phases(
+            np.concatenate([self.label_s, other.label_s]), np.concatenate([self.belief_s, other.belief_s])
+        )
+
+    @classmethod
+    def of(cls, scored: Scoring, tick: Ints, label: Ints, probability: Array) -> "Phases":
+        """The phases of a recording: each time one state lasts. Arguments as of ``metrics.tally``."""
+        every = np.cumsum(np.append(0, np.diff(scored.truth) != 0))
+        taken = scored.subsets[Subset.ALL]
+        phase = np.unique(every[taken], return_inverse=True)[1]
+        tick, truth, seconds = tick[taken], scored.truth[taken], scored.seconds[taken]
+        said = np.append(label, -1)[tick]
+        belief = np.vstack([probability, np.full(len(STATES), 1 / len(STATES))])[tick]
+        top, top_p = belief.argmax(axis=1), belief.max(axis=1, initial=0.0)
+        bins = np.clip((top_p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
+        count = int(phase.max(initial=-1)) + 1
+        label_s, belief_s = np.zeros((count, 2)), np.zeros((count, CALIBRATION_BINS, 3))
+        right = (top == truth) & (tick >= 0)
+        np.add.at(label_s, phase, seconds[:, None] * np.stack([np.ones(len(truth)), said == truth], axis=1))
+        np.add.at(
+            belief_s,
+            (phase, bins),
+            seconds[:, None] * np.stack([np.ones(len(truth)), top_p, right], axis=1),
+        )
+        return cls(label_s, belief_s)
+
+    def accuracy(self) -> tuple[float, float]:
+        """The ``BAND`` of the share of the time in which the label was right; nan without phases."""
+        seconds, right_s = self._resampled(self.label_s).T
+        return _band(right_s, seconds)
+
+    def calibration_error(self) -> tuple[float, float]:
+        """The ``BAND`` of the expected calibration error; nan without phases."""
+        sums = self._resampled(self.belief_s.reshape(len(self.belief_s), CALIBRATION_BINS * 3))
+        sums = sums.reshape(len(sums), CALIBRATION_BINS, 3)
+        return _band(np.abs(sums[..., 2] - sums[..., 1]).sum(axis=1), sums[..., 0].sum(axis=1))
+
+    def calibration_error_if_exact(self) -> float:
+        """The mean error that these probabilities would show if they were exact; nan without phases.
+
+        Frames of one phase in one bin are right together with that probability, or wrong together.
+        """
+        seconds, weighed_s = self.belief_s[..., 0], self.belief_s[..., 1]
+        if not seconds.sum():
+            return float("nan")
+        probability = weighed_s / np.where(seconds > 0, seconds, 1.0)
+        drawn = np.random.default_rng(0).random((RESAMPLES, *seconds.shape)) < probability
+        off_s = np.einsum("qk,bqk->bk", seconds, drawn) - weighed_s.sum(axis=0)
+        return float(np.abs(off_s).sum(axis=1).mean() / seconds.sum())
+
+    def _resampled(self, of_phase: Array) -> Array:
+        """Sums (B, n) over the phases drawn, of what each has (Q, n); the draws are always the same."""
+        count = len(of_phase)
+        if not count:
+            return np.zeros((0, of_phase.shape[1]))
+        drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), RESAMPLES)
+        return np.asarray(drawn @ of_phase)
+
+
+def _band(part: Array, whole: Array) -> tuple[float, float]:
+    known = whole > 0
+    if not known.any():
+        return UNKNOWN
+    low, high = np.quantile(part[known] / whole[known], BAND)
+    return float(low), float(high)

@@ -1,0 +1,205 @@
+"""The oracles know what they are told, and errors are put where they belong."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import geometry
+import identifiability
+import numpy as np
+import oracle
+import pytest
+import tracking
+from identifiability_tables import Class, Judged, Mistake, classes, to_text
+from resampling import Phases
+
+from contact_tracker.belief import Segment
+from contact_tracker.evaluation.metrics import tally
+from contact_tracker.evaluation.scoring import Subset, scoring
+from contact_tracker.labels import STATES, Contact
+from contact_tracker.truth import Truth, TruthInterval
+from short import FACE_TO_EDGE, MODEL, recorded
+
+SECOND = 1_000_000_000
+
+
+@cache
+def told():
+    """f-f, then e-f: poses, truth, what the tracker found, phases and what the oracles say."""
+    simulated = recorded(FACE_TO_EDGE)
+    poses = simulated.poses[:1200]
+    tracked = tracking.track(poses, MODEL)
+    true = oracle.phases(simulated.truth)
+    return poses, simulated.truth, tracked, true, oracle.judge(true, tracked, poses.position_m[0], MODEL)
+
+
+def test_every_oracle_names_what_held() -> None:
+    *_, true, verdict = told()
+    right = [phase.contact.column for phase in true]
+    assert {o: label.tolist() for o, label in verdict.label.items()} == dict.fromkeys(oracle.ORACLES, right)
+    # true elements fit as well as fitted ones and pay no price
+    given, fitted = (e[range(len(right)), right] for e in (verdict.given, verdict.evidence))
+    assert (given > fitted + 1.0).all()
+    assert (given < fitted + 20.0).all()
+
+
+def test_the_wrong_elements_are_no_help() -> None:
+    poses, _, tracked, true, verdict = told()
+    moved = oracle.judge(true, tracked, poses.position_m[0] + 0.01, MODEL)
+    right = [phase.contact.column for phase in true]
+    assert (moved.given[range(2), right] < verdict.given[range(2), right] - 100.0).all()
+    np.testing.assert_allclose(
+        moved.evidence, verdict.evidence, atol=0.5
+    )  # those that are fitted do not care
+
+
+def test_intervals_with_the_same_elements_are_one_phase() -> None:
+    simulated = recorded(FACE_TO_EDGE)
+    first, second = oracle.phases(simulated.truth)
+    middle = (first.start_ns + first.end_ns) // 2
+    begin, *rest = simulated.truth.intervals
+    parts = replace(begin, end_ns=middle, motion="rest"), replace(begin, start_ns=middle + 1)
+    blip = TruthInterval(begin.end_ns, begin.end_ns, None)
+    split = Truth((*parts, blip, *rest))
+    assert [(p.start_ns, p.end_ns, p.contact) for p in oracle.phases(split)] == [
+        (p.start_ns, p.end_ns, p.contact) for p in (first, second)
+    ]
+
+
+def test_what_was_wrong_is_put_into_one_class_each() -> None:
+    """The tracker's labels replaced by e-f throughout: all of f-f is wrong."""
+    poses, truth, tracked, true, verdict = told()
+    found = tracked.segmentation
+    wrong = tuple(replace(b, contact=Contact.EF) for b in found.beliefs)
+    lying = tracked._replace(
+        segmentation=found._replace(beliefs=wrong)
+        if hasattr(found, "_replace")
+        else replace(found, beliefs=wrong)
+    )
+    scored = scoring(poses.stamp_ns, truth)
+    judged = identifiability.compare("short", poses, scored, true, lying, verdict, MODEL)
+    (mistake,) = judged.mistakes
+    held_s = scored.seconds[scored.truth == Contact.FF.column].sum()
+    assert mistake.near_s == pytest.approx(0.25, abs=0.02)
+    assert mistake.near_s + mistake.clear_s == pytest.approx(held_s)
+    assert (mistake.true, mistake.taken, mistake.reason) == (Contact.FF, Contact.EF, Class.OWN)
+    assert mistake.margin == pytest.approx(mistake.margin_there, abs=5.0)  # the same time but for an end
+    assert mistake.margin_given > mistake.margin > 3.0
+    confusion_s = judged.confusion_s[tracking.NAME]
+    assert confusion_s[0, 1] == pytest.approx(held_s)
+    assert np.trace(judged.confusion_s["given"]) == pytest.approx(confusion_s.sum())
+
+
+def mistake(fitted: Contact = Contact.EF, margin: float = 9.0, clear_s: float = 1.25) -> Mistake:
+    return Mistake(
+        recording="some_00",
+        rate_hz=200.0,
+        sigma_mm=0.3,
+        start_s=1.0,
+        end_s=2.5,
+        phase_s=3.0,
+        ticks=30,
+        true=Contact.EF,
+        taken=Contact.EE,
+        near_s=0.25,
+        clear_s=clear_s,
+        oracles=dict.fromkeys(oracle.ORACLES, fitted),
+        margin=margin,
+        margin_given=15.0,
+        margin_there=-2.0,
+    )
+
+
+def test_classes_and_tables_by_hand() -> None:
+    reasons = mistake(), mistake(margin=1.0), mistake(fitted=Contact.EE), mistake(margin=-4.0)
+    mistakes = (*reasons, mistake(clear_s=0.05))
+    right = np.diag(np.full(7, 10.0))
+    right[1, 5] = 6.0
+    confusion_s = {tracking.NAME: right} | dict.fromkeys(oracle.ORACLES, np.diag(np.full(7, 76 / 7)))
+    judged = Judged("some_00", confusion_s, mistakes)
+    assert classes([judged]) == pytest.approx(
+        {Class.NEAR: 0.3, Class.ORACLE: 1.5, Class.TIE: 3.0, Class.OWN: 1.5}
+    )
+    lines = [line.split() for line in to_text({"some": [judged], "none": []}).splitlines()]
+    assert lines[1][:6] == ["some", "76.0", "0.921", "1.000", "1.000", "1.000"]
+    assert ["some", "6.3", "0.3", "1.5", "3.0", "1.5", "0.937"] in lines
+    pair = ["some", "e-f", "e-e", "3.0", "2", "3.0", "200", "0.30", "-1.5", "15.0", "-2.0", "not", "tellable"]
+    assert pair in lines
+    assert ["some_00", "1.0", "2.5", "e-f", "e-e", "1.5", "9.0", "15.0", "-2.0"] in lines
+    assert not any("none" in line for line in lines)
+
+
+def test_a_command_that_finds_no_section_says_so_before_it_runs(tmp_path: Path) -> None:
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "a.mcap").touch()
+    with pytest.raises(SystemExit, match="there is no <!-- identifiability: begin -->"):
+        identifiability.main([str(tmp_path), "--markdown", str(tmp_path / "absent.md")])
+
+
+# --- intervals -------------------------------------------------------------------------------------------
+
+
+def answered(seed: int, phases: int):
+    """So many phases of 1 s, every second one f-f; each is right or wrong as a whole, said with 0.9."""
+    rng = np.random.default_rng(seed)
+    column = np.arange(phases) % 2
+    ends = (1 + np.arange(phases)) * SECOND
+    truth = Truth(
+        tuple(
+            TruthInterval(int(e - SECOND), int(e) - 1, STATES[c]) for c, e in zip(column, ends, strict=True)
+        )
+    )
+    scored = scoring(np.arange(0, int(ends[-1]), SECOND // 20, dtype=np.int64), truth)
+    label = np.where(rng.random(phases) < 0.7, column, 2)
+    probability = np.full((phases, 7), 0.1 / 6)
+    probability[np.arange(phases), label] = 0.9
+    return scored, (np.repeat(np.arange(phases), 20), label, probability)
+
+
+def test_phases_add_up_to_the_tally() -> None:
+    scored, answer = answered(1, 30)
+    whole, parts = tally(scored, *answer), Phases.of(scored, *answer)
+    assert len(parts.label_s) == 30
+    np.testing.assert_allclose(parts.belief_s.sum(axis=0), whole.calibration, atol=1e-9)
+    assert parts.label_s[:, 1].sum() / parts.label_s[:, 0].sum() == pytest.approx(whole.accuracy())
+
+
+def test_the_interval_is_as_wide_as_so_few_phases_leave_it() -> None:
+    """Of a share p of n phases the deviation is sqrt(p (1 - p) / n)."""
+    for phases in (30, 270):
+        scored, answer = answered(2, phases)
+        whole, parts = tally(scored, *answer), Phases.of(scored, *answer)
+        p = whole.accuracy()
+        low, high = parts.accuracy()
+        width = 2 * 1.645 * np.sqrt(p * (1 - p) / phases)
+        assert high - low == pytest.approx(width, rel=0.15)
+        assert low < p < high
+        low, high = parts.calibration_error()
+        assert high - low == pytest.approx(width, rel=0.25)
+        assert low < whole.calibration_error < high
+    twice = parts + parts
+    assert twice.accuracy()[1] - twice.accuracy()[0] == pytest.approx(width / np.sqrt(2), rel=0.15)
+
+
+def test_exact_probabilities_have_an_error_as_well() -> None:
+    """Of one bin with p = 0.9: the mean deviation of a binomial share."""
+    scored, answer = answered(4, 270)
+    expected = np.sqrt(2 / np.pi * 0.9 * 0.1 / 270)
+    assert Phases.of(scored, *answer).calibration_error_if_exact() == pytest.approx(expected, rel=0.1)
+
+
+def test_without_phases_there_is_no_interval() -> None:
+    scored, answer = answered(3, 4)
+    nothing = Phases.of(scored.within(Subset.AMBIGUOUS), *answer)
+    assert np.isnan([*nothing.accuracy(), *nothing.calibration_error()]).all()
+    assert np.isnan(nothing.calibration_error_if_exact())
+
+
+# --- covariances -----------------------------------------------------------------------------------------
+
+
+def test_only_segments_that_are_mostly_right_have_true_elements() -> None:
+    scored, _ = answered(4, 4)  # f-f, e-f, f-f, e-f, 1 s each
+    spans = [(0.0, 1.4), (0.4, 1.9), (1.4, 2.9), (5.0, 6.0)]
+    segments = [Segment(round(a * SECOND), round(b * SECOND), Contact.FF, 1.0, None) for a, b in spans]
+    assert geometry.rightly_labelled(segments, scored) == [segments[0], segments[2]]
