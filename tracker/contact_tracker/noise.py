@@ -7,14 +7,14 @@ Outliers and jolts are made harmless by weights and medians (docs/theory.md, T27
 """
 
 from dataclasses import dataclass
-from math import comb
+from math import comb, sqrt
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from contact_tracker.poses import Poses
+from contact_tracker.quaternions import inverse, matrices, product, rotation_vectors
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,8 @@ REGULAR: Final = 1.5
 STEPS: Final = 3
 """Of Tyler's iteration, from where the last tick left it; ``THOROUGH`` where there was none."""
 THOROUGH: Final = 15
+REFRESH: Final = 20
+"""The noise is told anew once one in so many of the frames remembered is new: at first with each tick."""
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
 _GAIN: Final = float(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
@@ -45,13 +47,14 @@ class NoiseEstimate:
     of the origin's position in the body's axes at the time, of the orientation in the body's axes;
     ``turn`` (n, 3, 3) are the rotations ``R`` then. ``recent`` frames wait for the next. The noise is that of
     the centre's position ``position_m2`` (3, 3) in the world's axes, of the orientation ``rotation_rad2``
-    (3, 3) in the body's, and ``centre_m`` (3,) in the body.
+    (3, 3) in the body's, and ``centre_m`` (3,) in the body; it leaves out the last ``untold`` differences.
     """
 
     position: Array
     rotation: Array
     turn: Array
     recent: Poses
+    untold: int
     position_m2: Array
     rotation_rad2: Array
     centre_m: Array
@@ -59,14 +62,14 @@ class NoiseEstimate:
     @property
     def sigma_rotation_rad(self) -> float:
         """Root mean square over the axes."""
-        return float(np.sqrt(np.trace(self.rotation_rad2) / 3.0))
+        return sqrt(self.rotation_rad2.trace() / 3.0)
 
     @property
     def sigma_position_m(self) -> float:
         """Root mean square over the axes, of the position of the body's origin."""
         rotation, centre = self.rotation_rad2, self.centre_m
-        swung = np.trace(rotation) * (centre @ centre) - centre @ rotation @ centre
-        return float(np.sqrt((np.trace(self.position_m2) + swung) / 3.0))
+        swung = rotation.trace() * (centre @ centre) - centre @ rotation @ centre
+        return sqrt((self.position_m2.trace() + swung) / 3.0)
 
 
 def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
@@ -77,6 +80,7 @@ def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
         none,
         np.zeros((0, 3, 3)),
         Poses.collect([]),
+        0,
         np.eye(3) * sigma_position_m**2,
         np.eye(3) * sigma_rotation_rad**2,
         np.zeros(3),
@@ -91,16 +95,24 @@ def advance(estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]) 
     position, rotation, turn = (
         np.concatenate([a, b])[-MEMORY_FRAMES:] for a, b in zip(old, new, strict=True)
     )
+    untold = estimate.untold + len(new[0])
+    told = (estimate.position_m2, estimate.rotation_rad2, estimate.centre_m)
+    if REFRESH * untold >= len(position):
+        untold, told = 0, _told(estimate, position, rotation, turn, prior)
+    return NoiseEstimate(position, rotation, turn, recent[-ORDER:], untold, *told)
+
+
+def _told(
+    estimate: NoiseEstimate, position: Array, rotation: Array, turn: Array, prior: tuple[float, float]
+) -> tuple[Array, Array, Array]:
+    """The noise (3, 3) in m^2 and rad^2 that the differences tell, and its centre (3,); near the last one."""
+    across, about = (np.ascontiguousarray(rows.T) for rows in (position, rotation))
     deviation = estimate.sigma_position_m, estimate.sigma_rotation_rad
-    centre_m = _centre(position, rotation, deviation)
-    at_centre = np.einsum("nij,nj->ni", turn, position + np.cross(rotation, centre_m))
-    return NoiseEstimate(
-        position,
-        rotation,
-        turn,
-        recent[-ORDER:],
+    centre_m = _centre(across, about, deviation)
+    at_centre = np.einsum("nij,jn->in", turn, across - _cross_matrix(centre_m) @ about)
+    return (
         _covariance(at_centre, prior[0], estimate.position_m2),
-        _covariance(rotation, prior[1], estimate.rotation_rad2),
+        _covariance(about, prior[1], estimate.rotation_rad2),
         centre_m,
     )
 
@@ -110,8 +122,8 @@ def estimate_noise(poses: Poses) -> tuple[float, float]:
     position, rotation, turn = _third_differences(poses[poses.fresh])
     if not len(position):
         return float("nan"), float("nan")
-    in_world = np.einsum("nij,nj->ni", turn, position)
-    sizes = (_size_sq(rows, _shape(rows, np.eye(3), THOROUGH)) for rows in (in_world, rotation))
+    in_world = np.einsum("nij,nj->in", turn, position)
+    sizes = (_size_sq(rows, _shape(rows, np.eye(3), THOROUGH)) for rows in (in_world, rotation.T))
     sigma_m, sigma_rad = (float(np.sqrt(size_sq)) for size_sq in sizes)
     return sigma_m, sigma_rad
 
@@ -120,12 +132,13 @@ def _third_differences(frames: Poses) -> tuple[Array, Array, Array]:
     """Scaled differences (n, 3) of the position, in the body's axes, and of the turn; rotations (n, 3, 3)."""
     if len(frames) <= ORDER:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3))
-    turn = Rotation.from_quat(frames.quat_xyzw)
-    steps = (turn[:-1].inv() * turn[1:]).as_rotvec()
+    quat = frames.quat_xyzw
+    steps = rotation_vectors(product(inverse(quat[:-1]), quat[1:]))
     interval = np.diff(frames.stamp_ns).astype(float)
-    widest = np.lib.stride_tricks.sliding_window_view(interval, ORDER)
-    regular = widest.max(axis=1) < REGULAR * np.median(interval)
-    rotation = turn.as_matrix()[1 : 1 - ORDER][regular]
+    count = len(frames) - ORDER
+    widest = np.max([interval[i : i + count] for i in range(ORDER)], axis=0)
+    regular = widest < REGULAR * np.median(interval)
+    rotation = matrices(quat[1 : 1 - ORDER])[regular]
     shift = np.diff(frames.position_m, ORDER, axis=0)[regular]
     position = np.einsum("nji,nj->ni", rotation, shift)
     scale = np.sqrt(_GAIN)
@@ -133,14 +146,14 @@ def _third_differences(frames: Poses) -> tuple[Array, Array, Array]:
 
 
 def _centre(position: Array, rotation: Array, deviation: tuple[float, float]) -> Array:
-    """The point of the body (3,) of which the noise is independent of that of the orientation.
+    """The point of the body (3,) of which the noise is independent of that of the orientation, both (3, n).
 
     An error of orientation swings the origin about it: the position's share of it is ``centre x rotation``.
     """
-    count = len(position)
+    count = position.shape[1]
     if count < 2 * ORDER:
         return np.zeros(3)
-    both = np.concatenate([position / deviation[0], rotation / deviation[1]], axis=1)
+    both = np.concatenate([position / deviation[0], rotation / deviation[1]])
     shape = _shape(both, np.eye(6), STEPS)
     swing = shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:]) * deviation[0] / deviation[1]
     centre = 0.5 * np.array([swing[2, 1] - swing[1, 2], swing[0, 2] - swing[2, 0], swing[1, 0] - swing[0, 1]])
@@ -150,8 +163,8 @@ def _centre(position: Array, rotation: Array, deviation: tuple[float, float]) ->
 
 
 def _covariance(rows: Array, prior: float, start: Array) -> Array:
-    """Covariance (3, 3) of ``rows`` (n, 3), drawn towards ``prior`` in size and towards a ball in shape."""
-    count = len(rows)
+    """Covariance (3, 3) of the columns of ``rows`` (3, n), drawn to ``prior`` in size, to a ball in shape."""
+    count = rows.shape[1]
     if count < ORDER:
         return np.eye(3) * prior**2
     shape = _shape(rows, start, STEPS)
@@ -161,25 +174,32 @@ def _covariance(rows: Array, prior: float, start: Array) -> Array:
 
 
 def _shape(rows: Array, start: Array, steps: int) -> Array:
-    """Tyler's scatter (d, d) of ``rows`` (n, d), with the trace d: no row counts by its length."""
-    count, size = rows.shape
-    shape = start / np.trace(start) * size
+    """Tyler's scatter (d, d) of the columns of ``rows`` (d, n), with the trace d: length does not count."""
+    size, count = rows.shape
+    ball = BALL_FRAMES * np.eye(size)
+    says_nothing = np.einsum("in,in->n", rows, rows) < _TINY
+    telling = max(count - np.count_nonzero(says_nothing), 1)
+    shape = start * (size / start.trace())
     for _ in range(steps):
         weight = 1.0 / np.maximum(_distance_sq(rows, shape), _TINY)
-        weight[np.square(rows).sum(axis=1) < _TINY] = 0.0
-        scatter = (rows * weight[:, None]).T @ rows * size / max(np.count_nonzero(weight), 1)
-        shape = count * scatter / max(np.trace(scatter) / size, _TINY) + BALL_FRAMES * np.eye(size)
-        shape = shape / np.trace(shape) * size
+        weight[says_nothing] = 0.0
+        scatter = (rows * weight) @ rows.T * (size / telling)
+        shape = scatter * (count / max(scatter.trace() / size, _TINY)) + ball
+        shape = shape * (size / shape.trace())
     return np.asarray(shape)
 
 
 def _size_sq(rows: Array, shape: Array) -> float:
-    """By what ``shape`` is to be multiplied, from the median row."""
+    """By what ``shape`` is to be multiplied, from the median column."""
     return float(np.median(_distance_sq(rows, shape))) / _MEDIAN_OF_CHI_SQ
 
 
 def _distance_sq(rows: Array, shape: Array) -> Array:
-    return np.asarray(np.einsum("ni,ni->n", rows @ np.linalg.inv(shape), rows))
+    return np.asarray(np.einsum("in,in->n", np.linalg.inv(shape) @ rows, rows))
+
+
+def _cross_matrix(v: Array) -> Array:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def _join(first: Poses, second: Poses) -> Poses:

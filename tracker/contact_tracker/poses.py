@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from contact_tracker.quaternions import matrices
 
 Array = NDArray[np.float64]
 
@@ -61,5 +62,4 @@ class Poses:
     @property
     def rotation(self) -> Array:
         """Rotation matrices (N, 3, 3) of ``T_world_body``."""
-        matrices: Array = Rotation.from_quat(self.quat_xyzw).as_matrix()
-        return matrices
+        return matrices(self.quat_xyzw)
