@@ -29,8 +29,11 @@ REGULAR: Final = 1.5
 STEPS: Final = 3
 """Of Tyler's iteration, from where the last tick left it; ``THOROUGH`` where there was none."""
 THOROUGH: Final = 15
-REFRESH: Final = 20
-"""The noise is told anew once one in so many of the frames remembered is new: at first with each tick."""
+REFRESH: Final = 50
+"""The noise is told again once one of so many frames remembered is new: while there are few with each tick.
+
+Told with each tick, it would be the same to 1 % in 99 of 100 ticks.
+"""
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
 _GAIN: Final = float(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
@@ -107,14 +110,11 @@ def _told(
 ) -> tuple[Array, Array, Array]:
     """The noise (3, 3) in m^2 and rad^2 that the differences tell, and its centre (3,); near the last one."""
     across, about = (np.ascontiguousarray(rows.T) for rows in (position, rotation))
-    deviation = estimate.sigma_position_m, estimate.sigma_rotation_rad
-    centre_m = _centre(across, about, deviation)
+    centre_m = _centre(across, about, (estimate.sigma_position_m, estimate.sigma_rotation_rad))
     at_centre = np.einsum("nij,jn->in", turn, across - _cross_matrix(centre_m) @ about)
-    return (
-        _covariance(at_centre, prior[0], estimate.position_m2),
-        _covariance(about, prior[1], estimate.rotation_rad2),
-        centre_m,
-    )
+    start = np.array([estimate.position_m2, estimate.rotation_rad2])
+    covariance = _covariance(np.array([at_centre, about]), np.array(prior), start)
+    return covariance[0], covariance[1], centre_m
 
 
 def estimate_noise(poses: Poses) -> tuple[float, float]:
@@ -122,10 +122,9 @@ def estimate_noise(poses: Poses) -> tuple[float, float]:
     position, rotation, turn = _third_differences(poses[poses.fresh])
     if not len(position):
         return float("nan"), float("nan")
-    in_world = np.einsum("nij,nj->in", turn, position)
-    sizes = (_size_sq(rows, _shape(rows, np.eye(3), THOROUGH)) for rows in (in_world, rotation.T))
-    sigma_m, sigma_rad = (float(np.sqrt(size_sq)) for size_sq in sizes)
-    return sigma_m, sigma_rad
+    rows = np.array([np.einsum("nij,nj->in", turn, position), rotation.T])
+    sigma = np.sqrt(_size_sq(rows, _shape(rows, np.eye(3)[None], THOROUGH)))
+    return float(sigma[0]), float(sigma[1])
 
 
 def _third_differences(frames: Poses) -> tuple[Array, Array, Array]:
@@ -162,40 +161,53 @@ def _centre(position: Array, rotation: Array, deviation: tuple[float, float]) ->
     return np.asarray(centre / (1.0 + doubt_sq / SPREAD_M**2))
 
 
-def _covariance(rows: Array, prior: float, start: Array) -> Array:
-    """Covariance (3, 3) of the columns of ``rows`` (3, n), drawn to ``prior`` in size, to a ball in shape."""
-    count = rows.shape[1]
+def _covariance(rows: Array, prior: Array, start: Array) -> Array:
+    """Covariances (..., 3, 3) of the columns of ``rows`` (..., 3, n), drawn to ``prior`` and to a ball."""
+    count = rows.shape[-1]
     if count < ORDER:
-        return np.eye(3) * prior**2
+        return np.eye(3) * np.square(prior)[..., None, None]
     shape = _shape(rows, start, STEPS)
-    measured = max(_size_sq(rows, shape), (1e-3 * prior) ** 2)
+    measured = np.maximum(_size_sq(rows, shape), np.square(1e-3 * prior))
     share = count / (count + PRIOR_FRAMES)
-    return np.asarray(shape * np.exp(share * np.log(measured) + (1.0 - share) * np.log(prior**2)))
+    size_sq = np.exp(share * np.log(measured) + (1.0 - share) * np.log(np.square(prior)))
+    return np.asarray(shape * size_sq[..., None, None])
 
 
 def _shape(rows: Array, start: Array, steps: int) -> Array:
-    """Tyler's scatter (d, d) of the columns of ``rows`` (d, n), with the trace d: length does not count."""
-    size, count = rows.shape
+    """Tyler's scatter (..., d, d), with the trace d, of the columns of ``rows`` (..., d, n).
+
+    No column counts by its length.
+    """
+    size, count = rows.shape[-2:]
     ball = BALL_FRAMES * np.eye(size)
-    says_nothing = np.einsum("in,in->n", rows, rows) < _TINY
-    telling = max(count - np.count_nonzero(says_nothing), 1)
-    shape = start * (size / start.trace())
+    says_nothing = _square(rows, rows) < _TINY
+    telling = np.maximum(count - np.count_nonzero(says_nothing, axis=-1), 1)[..., None, None]
+    shape = start * (size / _trace(start))
     for _ in range(steps):
         weight = 1.0 / np.maximum(_distance_sq(rows, shape), _TINY)
         weight[says_nothing] = 0.0
-        scatter = (rows * weight) @ rows.T * (size / telling)
-        shape = scatter * (count / max(scatter.trace() / size, _TINY)) + ball
-        shape = shape * (size / shape.trace())
+        scatter = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2) * (size / telling)
+        shape = scatter * (count / np.maximum(_trace(scatter) / size, _TINY)) + ball
+        shape = shape * (size / _trace(shape))
     return np.asarray(shape)
 
 
-def _size_sq(rows: Array, shape: Array) -> float:
-    """By what ``shape`` is to be multiplied, from the median column."""
-    return float(np.median(_distance_sq(rows, shape))) / _MEDIAN_OF_CHI_SQ
+def _size_sq(rows: Array, shape: Array) -> Array:
+    """By what ``shape`` is to be multiplied, from the median column (...)."""
+    return np.asarray(np.median(_distance_sq(rows, shape), axis=-1)) / _MEDIAN_OF_CHI_SQ
 
 
 def _distance_sq(rows: Array, shape: Array) -> Array:
-    return np.asarray(np.einsum("in,in->n", np.linalg.inv(shape) @ rows, rows))
+    return _square(np.linalg.inv(shape) @ rows, rows)
+
+
+def _square(first: Array, second: Array) -> Array:
+    """Scalar products (..., n) of the columns."""
+    return np.asarray(np.einsum("...in,...in->...n", first, second))
+
+
+def _trace(matrix: Array) -> Array:
+    return np.asarray(np.einsum("...ii->...", matrix))[..., None, None]
 
 
 def _cross_matrix(v: Array) -> Array:

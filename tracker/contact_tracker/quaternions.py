@@ -39,7 +39,7 @@ def product(first: Array, second: Array) -> Array:
 
 
 def inverse(quat: Array) -> Array:
-    return quat * _CONJUGATE
+    return np.asarray(quat * _CONJUGATE)
 
 
 def matrices(quat: Array) -> Array:
