@@ -61,7 +61,7 @@ def test_what_is_told_now_and_then_is_what_would_be_told_with_each_tick(
     poses = moving(np.random.default_rng(21), 1.5 * seconds, rate_hz, sigma_m, sigma_rad)
     tick, prior = max(1, round(rate_hz / 10.0)), (sigma_m, sigma_rad)
     seen = list(streamed(poses, tick, prior))
-    monkeypatch.setattr(noise, "REFRESH", noise.MEMORY_FRAMES)
+    monkeypatch.setattr(noise, "UNTOLD_FRAMES", 0)
     always = list(streamed(poses, tick, prior))
     assert sum(e.untold > 0 for e in seen) > (0.2 * len(seen) if tick < 40 else -1)
     assert not any(e.untold for e in always)

@@ -83,7 +83,9 @@ class Smooth3:
         if not self.weight:
             return 0.0
         now = LOG_BIAS * exp(self.latest.mean(axis=0).min())
-        moving = max(min(self.spread, now) - STILL * variance, 0.0)
+        moving = min(self.spread, now) - STILL * variance
+        if moving <= 0.0:
+            return 0.0
         axes = variance + moving * 3.0 * np.maximum(np.linalg.eigvalsh(self.shape), 0.0)
         echo = max(self.echo, 0.0)
         fresh = (1.0 - echo) / (1.0 + echo)
@@ -167,20 +169,23 @@ def _advance(state: Smooth3, value: Array, variance: float, tick_s: float, memor
     covariance = covariance + tick.jerk * (JERK_SHARE * unexplained / tick.jerk_of_value)
     innovation = value - x[:3]
     x, covariance = update(x, covariance, value, variance * _EYE, _VALUE)
-    moved = replace(state, x=x, covariance=covariance, last=value, ticks=state.ticks + 1)
+    ticks = state.ticks + 1
     if state.ticks < SETTLING_TICKS:
-        return moved
+        return replace(state, x=x, covariance=covariance, last=value, ticks=ticks)
     stayed = value - state.last
     squares = np.array([innovation @ innovation, stayed @ stayed])
     log_square = np.log(squares / 3.0 + TINY)
     fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
     direction = innovation / (sqrt(squares[0]) + TINY)
-    return replace(
-        moved,
+    return Smooth3(
+        x,
+        covariance,
+        last=value,
         log_square=fade * state.log_square + log_square,
         weight=fade * state.weight + 1.0,
         latest=np.concatenate([state.latest, log_square[None]])[-NOW_TICKS:],
+        shape=fade_shape * state.shape + (1.0 - fade_shape) * direction[:, None] * direction,
         direction=direction,
         echo=fade_shape * state.echo + (1.0 - fade_shape) * float(direction @ state.direction),
-        shape=fade_shape * state.shape + (1.0 - fade_shape) * direction[:, None] * direction,
+        ticks=ticks,
     )

@@ -8,6 +8,7 @@ Outliers and jolts are made harmless by weights and medians (docs/theory.md, T27
 
 from dataclasses import dataclass
 from math import comb, sqrt
+from statistics import median
 from typing import Final
 
 import numpy as np
@@ -29,10 +30,10 @@ REGULAR: Final = 1.5
 STEPS: Final = 3
 """Of Tyler's iteration, from where the last tick left it; ``THOROUGH`` where there was none."""
 THOROUGH: Final = 15
-REFRESH: Final = 50
-"""The noise is told again once one of so many frames remembered is new: while there are few with each tick.
+UNTOLD_FRAMES: Final = 60
+"""The noise is told again once so many frames of ``MEMORY_FRAMES`` are new, of n (n / MEMORY_FRAMES)^2 as many.
 
-Told with each tick, it would be the same to 1 % in 99 of 100 ticks.
+``untold`` new ones of n move it by about sqrt(untold) / n: by 1 % at most in 99 of 100 ticks.
 """
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
@@ -100,7 +101,7 @@ def advance(estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]) 
     )
     untold = estimate.untold + len(new[0])
     told = (estimate.position_m2, estimate.rotation_rad2, estimate.centre_m)
-    if REFRESH * untold >= len(position):
+    if untold >= UNTOLD_FRAMES * (len(position) / MEMORY_FRAMES) ** 2:
         untold, told = 0, _told(estimate, position, rotation, turn, prior)
     return NoiseEstimate(position, rotation, turn, recent[-ORDER:], untold, *told)
 
@@ -133,10 +134,10 @@ def _third_differences(frames: Poses) -> tuple[Array, Array, Array]:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3))
     quat = frames.quat_xyzw
     steps = rotation_vectors(product(inverse(quat[:-1]), quat[1:]))
-    interval = np.diff(frames.stamp_ns).astype(float)
+    interval = np.diff(frames.stamp_ns)
     count = len(frames) - ORDER
     widest = np.max([interval[i : i + count] for i in range(ORDER)], axis=0)
-    regular = widest < REGULAR * np.median(interval)
+    regular = widest < REGULAR * median(interval.tolist())
     rotation = matrices(quat[1 : 1 - ORDER])[regular]
     shift = np.diff(frames.position_m, ORDER, axis=0)[regular]
     position = np.einsum("nji,nj->ni", rotation, shift)

@@ -55,8 +55,8 @@ class Poses:
     def fresh(self) -> NDArray[np.bool_]:
         """(N,) whether a pose differs from the one before; one that is held says nothing new."""
         new = np.ones(len(self), bool)
-        new[1:] = np.any(self.position_m[1:] != self.position_m[:-1], axis=1)
-        new[1:] |= np.any(self.quat_xyzw[1:] != self.quat_xyzw[:-1], axis=1)
+        new[1:] = (self.position_m[1:] != self.position_m[:-1]).any(axis=1)
+        new[1:] |= (self.quat_xyzw[1:] != self.quat_xyzw[:-1]).any(axis=1)
         return new
 
     @property

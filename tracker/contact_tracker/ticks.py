@@ -79,7 +79,8 @@ def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     """Finish the tick under way."""
     frames = Poses.collect(state.frames)
-    frames = frames[frames.fresh]  # held poses say nothing new
+    fresh = frames.fresh
+    frames = frames if fresh.all() else frames[fresh]  # held poses say nothing new
     estimate = noise.advance(
         state.noise, frames, (model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     )
