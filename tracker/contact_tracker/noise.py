@@ -31,7 +31,7 @@ STEPS: Final = 3
 """Of Tyler's iteration, from where the last tick left it; ``THOROUGH`` where there was none."""
 THOROUGH: Final = 15
 UNTOLD_FRAMES: Final = 60
-"""The noise is told again once so many frames of ``MEMORY_FRAMES`` are new; of n, (n / MEMORY_FRAMES)^2 of it.
+"""The noise is told again once so many of ``MEMORY_FRAMES`` are new; of n, (n / MEMORY_FRAMES)^2 of it.
 
 ``untold`` new ones of n move it by about sqrt(untold) / n: by 1 % at most in 99 of 100 ticks.
 """
