@@ -136,7 +136,7 @@ def test_predictions_continue_the_motion():
         at = free_motion.predicted_position(state, ahead_s)
         assert np.linalg.norm(at[0] - position[k]) < 1e-3
         assert np.linalg.norm(at[2] - position[k + 1]) < 0.02
-        facing = Rotation.from_matrix(free_motion.predicted_rotation(state, ahead_s))
+        facing = Rotation.from_quat(free_motion.predicted_orientation(state, ahead_s))
         off = (facing.inv() * Rotation.concatenate([turn[k], turn[k], turn[k + 1]])).magnitude()
         assert off[0] < 0.01
         assert off[2] < 0.15

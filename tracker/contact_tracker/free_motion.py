@@ -7,13 +7,16 @@ constraint in this tick.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from functools import lru_cache
+from math import exp, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import predict, update
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from contact_tracker.quaternions import from_rotation_vectors, inverse, nearest, product, rotation_vectors
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,9 @@ LOG_BIAS: Final = 1.446
 """exp(-E log(chi^2_3 / 3)): from the geometric to the arithmetic mean of squares in three axes."""
 TINY: Final = 1e-20
 _PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
+_EYE: Final = np.eye(3)
+_VALUE: Final = np.eye(3, 9)
+"""What of the state is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +72,7 @@ class Smooth3:
         """Mean squared error per axis of the better prediction; infinite before any was made."""
         if not self.weight:
             return float("inf")
-        return float(LOG_BIAS * np.exp(np.min(self.log_square) / self.weight))
+        return LOG_BIAS * exp(self.log_square.min() / self.weight)
 
     def excess(self, variance: float) -> float:
         """Variance per axis, beyond the noise ``variance``, with which the vector moved in the last tick.
@@ -76,21 +82,23 @@ class Smooth3:
         """
         if not self.weight:
             return 0.0
-        now = float(LOG_BIAS * np.exp(np.min(np.mean(self.latest, axis=0))))
-        moving = max(min(self.spread, now) - STILL * variance, 0.0)
+        now = LOG_BIAS * exp(self.latest.mean(axis=0).min())
+        moving = min(self.spread, now) - STILL * variance
+        if moving <= 0.0:
+            return 0.0
         axes = variance + moving * 3.0 * np.maximum(np.linalg.eigvalsh(self.shape), 0.0)
         echo = max(self.echo, 0.0)
         fresh = (1.0 - echo) / (1.0 + echo)
-        return variance * max(float(np.exp(fresh * np.mean(np.log(axes / variance)))) - 1.0, 0.0)
+        return variance * max(exp(fresh * np.log(axes / variance).mean()) - 1.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class FreeMotion:
-    """Filters of the position (m) and of the integrated rotation (rad), and the last orientation seen."""
+    """Filters of position (m) and integrated rotation (rad), and the last ``orientation`` (4,) ``xyzw``."""
 
     position: Smooth3
     turn: Smooth3
-    rotation: Array
+    orientation: Array
     turned: Array
 
 
@@ -103,8 +111,8 @@ class Excess:
 
 
 def begin(rotation: Array, position_m: Array) -> FreeMotion:
-    """Start at a first tick with rotation (3, 3) and position (3,)."""
-    return FreeMotion(Smooth3.at(position_m), Smooth3.at(np.zeros(3)), rotation, np.zeros(3))
+    """Start at a first tick with rotation (3, 3), which may be a mean of rotations, and position (3,)."""
+    return FreeMotion(Smooth3.at(position_m), Smooth3.at(np.zeros(3)), nearest(rotation), np.zeros(3))
 
 
 def advance(
@@ -116,11 +124,12 @@ def advance(
     memory_s: float,
 ) -> tuple[FreeMotion, Excess]:
     """One tick on: the mean pose of the tick and its noise variances (m^2, rad^2) per axis."""
-    turned = state.turned + Rotation.from_matrix(state.rotation.T @ rotation).as_rotvec()
+    orientation = nearest(rotation)
+    turned = state.turned + rotation_vectors(product(inverse(state.orientation), orientation))
     position = _advance(state.position, position_m, variances[0], tick_s, memory_s)
     turn = _advance(state.turn, turned, variances[1], tick_s, memory_s)
     excess = Excess(position.excess(variances[0]), turn.excess(variances[1]))
-    return FreeMotion(position, turn, rotation, turned), excess
+    return FreeMotion(position, turn, orientation, turned), excess
 
 
 def predicted_position(state: FreeMotion, ahead_s: Array) -> Array:
@@ -129,39 +138,54 @@ def predicted_position(state: FreeMotion, ahead_s: Array) -> Array:
     return np.asarray(p + v * ahead_s[:, None] + 0.5 * a * np.square(ahead_s)[:, None])
 
 
-def predicted_rotation(state: FreeMotion, ahead_s: Array) -> Array:
-    """Orientations (N, 3, 3) that free motion leads to ``ahead_s`` (N,) after the last tick's middle."""
+def predicted_orientation(state: FreeMotion, ahead_s: Array) -> Array:
+    """Orientations (N, 4), ``xyzw``, that it leads to ``ahead_s`` (N,) after the last tick's middle."""
     turn, rate, acceleration = state.turn.x.reshape(3, 3)
     ahead = turn - state.turned + rate * ahead_s[:, None] + 0.5 * acceleration * np.square(ahead_s)[:, None]
-    return np.asarray(state.rotation @ Rotation.from_rotvec(ahead).as_matrix())
+    return product(state.orientation, from_rotation_vectors(ahead))
+
+
+class _Tick(NamedTuple):
+    """What one tick does to value, rate and acceleration (9,), ``jerk`` (9, 9) by a unit of white jerk."""
+
+    onward: Array
+    jerk: Array
+    jerk_of_value: float
+
+
+@lru_cache(maxsize=8)
+def _tick(tick_s: float) -> _Tick:
+    rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
+    jerk = Q_continuous_white_noise(3, tick_s, 1.0)
+    return _Tick(np.kron(rate, _EYE), np.kron(jerk, _EYE), float(jerk[0, 0]))
 
 
 def _advance(state: Smooth3, value: Array, variance: float, tick_s: float, memory_s: float) -> Smooth3:
-    rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
-    unit_jerk = Q_continuous_white_noise(3, tick_s, 1.0)
-    eye = np.eye(3)
-    onward = np.kron(rate, eye)
+    tick = _tick(tick_s)
+    x, covariance = predict(state.x, state.covariance, F=tick.onward)
     # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
-    carried = float(np.trace((onward @ state.covariance @ onward.T)[:3, :3])) / 3.0
+    carried = float(covariance[:3, :3].trace()) / 3.0
     unexplained = max(state.spread - variance - carried, 0.0) if state.weight else variance
-    jerk = JERK_SHARE * unexplained / unit_jerk[0, 0]
-    x, covariance = predict(state.x, state.covariance, F=onward, Q=np.kron(unit_jerk * jerk, eye))
-    observe = np.kron([[1.0, 0.0, 0.0]], eye)
-    innovation = value - observe @ x
-    x, covariance = update(x, covariance, value, variance * eye, observe)
-    moved = replace(state, x=x, covariance=covariance, last=value, ticks=state.ticks + 1)
+    covariance = covariance + tick.jerk * (JERK_SHARE * unexplained / tick.jerk_of_value)
+    innovation = value - x[:3]
+    x, covariance = update(x, covariance, value, variance * _EYE, _VALUE)
+    ticks = state.ticks + 1
     if state.ticks < SETTLING_TICKS:
-        return moved
+        return replace(state, x=x, covariance=covariance, last=value, ticks=ticks)
     stayed = value - state.last
-    log_square = np.log(np.array([innovation @ innovation, stayed @ stayed]) / 3.0 + TINY)
-    fade, fade_shape = np.exp(-tick_s / memory_s), np.exp(-tick_s / SHAPE_MEMORY_S)
-    direction = innovation / (np.linalg.norm(innovation) + TINY)
-    return replace(
-        moved,
+    squares = np.array([innovation @ innovation, stayed @ stayed])
+    log_square = np.log(squares / 3.0 + TINY)
+    fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
+    direction = innovation / (sqrt(squares[0]) + TINY)
+    return Smooth3(
+        x,
+        covariance,
+        last=value,
         log_square=fade * state.log_square + log_square,
         weight=fade * state.weight + 1.0,
         latest=np.concatenate([state.latest, log_square[None]])[-NOW_TICKS:],
+        shape=fade_shape * state.shape + (1.0 - fade_shape) * direction[:, None] * direction,
         direction=direction,
         echo=fade_shape * state.echo + (1.0 - fade_shape) * float(direction @ state.direction),
-        shape=fade_shape * state.shape + (1.0 - fade_shape) * np.outer(direction, direction),
+        ticks=ticks,
     )

@@ -23,13 +23,15 @@ ONE: Final = np.array([24])
 def lift(rotation: Array, position_m: Array) -> Array:
     """Lift poses with rotation (..., 3, 3) and position (..., 3) to zeta (..., 25)."""
     u = np.einsum("...ji,...j->...i", rotation, position_m)
-    t_cross_r = np.cross(position_m[..., None, :], np.swapaxes(rotation, -1, -2))
+    after, before = [1, 2, 0], [2, 0, 1]
+    t = position_m[..., None]
+    t_cross_r = t[..., after, :] * rotation[..., before, :] - t[..., before, :] * rotation[..., after, :]
     return np.concatenate(
         [
             rotation.reshape(*rotation.shape[:-2], 9),
             position_m,
             u,
-            np.swapaxes(t_cross_r, -1, -2).reshape(*rotation.shape[:-2], 9),
+            t_cross_r.reshape(*rotation.shape[:-2], 9),
             np.ones((*position_m.shape[:-1], 1)),
         ],
         axis=-1,

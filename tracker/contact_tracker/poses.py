@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from contact_tracker.quaternions import matrices
 
 Array = NDArray[np.float64]
 
@@ -54,12 +55,11 @@ class Poses:
     def fresh(self) -> NDArray[np.bool_]:
         """(N,) whether a pose differs from the one before; one that is held says nothing new."""
         new = np.ones(len(self), bool)
-        new[1:] = np.any(self.position_m[1:] != self.position_m[:-1], axis=1)
-        new[1:] |= np.any(self.quat_xyzw[1:] != self.quat_xyzw[:-1], axis=1)
+        new[1:] = (self.position_m[1:] != self.position_m[:-1]).any(axis=1)
+        new[1:] |= (self.quat_xyzw[1:] != self.quat_xyzw[:-1]).any(axis=1)
         return new
 
     @property
     def rotation(self) -> Array:
         """Rotation matrices (N, 3, 3) of ``T_world_body``."""
-        matrices: Array = Rotation.from_quat(self.quat_xyzw).as_matrix()
-        return matrices
+        return matrices(self.quat_xyzw)

@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import free_motion, noise
 from contact_tracker.free_motion import Excess, FreeMotion
-from contact_tracker.lift import R, T, lift, nearest_rotation
+from contact_tracker.lift import R, T, lift
 from contact_tracker.model import Model
 from contact_tracker.noise import NoiseEstimate
 from contact_tracker.poses import Pose, Poses
+from contact_tracker.quaternions import inverse, product, rotation_vectors
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,8 @@ def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list
     step_ns = round(model.tick_s * 1e9)
     index = (pose.stamp_ns - state.origin_ns) // step_ns
     if index == state.index:
-        return replace(state, frames=(*state.frames, pose)), []
+        frames = (*state.frames, pose)  # for each pose: not by the slower ``replace``
+        return TickState(state.origin_ns, state.origin_m, index, frames, state.noise, state.motion), []
     state, tick = close(state, model)
     missed = min(index - state.index, int(LONGEST_GAP_S / model.tick_s)) - 1
     empty = replace(tick, count=0, outliers=0, excess=Excess(0.0, 0.0))
@@ -77,7 +79,8 @@ def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     """Finish the tick under way."""
     frames = Poses.collect(state.frames)
-    frames = frames[frames.fresh]  # held poses say nothing new
+    fresh = frames.fresh
+    frames = frames if fresh.all() else frames[fresh]  # held poses say nothing new
     estimate = noise.advance(
         state.noise, frames, (model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     )
@@ -86,7 +89,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     zeta = lift(rotation[good], position[good]).mean(axis=0)
     count = int(good.sum())
     variances = tick_variances(estimate, np.asarray(float(count)), model)
-    turn = nearest_rotation(zeta[R].reshape(3, 3))
+    turn = zeta[R].reshape(3, 3)
     if state.motion is None:
         motion, excess = free_motion.begin(turn, zeta[T]), Excess(0.0, 0.0)
     else:
@@ -133,8 +136,8 @@ def _plausible(
     middle_s = (state.index - 0.5) * model.tick_s
     ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - middle_s
     off_position = position - free_motion.predicted_position(state.motion, ahead)
-    predicted = free_motion.predicted_rotation(state.motion, ahead)
-    off_rotation = Rotation.from_matrix(np.swapaxes(predicted, -1, -2) @ rotation).as_rotvec()
+    predicted = free_motion.predicted_orientation(state.motion, ahead)
+    off_rotation = rotation_vectors(product(inverse(predicted), frames.quat_xyzw))
     good = everything
     rows = (
         (off_position, estimate.sigma_position_m, state.motion.position),
@@ -143,10 +146,10 @@ def _plausible(
     for off, sigma, motion in rows:
         moved = motion.spread
         if len(frames) >= 3:  # frames stand beside their neighbours: little motion lies between them
-            apart = (min(NEIGHBOURS, len(frames)) - 1) / len(frames)
-            off, moved = off - _local_median(off), moved * apart**2
-        distance = np.linalg.norm(off, axis=1)
-        good = good & (distance < model.noise.outlier_sigmas * np.sqrt(sigma**2 + moved))
+            between = (min(NEIGHBOURS, len(frames)) - 1) / len(frames)
+            off, moved = off - _local_median(off), moved * between**2
+        distance_sq = np.einsum("ij,ij->i", off, off)
+        good = good & (distance_sq < model.noise.outlier_sigmas**2 * (sigma**2 + moved))
     return good if good.any() else everything
 
 
@@ -168,6 +171,7 @@ def _near_their_neighbours(
 def _local_median(rows: Array) -> Array:
     """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
     width = min(NEIGHBOURS, len(rows) - 1 + len(rows) % 2)
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(rows, width, axis=0), axis=-1)
+    windows = np.array([rows[i : len(rows) - width + 1 + i] for i in range(width)])
+    medians = np.partition(windows, width // 2, axis=0)[width // 2]
     centre = np.clip(np.arange(len(rows)) - width // 2, 0, len(medians) - 1)
     return np.asarray(medians[centre])

@@ -1,10 +1,10 @@
 """From ROS 2 messages to observed poses: where each message type keeps stamp, frames and pose."""
 
 from collections.abc import Callable, Mapping
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from io import StringIO
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
@@ -17,16 +17,9 @@ from contact_tracker.recording.items import (
     RawMessage,
     inflate_zstd,
 )
+from contact_tracker.recording.layouts import Layouts, Observation
 
 MESSAGE_LIMIT: Final = 2**22
-
-
-class Observation(NamedTuple):
-    """One pose as published, before any validation; ``child_frame_id`` is empty where the type has none."""
-
-    frame_id: str
-    child_frame_id: str
-    pose: Pose
 
 
 class Undecodable(Exception):
@@ -38,6 +31,9 @@ class RosDecoder:
 
     def __init__(self) -> None:
         self._decoders: dict[Channel, Callable[[bytes], Any] | None] = {}
+        self._layouts: dict[Channel, Layouts] = {}
+        self._current: Channel | None = None
+        self._known = Layouts("")
 
     def decode(self, message: RawMessage) -> Any:
         """The message as an object with attributes; raises Undecodable."""
@@ -57,6 +53,19 @@ class RosDecoder:
 
     def observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message of one of POSE_TYPES; raises Undecodable."""
+        channel = message.channel
+        if channel is not self._current:  # hashing one takes longer than reading a pose
+            self._current, self._known = channel, self._layouts.setdefault(channel, Layouts(channel.type))
+        observation = self._known.read(message.data)
+        if observation is not None:
+            return [observation]
+        observations = self._observe(message)
+        with suppress(Undecodable):
+            self._known.learn(message.data, lambda data: self._observe(message._replace(data=data)))
+        return observations
+
+    def _observe(self, message: RawMessage) -> list[Observation]:
+        """The same by the library's decoder."""
         decoded = self.decode(message)
         try:
             return POSE_TYPES[message.channel.type](decoded)

@@ -1,0 +1,34 @@
+"""Averaging: from poses to ticks, the noise and the free motion included."""
+
+from pathlib import Path
+
+from contact_tracker import ticks
+from contact_tracker.model import Model, load_model
+from contact_tracker.poses import Pose
+from contact_tracker.recording import open_log
+from speeds.figures import Figure, Setup, cpu_s
+
+
+def measure(setup: Setup) -> list[Figure]:
+    model = load_model(setup.model)
+    targets = ((setup.log, "<= 0.4"), (setup.fast_log, "<= 0.8"))
+    return [f for log, target in targets for f in _figures(log, target, model, setup.runs)]
+
+
+def _figures(log: Path, target: str, model: Model, runs: int) -> list[Figure]:
+    poses = list(open_log(str(log)))
+    count = gather(poses, model)
+    taken = cpu_s(lambda: gather(poses, model), runs)
+    return [
+        Figure(f"{log.stem}: averaging", 1e6 * taken / len(poses), "us per pose"),
+        Figure(f"{log.stem}: averaging", 1e3 * taken / count, "ms per tick", target),
+    ]
+
+
+def gather(poses: list[Pose], model: Model) -> int:
+    """How many ticks the poses close."""
+    state, count = ticks.begin(model, poses[0]), 0
+    for pose in poses[1:]:
+        state, closed = ticks.advance(state, pose, model)
+        count += len(closed)
+    return count

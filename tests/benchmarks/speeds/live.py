@@ -1,0 +1,8 @@
+"""Live: the command ``live`` on logs of all lengths, as fast as it goes; its memory must not grow."""
+
+from speeds.figures import Figure, Setup
+from speeds.offline import commands
+
+
+def measure(setup: Setup) -> list[Figure]:
+    return commands(setup, ("live",), "live", ">= 10", "<= 150", "<= 1.1")

@@ -1,0 +1,55 @@
+"""Writing for the viewer: frames per second, streamed with each belief and as a whole recording."""
+
+from collections.abc import Callable
+from itertools import islice, pairwise
+from typing import Final
+
+from contact_tracker import tracker
+from contact_tracker.belief import Belief
+from contact_tracker.model import load_model
+from contact_tracker.poses import Pose, Poses
+from contact_tracker.recording import open_log, read_metadata
+from contact_tracker.segmenter import segment
+from contact_tracker.viewer.hull import vertices_from_metadata
+from contact_tracker.viewer.live import LiveViewer
+from contact_tracker.viewer.offline import write_rrd
+from contact_tracker.viewer.sinks import to_file
+from speeds.figures import Figure, Setup, cpu_s
+
+SECONDS: Final = 20.0
+
+
+def measure(setup: Setup) -> list[Figure]:
+    model, log = load_model(setup.model), str(setup.log)
+    vertices = vertices_from_metadata(read_metadata(log))
+    poses = _beginning(log)
+    state, told = tracker.start(model), list[tuple[Pose, Belief | None]]()
+    for pose in poses:
+        state, belief = tracker.step(state, pose)
+        told.append((pose, belief))
+    segmentation, path = segment(poses, model), setup.scratch / "view.rrd"
+
+    def stream() -> None:
+        with LiveViewer(vertices, to_file(path)) as viewer:
+            for pose, belief in told:
+                viewer.pose(pose)
+                if belief is not None:
+                    viewer.belief(belief)
+
+    def write() -> None:
+        write_rrd(path, Poses.collect(poses), segmentation, vertices_m=vertices)
+
+    def rate(work: Callable[[], None]) -> float:
+        return len(poses) / cpu_s(work, setup.runs)
+
+    return [
+        Figure("viewer, streamed", rate(stream), "poses/s"),
+        Figure("viewer, whole recording", rate(write), "poses/s"),
+    ]
+
+
+def _beginning(log: str) -> list[Pose]:
+    """The poses of the first seconds."""
+    poses = list(islice(open_log(log), 1_000_000))
+    ends = [i for i, (_, b) in enumerate(pairwise(poses)) if b.stamp_ns - poses[0].stamp_ns > 1e9 * SECONDS]
+    return poses[: ends[0] + 1] if ends else poses

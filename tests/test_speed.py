@@ -1,0 +1,55 @@
+"""The speed benchmark measures what it says: long logs are what they claim, targets are compared."""
+
+import numpy as np
+import pytest
+import speed
+from speeds.figures import Figure, length
+from speeds.long_logs import write_long_log
+
+from contact_tracker.poses import Poses
+from contact_tracker.recording import open_log, write_recording
+from logs import smooth_poses
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "short.mcap"
+    write_recording(str(path), smooth_poses(60, rate_hz=100.0), None, {})
+    return path
+
+
+def test_a_long_log_plays_forth_and_back_at_the_rate_of_the_short_one(log, tmp_path):
+    short = Poses.collect(open_log(str(log)))
+    opened = open_log(str(write_long_log(log, 3.0, tmp_path / "long.mcap")))
+    long = Poses.collect(opened)
+    assert len(long) == 300
+    assert not opened.counts
+    assert set(np.diff(long.stamp_ns)) == {10_000_000}
+    row = np.abs((np.arange(300) + 59) % 118 - 59)
+    np.testing.assert_array_equal(long.position_m, short.position_m[row])
+    np.testing.assert_array_equal(long.quat_xyzw, short.quat_xyzw[row])
+
+
+def test_the_table_says_what_was_measured_and_whether_it_is_enough(log, capsys):
+    assert speed.main(["--only", "reading", "--runs", "1", "--log", str(log), "--fast-log", str(log)]) == 0
+    table = capsys.readouterr().out
+    assert table.count("short: poses") == 4
+    assert "reading: peak memory" in table
+
+
+@pytest.mark.parametrize(
+    ("value", "target", "verdict"),
+    [
+        (1.0, "", ""),
+        (1.0, "<= 1.1", "ok"),
+        (2.0, "<= 1.1", "no"),
+        (2.0, ">= 60", "no"),
+        (61.0, ">= 60", "ok"),
+    ],
+)
+def test_targets_are_compared(value, target, verdict):
+    assert speed.line(Figure("it", value, "s", target))[-1] == verdict
+
+
+def test_lengths_have_their_unit():
+    assert [length(s) for s in (90, 59, 60, 3600, 36000)] == ["1.5 min", "59 s", "1 min", "1 h", "10 h"]

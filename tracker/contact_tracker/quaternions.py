@@ -1,0 +1,85 @@
+"""Unit quaternions ``xyzw`` (..., 4) in few array operations: for the handful of poses of a tick.
+
+SciPy checks more than it computes there. One table of Hamilton's products gives the product, the
+matrix of a rotation and, backwards, the rotation nearest to a matrix. ``q`` and ``-q`` are one rotation.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+def _hamilton() -> Array:
+    """(4, 4, 4): element [i, j, k] is the share of unit k in the product of the units i and j."""
+    table = np.zeros((4, 4, 4))
+    for i in range(3):
+        table[i, 3, i] = table[3, i, i] = 1.0
+        table[i, i, 3] = -1.0
+        table[i, (i + 1) % 3, (i + 2) % 3], table[(i + 1) % 3, i, (i + 2) % 3] = 1.0, -1.0
+    table[3, 3, 3] = 1.0
+    return table
+
+
+_PRODUCT: Final = _hamilton()
+# x_world = q x_body q*: element [i, j, a, b] is the share of q_i q_j in the matrix element (a, b).
+_MATRIX: Final = np.einsum("ibm,mja,j->ijab", _PRODUCT[:, :3], _PRODUCT[:, :, :3], _CONJUGATE)
+_PRODUCT_ROWS: Final = _PRODUCT.reshape(16, 4)
+_MATRIX_ROWS: Final = _MATRIX.reshape(16, 9)
+_QUADRATIC: Final = (0.5 * (_MATRIX + _MATRIX.swapaxes(0, 1))).reshape(16, 9)
+
+
+def product(first: Array, second: Array) -> Array:
+    """Quaternions (..., 4) of the rotation ``second`` followed by ``first``."""
+    return np.asarray(_pairs(first, second) @ _PRODUCT_ROWS)
+
+
+def inverse(quat: Array) -> Array:
+    return np.asarray(quat * _CONJUGATE)
+
+
+def matrices(quat: Array) -> Array:
+    """Rotation matrices (..., 3, 3); quaternions of any norm but zero."""
+    rows = _pairs(quat, quat) @ _MATRIX_ROWS / _dot(quat, quat)[..., None]
+    return np.asarray(rows.reshape(*quat.shape[:-1], 3, 3))
+
+
+def rotation_vectors(quat: Array) -> Array:
+    """Rotation vectors (..., 3) of at most half a turn."""
+    vector, cosine = quat[..., :3], quat[..., 3]
+    sine = np.sqrt(_dot(vector, vector))
+    twice = np.full_like(sine, 2.0)
+    scale = np.divide(2.0 * np.arctan2(sine, np.abs(cosine)), sine, out=twice, where=sine > 0.0)
+    return np.asarray(vector * np.copysign(scale, cosine)[..., None])
+
+
+def from_rotation_vectors(vector: Array) -> Array:
+    """Unit quaternions (..., 4) of rotation vectors (..., 3)."""
+    angle = np.sqrt(_dot(vector, vector))
+    half = np.full_like(angle, 0.5)
+    scale = np.divide(np.sin(0.5 * angle), angle, out=half, where=angle > 0.0)
+    return np.concatenate([vector * scale[..., None], np.cos(0.5 * angle)[..., None]], axis=-1)
+
+
+def nearest(matrix: Array) -> Array:
+    """Unit quaternion (4,) of the rotation nearest to ``matrix`` (3, 3), such as a mean of rotations.
+
+    Of all rotations it has the largest trace with ``matrix``, which is a quadratic form of the quaternion
+    (Davenport's q-method).
+    """
+    _, vectors = np.linalg.eigh((_QUADRATIC @ matrix.ravel()).reshape(4, 4))
+    return np.asarray(vectors[:, 3])
+
+
+def _pairs(first: Array, second: Array) -> Array:
+    """All products of one component of each (..., 16)."""
+    pairs = first[..., :, None] * second[..., None, :]
+    return np.asarray(pairs.reshape(*pairs.shape[:-2], 16))
+
+
+def _dot(first: Array, second: Array) -> Array:
+    return np.asarray(np.einsum("...i,...i->...", first, second))
