@@ -143,7 +143,10 @@ def _plausible(
     for off, sigma, motion in rows:
         moved = motion.spread
         if len(frames) >= 3:  # frames stand beside their neighbours: little motion lies between them
-            off, moved = off - _local_median(off), moved * ((min(NEIGHBOURS, len(frames)) - 1) / len(frames)) ** 2
+            off, moved = (
+                off - _local_median(off),
+                moved * ((min(NEIGHBOURS, len(frames)) - 1) / len(frames)) ** 2,
+            )
         distance = np.linalg.norm(off, axis=1)
         good = good & (distance < model.noise.outlier_sigmas * np.sqrt(sigma**2 + moved))
     return good if good.any() else everything
