@@ -152,7 +152,7 @@ def test_pieces_together_are_the_whole(monkeypatch):
     monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 10_000)
     (expected,), _ = in_pieces(times=4)
     found = Segmentation.join(pieces)
-    assert sum(len(piece.segments) > 0 for piece in pieces) >= 4
+    assert sum(len(piece.segments) > 0 for piece in pieces) >= 3
     assert most < 150
     assert [(s.contact, s.start_ns, s.end_ns) for s in found.segments] == [
         (s.contact, s.start_ns, s.end_ns) for s in expected.segments
