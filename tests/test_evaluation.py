@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.belief import Belief, Segment, Segmentation
+from contact_tracker.belief import Belief, Segment
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m, nearest
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
@@ -19,6 +19,7 @@ from contact_tracker.evaluation.report import Report
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.poses import Poses
+from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.truth import Truth, TruthInterval
 
 Array = NDArray[np.float64]
@@ -248,7 +249,7 @@ def evaluation(seed: int = 0, right: float = 0.8) -> Evaluation:
         place = nearest(true[c].environment, poses.position_m[100 * i : 100 * i + 100].mean(axis=0))
         near = scattered(c.value[2], true[c].environment, place, rng)
         segments.append(segment(c, 100 * i, 100 * i + 99, ContactGeometry(true[c].object, near)))
-    return evaluate(poses, truth, Segmentation(tuple(segments), tuple(beliefs), tuple(beliefs)))
+    return evaluate(poses, truth, Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs)))
 
 
 def test_online_is_judged_by_what_was_reported_in_time() -> None:
@@ -275,7 +276,7 @@ def test_the_report_is_aligned_and_fits_in_100_columns() -> None:
 
 def test_the_json_report_says_the_same_and_knows_no_nan() -> None:
     a, b = evaluation(1), evaluation(2)
-    nothing = evaluate(wander(np.random.default_rng(0), 5), Truth(()), Segmentation((), (), ()))
+    nothing = evaluate(wander(np.random.default_rng(0), 5), Truth(()), Segmentation())
     data = json.loads(Report({"a": a, "b": b, "nothing": nothing}).to_json(), parse_constant=pytest.fail)
     assert list(data["recordings"]) == ["a", "b", "nothing"]
     assert data["recordings"]["nothing"]["offline"]["accuracy"]["all"] is None

@@ -19,8 +19,8 @@ from contact_tracker import hmm
 from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
+from contact_tracker.forward import Pass, forward
 from contact_tracker.labels import STATES, Contact
-from contact_tracker.segmenter import Pass, forward
 from contact_tracker.separability import tempered
 from contact_tracker.transitions import log_initial, log_transition
 from contact_tracker.truth import Truth, TruthInterval
@@ -41,7 +41,7 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
     monkeypatch.setattr("contact_tracker.separability.is_idle", lambda *_, **__: False)  # the bare posterior
     poses = recorded(FACE_TO_EDGE).poses[300:540]
     tracked = tracking.track(poses, MODEL, (0.5, 0.2))
-    seen: Pass = forward(poses, MODEL)[0]
+    seen = Pass.over(forward(poses, MODEL))
     transition = np.array([log_transition(MODEL, activity) for activity in seen.activity])
     whole, ticks = seen.trellis, len(seen.beliefs)
     assert ticks == 12

@@ -1,12 +1,23 @@
 """Offline: segments, onsets and geometry against the truth."""
 
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
+from multiprocessing import get_context
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from contact_tracker.evaluation.geometry_errors import geometry_errors
-from contact_tracker.segmenter import forward, segment
+from contact_tracker.evidence import Window
+from contact_tracker.forward import Pass, forward
+from contact_tracker.knowledge import NOTHING
+from contact_tracker.labels import Contact
+from contact_tracker.segmentation import Segmentation
+from contact_tracker.segmenter import Segmenter, segment
+from contact_tracker.telling import Stretch, tell
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
@@ -54,11 +65,13 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
 
 def test_every_tick_has_the_noise_that_is_known_at_the_end():
     """What the model expects at the start, 0.5 mm, is not what its first ticks are weighed by."""
-    seen, state = forward(recorded(FACE_TO_EDGE).poses[:200], MODEL)
+    ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
+    seen, state = Pass.over(ticks), ticks[-1].state
     deviation_m, _ = np.sqrt(seen.window(state).variance).T
-    per_tick = np.hypot(state.averaging.noise.sigma_position_m / np.sqrt(20), MODEL.noise.floor_position_m)
+    frames = np.sqrt(seen.frames)
+    per_tick = np.hypot(state.averaging.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
     np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
-    assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick
+    assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick[0]
 
 
 @each_recording
@@ -79,7 +92,7 @@ def test_the_future_helps(contacts):
 
 def test_nothing_has_no_segments():
     nothing = segment([], MODEL)
-    assert (nothing.segments, nothing.beliefs, nothing.filtered) == ((), (), ())
+    assert len(nothing.segments) == len(nothing.beliefs) == len(nothing.filtered) == 0
 
 
 @pytest.mark.parametrize("count", [1, 2, 20, 21])
@@ -95,3 +108,95 @@ def test_progress_is_the_number_of_poses_read():
     told = []
     segment(recorded(FACE_TO_EDGE).poses[:101], MODEL, told.append)
     assert told == [21, 41, 61, 81, 101]
+
+
+# --- in pieces ---------------------------------------------------------------------------------------------
+
+
+@cache
+def ticks_seen():
+    """The forward pass of a recording, tick by tick."""
+    return tuple(forward(recorded(FACE_TO_EDGE).poses, MODEL))
+
+
+def again_and_again(times):
+    """The same pass one time after the other, as far as the segmenter looks at it."""
+    ticks, names = len(ticks_seen()), 1 + ticks_seen()[-1].state.numbers
+    for number in range(times):
+        for seen in ticks_seen():
+            before, before_ns = number * ticks, number * ticks * round(MODEL.tick_s * 1e9)
+            alive, tick, change = seen.alive, seen.tick, seen.state.change
+            if number:  # nothing lasts from one to the next
+                change = change if seen is not ticks_seen()[0] else ticks_seen()[1].state.change
+            yield SimpleNamespace(
+                state=replace(seen.state, change=change, outliers=0),
+                tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),
+                belief=replace(seen.belief, stamp_ns=seen.belief.stamp_ns + before_ns),
+                alive=alive._replace(number=alive.number + number * names, onset=alive.onset + before),
+            )
+
+
+def in_pieces(executor=None, times=1):
+    segmenter, found, most = Segmenter(executor), [], 0
+    for seen in again_and_again(times):
+        segmenter.note(seen)
+        if segmenter.due:
+            found.append(segmenter.conclude())
+            most = max(most, segmenter.open_ticks)
+    return [*found, segmenter.finish()], most
+
+
+def test_pieces_together_are_the_whole(monkeypatch):
+    monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 10)
+    pieces, most = in_pieces(times=4)
+    monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 10_000)
+    (expected,), _ = in_pieces(times=4)
+    found = Segmentation.join(pieces)
+    assert sum(len(piece.segments) > 0 for piece in pieces) >= 3
+    assert most < 150
+    assert [(s.contact, s.start_ns, s.end_ns) for s in found.segments] == [
+        (s.contact, s.start_ns, s.end_ns) for s in expected.segments
+    ]
+    np.testing.assert_array_equal(found.filtered.rows["probability"], expected.filtered.probability)
+    np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
+    np.testing.assert_allclose(found.beliefs.probability, expected.beliefs.probability, atol=1e-5)
+    for a, b in zip(found.segments, expected.segments, strict=True):  # the noise was not known as well then
+        assert a.geometry.environment.normal @ b.geometry.environment.normal > np.cos(2e-3)
+    assert len(found.segments) == 8
+
+
+def test_where_there_is_no_room_the_older_half_is_told(monkeypatch):
+    monkeypatch.setattr("contact_tracker.segmenter.ROOM_BYTES", 30_000)
+    pieces, most = in_pieces()
+    found = Segmentation.join(pieces)
+    assert len(pieces) > 3
+    assert most < 30
+    np.testing.assert_array_equal(found.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
+    assert names(found) == FACE_TO_EDGE  # the path is what it would be anyway
+
+
+def test_other_processes_find_the_same(monkeypatch):
+    monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 20)
+    alone, _ = in_pieces(times=2)
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        together, _ = in_pieces(executor, times=2)
+    ours, theirs = Segmentation.join(alone), Segmentation.join(together)
+    assert [b.to_json() for b in ours.beliefs] == [b.to_json() for b in theirs.beliefs]
+    assert [s.geometry.to_json() for s in ours.segments] == [s.geometry.to_json() for s in theirs.segments]
+
+
+def test_of_a_very_long_segment_the_moving_parts_are_looked_at(monkeypatch):
+    seen = Pass.over(ticks_seen())
+    window = seen.window(ticks_seen()[-1].state).cut(0, 35)
+    rest = replace(window, excess=np.full_like(window.excess, 1e-12))
+    long = Window.join([rest, window, rest])
+    long = replace(long, index=np.arange(len(long)))
+    stretch = Stretch(long, Contact.FF, MODEL, NOTHING, np.zeros(3))
+    monkeypatch.setattr("contact_tracker.telling.PIECE_TICKS", 5)
+    monkeypatch.setattr("contact_tracker.telling.LONGEST_TICKS", 35)
+    some = tell(stretch)
+    monkeypatch.setattr("contact_tracker.telling.LONGEST_TICKS", 1000)
+    everything = tell(stretch)
+    for a, b in ((some, everything),):
+        assert a.geometry.environment.normal @ b.geometry.environment.normal > np.cos(5e-3)
+        assert a.inseparable == b.inseparable

@@ -16,11 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.chunk import Chunk, RrdReader
 
-from contact_tracker.belief import Belief, Segment, Segmentation
+from contact_tracker.belief import Belief, Segment
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.poses import Poses
+from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.truth import Truth
 from contact_tracker.viewer import canvas, shapes
 from contact_tracker.viewer.absent import LiveView, NoViewer
@@ -79,7 +80,7 @@ def segmentation() -> Segmentation:
             residual = np.where([contact is c for c in CONTACTS], 1.0, np.nan)
             stamp_ns = ORIGIN_NS + (tick + 1) * TICK_NS - 5_000_000
             beliefs.append(Belief(stamp_ns, contact, probability, start_ns, GEOMETRY[contact], residual))
-    return Segmentation(tuple(segments), tuple(beliefs), tuple(beliefs))
+    return Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs))
 
 
 @pytest.fixture(scope="module")
@@ -408,7 +409,7 @@ def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
 def test_the_view_is_upright_on_the_floor(poses: Poses, segmentation: Segmentation) -> None:
     upside_down = ContactGeometry(Plane(-Z, 0.0), Plane(-Z, 0.1))
     segment = Segment(ORIGIN_NS, ORIGIN_NS + 10**10, Contact.FF, 1.0, upside_down)
-    view = viewpoint(poses, Segmentation((segment,), segmentation.beliefs, ()), UNKNOWN_EXTENT)
+    view = viewpoint(poses, Segmentation((segment,), segmentation.beliefs), UNKNOWN_EXTENT)
     assert view.up == pytest.approx(Z), "the body is above the plane z = -0.1 whichever way its normal points"
     sight = view.target_m - view.eye_m
     assert abs(sight[0]) < 1e-6 < abs(sight[1]), "along y: the motion along x is seen from the side"

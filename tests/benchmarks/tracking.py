@@ -9,12 +9,13 @@ from scores import LAGS_S, OFFLINE, Answer, Method
 
 from contact_tracker import tracker
 from contact_tracker.answers import looking_back
-from contact_tracker.belief import Belief, Segmentation
 from contact_tracker.evaluation.scoring import tick_containing, tick_in_force
 from contact_tracker.evidence import Window
+from contact_tracker.forward import Pass, Seen
 from contact_tracker.model import Model
 from contact_tracker.poses import Poses
-from contact_tracker.segmenter import Pass, conclude
+from contact_tracker.segmentation import Beliefs, Segmentation
+from contact_tracker.segmenter import Segmenter
 from contact_tracker.state import TrackerState
 from contact_tracker.ticks import Tick
 
@@ -41,13 +42,15 @@ class Tracked(NamedTuple):
 
 def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Tracked:
     """One pass over at least one pose, which looks back as far as the longest lag."""
-    state, seen = tracker.start(model, max(lags_s)), Pass()
+    state, seen, segmenter = tracker.start(model, max(lags_s)), Pass(), Segmenter()
     lags = {lag_s: round(lag_s / model.tick_s) for lag_s in lags_s}
     lagged: dict[float, list[Array]] = {lag_s: [] for lag_s in lags_s}
 
     def follow(state: TrackerState, closed: list[Tick]) -> TrackerState:
         for tick in closed:
-            state = seen.follow(state, [tick])
+            state, belief = tracker.observe(state, tick)
+            for watching in (seen, segmenter):
+                watching.note(Seen(state, tick, belief))
             for lag_s, lag in lags.items():
                 if len(seen.beliefs) > lag:
                     lagged[lag_s].append(looking_back(state, len(state.recent) - 1 - lag).probability)
@@ -60,12 +63,12 @@ def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Track
         rows = range(max(len(state.recent) - lag, 0), len(state.recent))
         lagged[lag_s] += [looking_back(state, row).probability for row in rows]
     return Tracked(
-        conclude(seen, state),
+        segmenter.finish(),
         {lag_s: np.array(told) for lag_s, told in lagged.items()},
         seen.window(state),
         np.array(seen.frames, np.int64),
         np.array(seen.start_ns, np.int64),
-        stamps(seen.beliefs),
+        np.array([b.stamp_ns for b in seen.beliefs], np.int64),
     )
 
 
@@ -84,10 +87,5 @@ def answers(poses: Poses, tracked: Tracked) -> dict[Method, Answer]:
     }
 
 
-def stamps(beliefs: Sequence[Belief]) -> Ints:
-    return np.array([b.stamp_ns for b in beliefs], np.int64)
-
-
-def _told(tick: Ints, beliefs: Sequence[Belief]) -> Answer:
-    label = np.array([b.contact.column for b in beliefs], np.int64)
-    return Answer(tick, label, np.array([b.probability for b in beliefs]))
+def _told(tick: Ints, beliefs: Beliefs) -> Answer:
+    return Answer(tick, beliefs.rows["contact"].astype(np.int64), beliefs.probability)

@@ -1,4 +1,4 @@
-"""What the tracker believes: per tick, per segment, and for a whole recording."""
+"""What the tracker believes: of a tick, and of a segment."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -75,25 +75,3 @@ class Segment:
     def touching(self) -> tuple[str | None, str | None]:
         """As ``Belief.touching``."""
         return self.geometry.names if self.geometry else (None, None)
-
-
-@dataclass(frozen=True, eq=False)
-class Segmentation:
-    """The offline answer for T ticks.
-
-    Parameters
-    ----------
-    segments : the Viterbi path, in order, covering every tick.
-    beliefs : T beliefs with the Viterbi label and the smoothed posterior.
-    filtered : T beliefs as ``step`` gave them, from data up to each tick only.
-    outliers : poses that were left out because they stood far from their neighbours.
-    """
-
-    segments: tuple[Segment, ...]
-    beliefs: tuple[Belief, ...]
-    filtered: tuple[Belief, ...]
-    outliers: int = 0
-
-    @property
-    def stamp_ns(self) -> NDArray[np.int64]:
-        return np.array([b.stamp_ns for b in self.beliefs], np.int64)

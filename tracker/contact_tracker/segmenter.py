@@ -1,89 +1,55 @@
-"""The tracker, offline: the online pass once forward, then Viterbi and smoothing over what it met."""
+"""The tracker, offline: the online pass once forward, then Viterbi and smoothing over what it met.
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+That is concluded piece by piece, as soon as what comes later cannot change it any more: memory does not grow
+with the recording.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from functools import partial
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, hypotheses, separability, ticks, tracker
-from contact_tracker.assumptions import assumptions
-from contact_tracker.bank import Bank
-from contact_tracker.beginnings import beginnings, named
-from contact_tracker.belief import Belief, Segment, Segmentation
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker import hmm, separability, ticks
+from contact_tracker.belief import Belief
+from contact_tracker.closed import Closed
+from contact_tracker.columns import Columns
 from contact_tracker.evidence import Window
-from contact_tracker.geometry import ContactGeometry
+from contact_tracker.forward import Seen, forward
 from contact_tracker.knowledge import NOTHING, Knowledge
-from contact_tracker.labels import STATES, Contact
-from contact_tracker.lift import T
-from contact_tracker.memory import Memory
+from contact_tracker.labels import CONTACTS, STATES
 from contact_tracker.model import Model
-from contact_tracker.polish import polish
 from contact_tracker.poses import Pose
-from contact_tracker.readout import geometry_of
-from contact_tracker.state import TrackerState, scales_of
-from contact_tracker.ticks import Tick
+from contact_tracker.segmentation import Beliefs, Segmentation
+from contact_tracker.state import TrackerState
+from contact_tracker.telling import Stretch, Told, tell
 from contact_tracker.tracker import FREE
 
 Array = NDArray[np.float64]
 
+PIECE_TICKS: Final = 1200
+"""A recording is concluded in pieces of about so many ticks; a shorter one at once, at its end."""
+TOLERANCE: Final = 1e-6
+"""By so much, at most, may later data still change a posterior that is told."""
+ROOM_BYTES: Final = 60_000_000
+"""Where later data may change everything for hours (an object at rest), so much of it is kept open. Then the
+older half is told as it is known."""
+_FEW: Final = 256
 
-@dataclass
-class Pass:
-    """What the forward pass leaves behind, tick by tick."""
-
-    beliefs: list[Belief] = field(default_factory=list)
-    start_ns: list[int] = field(default_factory=list)
-    newest: list[Window] = field(default_factory=list)
-    frames: list[int] = field(default_factory=list)
-    change: list[Array] = field(default_factory=list)
-    entry: list[Array] = field(default_factory=list)
-    begun: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = field(default_factory=list)
-    alive: list[NDArray[np.int64]] = field(default_factory=list)
-    log_likelihood: list[Array] = field(default_factory=list)
-
-    def follow(self, state: TrackerState, closed: list[Tick]) -> TrackerState:
-        for tick in closed:
-            state, belief = tracker.observe(state, tick)
-            self._note(state, tick, belief)
-        return state
-
-    @property
-    def activity(self) -> Array:
-        """How far the motion in each tick (T,) rose above the noise."""
-        return np.array([newest.activity for newest in self.newest])
-
-    def window(self, state: TrackerState) -> Window:
-        """All ticks, with the variances that the final estimate of the noise gives them."""
-        assert state.averaging is not None
-        counts = np.array(self.frames, float)
-        variance = np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T
-        uneven = ticks.tick_unevenness(state.averaging.noise, counts)
-        return replace(Window.join(self.newest), variance=variance, uneven=uneven)
-
-    @property
-    def trellis(self) -> hmm.Trellis:
-        """All hypotheses that were met."""
-        count = 1 + int(self.alive[-1].max())
-        states, onsets = np.full(count, FREE), np.zeros(count, np.int64)
-        for tick, (number, state) in enumerate(self.begun):
-            states[number], onsets[number] = state, tick
-        return hmm.Trellis(states, onsets, self.alive, self.log_likelihood)
-
-    def _note(self, state: TrackerState, tick: Tick, belief: Belief) -> None:
-        free = np.array([state.numbers - 1])
-        begun = [b.number[b.onset == state.ticks - 1] for b in state.banks] + [free]
-        self.begun.append((np.concatenate(begun), np.repeat(np.arange(len(STATES)), [len(b) for b in begun])))
-        self.beliefs.append(belief)
-        self.start_ns.append(tick.start_ns)
-        self.newest.append(state.window.cut(-1, None))
-        self.frames.append(tick.count)
-        self.change.append(state.change)
-        self.entry.append(state.entry)
-        self.alive.append(np.concatenate([*(b.number for b in state.banks), free]))
-        self.log_likelihood.append(np.concatenate([*(b.log_likelihood for b in state.banks), np.zeros(1)]))
+_TICK: Final = np.dtype(
+    [
+        ("start_ns", np.int64),
+        ("stamp_ns", np.int64),
+        ("count", np.float64),
+        ("zeta", np.float64, 25),
+        ("excess", np.float64, 2),
+        ("residual", np.float64, len(CONTACTS)),
+    ]
+)
+_POSTERIOR: Final = np.dtype([("probability", np.float64, len(STATES))])
 
 
 def segment(
@@ -91,6 +57,8 @@ def segment(
     model: Model,
     progress: Callable[[int], None] | None = None,
     knowledge: Knowledge = NOTHING,
+    executor: Executor | None = None,
+    watch: Callable[[Seen], None] | None = None,
 ) -> Segmentation:
     """Segment a whole recording.
 
@@ -99,107 +67,158 @@ def segment(
     poses : validated poses in order of time.
     progress : called now and then with the number of poses read so far.
     knowledge : what is known of the object and its surroundings.
+    executor : of processes that fit elements to segments while the recording is read on; without, this one.
+    watch : called with each tick of the forward pass.
 
     Returns
     -------
     Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
     """
-    seen, state = forward(poses, model, progress, knowledge)
-    return conclude(seen, state) if seen.beliefs else Segmentation((), (), ())
+    return Segmentation.join(list(pieces(poses, model, progress, knowledge, executor, watch)))
 
 
-def forward(
+def pieces(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
     knowledge: Knowledge = NOTHING,
-) -> tuple[Pass, TrackerState]:
-    """The online pass over a whole recording."""
-    seen, state = Pass(), tracker.start(model, knowledge=knowledge)
-    for count, pose in enumerate(poses, start=1):
-        state, closed = tracker.gather(state, pose)
-        state = seen.follow(state, closed)
-        if progress is not None and closed:
-            progress(count)
-    return seen, seen.follow(*tracker.gather_rest(state))
+    executor: Executor | None = None,
+    watch: Callable[[Seen], None] | None = None,
+) -> Iterator[Segmentation]:
+    """What ``segment`` finds, piece by piece and in bounded memory.
 
-
-def conclude(seen: Pass, state: TrackerState) -> Segmentation:
-    """Viterbi and smoothing over a forward pass of at least one tick."""
-    trellis = seen.trellis
-    initial, transition = seen.entry[0], np.array(seen.change)
-    posterior, _ = hmm.smooth(trellis, initial, transition)
-    posterior = separability.tempered(posterior, state.model.certainty.sureness)
-    stretches = _merge_free(
-        [(int(trellis.state[h]), a, b) for h, a, b in hmm.viterbi(trellis, initial, transition)]
-    )
-    window = seen.window(state)
-    segments, beliefs = [], []
-    for column, first, end in stretches:
-        contact = STATES[column]
-        stretch = window.cut(first, end)
-        idle = separability.is_idle(contact, stretch, older=False)
-        geometry, inseparable = _told(stretch, contact, idle, state)
-        purpose = separability.restricted(idle, stretch, state.model.tick_s)
-        for tick in range(first, end):
-            posterior[tick] = separability.shared(posterior[tick], contact, inseparable, purpose)
-        probability = float(posterior[first:end, column].mean())
-        stop_ns = seen.start_ns[end] - 1 if end < len(window) else seen.beliefs[-1].stamp_ns
-        start_ns = seen.start_ns[first]
-        segments.append(Segment(start_ns, stop_ns, contact, probability, geometry, inseparable))
-        for tick in range(first, end):
-            online = seen.beliefs[tick]
-            beliefs.append(
-                Belief(
-                    online.stamp_ns,
-                    contact,
-                    posterior[tick],
-                    start_ns,
-                    geometry,
-                    online.residual,
-                    inseparable,
-                    purpose,
-                )
-            )
-    return Segmentation(tuple(segments), tuple(beliefs), tuple(seen.beliefs), state.outliers)
-
-
-def _merge_free(stretches: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-    """Free motion is remembered tick by tick; a run of free ticks is one stretch."""
-    starts = [
-        i for i, s in enumerate(stretches) if i == 0 or not (s[0] == FREE and stretches[i - 1][0] == FREE)
-    ]
-    bounds = [*starts, len(stretches)]
-    return [(stretches[i][0], stretches[i][1], stretches[j - 1][2]) for i, j in pairwise(bounds)]
-
-
-def _told(
-    stretch: Window, label: Contact, idle: bool, state: TrackerState
-) -> tuple[ContactGeometry | None, tuple[Contact, ...]]:
-    """What the ticks of a segment tell, with the final estimate of the noise: elements, and what else fits.
-
-    All contacts are fitted to the same ticks from scratch.
+    Each piece holds the segments that were concluded since the one before with their beliefs, and what was
+    filtered since then: that is ahead of the beliefs.
     """
-    assert state.averaging is not None
-    scales, origin_m = scales_of(state.model), state.averaging.origin_m
-    fits = [_fitted(contact, stretch, state) for contact in CONTACT_MODELS]
-    rivals = separability.Rivals(
-        np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
-        np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
-    )
-    others = separability.inseparable(label, rivals, idle)
-    inseparable = tuple(other for other in others if state.knowledge.allows(other))
-    if label is Contact.FREE:
-        return None, inseparable
-    contact = CONTACT_MODELS[label.column]
-    fitted = polish(fits[label.column], contact, stretch, scales)
-    pair = assumptions(state.knowledge, contact)[fitted.pair[0]]
-    return named(geometry_of(fitted, 0, contact, scales, stretch, origin_m), pair), inseparable
+    segmenter = Segmenter(executor)
+    for seen in forward(poses, model, progress, knowledge):
+        segmenter.note(seen)
+        if watch is not None:
+            watch(seen)
+        if segmenter.due:
+            yield segmenter.conclude()
+    yield segmenter.finish()
 
 
-def _fitted(contact: ContactModel, stretch: Window, state: TrackerState) -> Bank:
-    """The best hypothesis of a contact about a whole stretch, if there can be one."""
-    assert state.averaging is not None
-    anchors, origin_m = contact.anchors(stretch.zeta[:, T].mean(axis=0)), state.averaging.origin_m
-    begins = beginnings(state.knowledge, Memory(), 0.0, contact, anchors, origin_m)
-    return hypotheses.fit_stretch(contact, stretch, scales_of(state.model), begins)
+class Segmenter:
+    """Takes in the ticks of a forward pass and tells segments as they become certain."""
+
+    def __init__(self, executor: Executor | None = None) -> None:
+        self._executor = executor
+        self._forward: hmm.Forward | None = None
+        self._past, self._survivors = hmm.Past(), hmm.Survivors()
+        self._due = PIECE_TICKS
+        self._state: TrackerState
+        self._outliers = 0  # that were told
+        self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet told
+        self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
+        self._path: deque[hmm.Stretch] = deque()
+        self._jobs: deque[Closed] = deque()
+        self._online: list[Belief] = []
+        self._filtered: list[Beliefs] = []
+
+    def note(self, seen: Seen) -> None:
+        """Take in the next tick."""
+        state, tick, alive = seen.state, seen.tick, seen.alive
+        if self._forward is None:
+            self._forward = hmm.Forward(state.entry)
+        step = self._forward.advance(alive.state, alive.onset, alive.log_likelihood, state.change)
+        self._past.append(step)
+        self._survivors.append(step)
+        excess = (tick.excess.position_m2, tick.excess.rotation_rad2)
+        times = (tick.start_ns, tick.stamp_ns, tick.count)
+        self._ticks.append((*times, tick.zeta, excess, seen.belief.residual))
+        self._online.append(seen.belief)
+        if len(self._online) == _FEW:  # objects are large
+            self._filtered.append(Beliefs.of(self._online))
+            self._online.clear()
+        self._state = state
+
+    @property
+    def open_ticks(self) -> int:
+        """How many ticks have no posterior yet that stays."""
+        return len(self._past)
+
+    @property
+    def due(self) -> bool:
+        """Whether it is worth while to look for what is certain by now."""
+        return len(self._past) >= self._due or self._past.size > ROOM_BYTES
+
+    def conclude(self) -> Segmentation:
+        """What has become certain since the last time."""
+        assert self._forward is not None
+        living = self._forward.living
+        posterior, certain = self._past.look_back(living, TOLERANCE)
+        if self._past.size > ROOM_BYTES:
+            certain = max(certain, len(posterior) // 2)
+        self._smoothed(posterior[:certain])
+        self._decided(self._survivors.decide(living))
+        self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
+        waiting = len(self._jobs)
+        self._begin(final=False)
+        return self._tell(len(self._jobs) if self._executor is None else waiting)
+
+    def finish(self) -> Segmentation:
+        """The recording has ended: all the rest."""
+        if self._forward is None:
+            return Segmentation()
+        living = self._forward.living
+        if len(self._past):
+            self._smoothed(self._past.follow(living, living.probability[:, None])[0])
+        self._decided(self._survivors.finish(living))
+        self._begin(final=True)
+        return self._tell(len(self._jobs))
+
+    def _smoothed(self, posterior: Array) -> None:
+        self._past.drop(len(posterior))
+        for row in separability.tempered(posterior, self._state.model.certainty.sureness):
+            self._posterior.append((row,))
+
+    def _decided(self, stretches: Iterable[hmm.Stretch]) -> None:
+        """Free motion is remembered tick by tick; a run of free ticks is one stretch."""
+        for state, onset, end in stretches:
+            if self._path and state == self._path[-1][0] == FREE:
+                onset = self._path.pop()[1]
+            self._path.append((state, onset, end))
+
+    def _begin(self, final: bool) -> None:
+        """Fit the stretches of which all is known; free motion at the end may go on."""
+        while self._path and self._path[0][2] - self._first <= len(self._posterior):
+            state, onset, end = self._path[0]
+            if state == FREE and len(self._path) == 1 and not final:
+                return
+            self._path.popleft()
+            count = end - onset
+            rows = self._ticks.take(count)
+            last = not len(self._ticks)
+            end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
+            posterior = self._posterior.take(count)["probability"]
+            self._jobs.append(Closed(state, rows, end_ns, posterior, self._fit(state, rows)))
+            self._first, self._before = end, rows["zeta"][-1]
+
+    def _fit(self, column: int, rows: NDArray[np.void]) -> Callable[[], Told]:
+        """Have the elements of a segment fitted, with today's estimate of the noise."""
+        state = self._state
+        assert state.averaging is not None
+        variance = np.array(ticks.tick_variances(state.averaging.noise, rows["count"], state.model)).T
+        window = Window(
+            self._first + np.arange(len(rows)),
+            rows["zeta"],
+            variance,
+            rows["excess"],
+            ticks.tick_unevenness(state.averaging.noise, rows["count"]),
+            self._before if self._first else None,
+        )
+        stretch = Stretch(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
+        if self._executor is None:
+            return partial(tell, stretch)
+        return self._executor.submit(tell, stretch).result
+
+    def _tell(self, count: int) -> Segmentation:
+        """The oldest ``count`` segments that are being fitted, and what was filtered meanwhile."""
+        found = [self._jobs.popleft().told() for _ in range(count)]
+        online, self._online = [*self._filtered, Beliefs.of(self._online)], []
+        self._filtered.clear()
+        outliers, self._outliers = self._state.outliers - self._outliers, self._state.outliers
+        beliefs = Beliefs.join([of_one for _, of_one in found])
+        return Segmentation(tuple(one for one, _ in found), beliefs, Beliefs.join(online), outliers)

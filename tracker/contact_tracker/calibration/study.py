@@ -6,17 +6,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, segmenter
-from contact_tracker.belief import Segmentation
+from contact_tracker import hmm
 from contact_tracker.calibration.chains import BelievedStates, KnownStates
 from contact_tracker.calibration.observed import UNKNOWN, Observed, labels, observe
 from contact_tracker.calibration.stretches import Stretch, find_stretches
 from contact_tracker.errors import NoPoses, NoTruth
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker.forward import Pass
 from contact_tracker.labels import STATES
 from contact_tracker.model import Model
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.segmentation import Segmentation
+from contact_tracker.segmenter import segment
 from contact_tracker.transitions import log_initial, log_transition
 from contact_tracker.truth import Truth
 
@@ -118,12 +120,13 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
 
 
 def _pass(poses: Poses, truth: Truth | None, model: Model) -> tuple[Judged, BelievedStates, Segmentation]:
-    seen, state = segmenter.forward(poses, model)
-    found = segmenter.conclude(seen, state)
+    seen = Pass()
+    found = segment(poses, model, watch=seen.note)
     steps = np.array([log_transition(model, activity) for activity in seen.activity])
-    _, log_evidence = hmm.smooth(seen.trellis, log_initial(model), steps)
+    trellis = seen.trellis
+    _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)
-    belief = BelievedStates.of(seen.trellis, seen.activity, model)
+    belief = BelievedStates.of(trellis, seen.activity, model)
     return Judged(evaluation, log_evidence, _duration_s(poses)), belief, found
 
 
@@ -134,10 +137,10 @@ def _duration_s(poses: Poses) -> float:
 def _confident(found: Segmentation, observed: Observed) -> Ints:
     """Label (T,) of each tick that lies in a segment of which the smoother is sure."""
     label = np.full(len(observed.middle_ns), UNKNOWN, np.int64)
-    for segment in found.segments:
-        if segment.probability >= CONFIDENT:
-            first, end = np.searchsorted(observed.middle_ns, [segment.start_ns, segment.end_ns])
-            label[first:end] = STATES.index(segment.contact)
+    for one in found.segments:
+        if one.probability >= CONFIDENT:
+            first, end = np.searchsorted(observed.middle_ns, [one.start_ns, one.end_ns])
+            label[first:end] = STATES.index(one.contact)
     return label
 
 

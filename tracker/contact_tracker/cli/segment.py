@@ -2,15 +2,18 @@
 
 import argparse
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress
+from contact_tracker.cli.workers import add_processes, workers
 
 if TYPE_CHECKING:
-    from contact_tracker.belief import Segmentation
+    from contact_tracker.belief import Segment
+    from contact_tracker.segmentation import Segmentation
 
 HELP: Final = "what held when: smoothed segments of a whole recording"
 DESCRIPTION: Final = """\
@@ -31,6 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write FILE.csv or FILE.jsonl, whole or not at all; - is a table on stdout (the default)",
     )
+    add_processes(parser)
 
 
 def _output(text: str) -> Path | None:
@@ -41,33 +45,44 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.cli.source import Source
     from contact_tracker.model import load_model
     from contact_tracker.recording import open_log
-    from contact_tracker.segmenter import segment
+    from contact_tracker.segmenter import pieces
 
     model, knowledge = load_model(args.model), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
-    with progress("segment", "poses") as set_done:
-        found = segment(source, model, set_done, knowledge)
+    outliers = 0
+
+    def counted(found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
+        nonlocal outliers
+        for piece in found:
+            outliers += piece.outliers
+            yield piece
+
+    with progress("segment", "poses") as set_done, workers(args.processes) as executor:
+        found = counted(pieces(source, model, set_done, knowledge, executor))
+        if args.output is None:
+            segments = [one for piece in found for one in piece.segments]
+        else:
+            _write(found, args.output)
     if args.output is None:
-        _print(found, source.origin_ns)
-    else:
-        _write(found, args.output)
-    return source.finish(found.outliers)
+        _print(segments, source.origin_ns)
+    return source.finish(outliers)
 
 
-def _print(found: "Segmentation", origin_ns: int) -> None:
+def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:
     from contact_tracker.outputs.words import table
 
-    for line in table(found.segments, origin_ns):
+    for line in table(segments, origin_ns):
         print(line)
     sys.stdout.flush()
 
 
-def _write(found: "Segmentation", path: Path) -> None:
+def _write(found: "Iterable[Segmentation]", path: Path) -> None:
+    """Piece by piece: what is written need not be kept."""
     from contact_tracker.outputs.rows import write_csv, write_jsonl
     from contact_tracker.whole_file import whole_file
 
     with whole_file(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         if path.suffix == ".csv":
-            write_csv(found.segments, file)
+            write_csv((one for piece in found for one in piece.segments), file)
         else:
-            write_jsonl(found.beliefs, file)
+            write_jsonl((one for piece in found for one in piece.beliefs), file)

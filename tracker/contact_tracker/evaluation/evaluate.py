@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contact_tracker.belief import Belief, Segmentation
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.metrics import Ints, Tally, tally
 from contact_tracker.evaluation.scoring import Scoring, scoring, tick_containing, tick_in_force
-from contact_tracker.labels import STATES
 from contact_tracker.poses import Poses
+from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.truth import Truth
 
 
@@ -41,8 +40,8 @@ def evaluate(poses: Poses, truth: Truth, segmentation: Segmentation) -> Evaluati
         The truth's elements are not of the kinds that its contact has.
     """
     scored = scoring(poses.stamp_ns, truth)
-    offline = tick_containing(poses.stamp_ns, _stamps(segmentation.beliefs))
-    online = tick_in_force(poses.stamp_ns, _stamps(segmentation.filtered))
+    offline = tick_containing(poses.stamp_ns, segmentation.beliefs.stamp_ns)
+    online = tick_in_force(poses.stamp_ns, segmentation.filtered.stamp_ns)
     return Evaluation(
         _tally(scored, offline, segmentation.beliefs),
         _tally(scored, online, segmentation.filtered),
@@ -50,11 +49,5 @@ def evaluate(poses: Poses, truth: Truth, segmentation: Segmentation) -> Evaluati
     )
 
 
-def _stamps(beliefs: tuple[Belief, ...]) -> Ints:
-    return np.array([b.stamp_ns for b in beliefs], np.int64)
-
-
-def _tally(scored: Scoring, tick: Ints, beliefs: tuple[Belief, ...]) -> Tally:
-    label = np.array([b.contact.column for b in beliefs], np.int64)
-    probability = np.array([b.probability for b in beliefs], float).reshape(-1, len(STATES))
-    return tally(scored, tick, label, probability)
+def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs) -> Tally:
+    return tally(scored, tick, beliefs.rows["contact"].astype(np.int64), beliefs.probability)

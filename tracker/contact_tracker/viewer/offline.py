@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from contact_tracker.belief import Belief, Segmentation
 from contact_tracker.geometry import Array
 from contact_tracker.labels import Contact
 from contact_tracker.poses import Poses
+from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.truth import Truth
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.canvas import Canvas, Stamps
@@ -87,14 +87,14 @@ def _show(
     close(recording)
 
 
-def _trail(sheet: Canvas, poses: Poses, beliefs: Sequence[Belief]) -> None:
+def _trail(sheet: Canvas, poses: Poses, beliefs: Beliefs) -> None:
     """A strip per tick, joined to the one before."""
-    ends = np.searchsorted(poses.stamp_ns, [b.stamp_ns for b in beliefs], side="right")
+    ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
     starts = np.maximum(np.concatenate([[0], ends[:-1]]) - 1, 0)
     strips = [poses.position_m[a:b] for a, b in zip(starts, ends, strict=True)]
     long = [i for i, strip in enumerate(strips) if len(strip) > 1]
-    stamps = _stamps([beliefs[i] for i in long])
-    sheet.trail(stamps, [strips[i] for i in long], [beliefs[i].contact for i in long])
+    contacts = beliefs.contacts
+    sheet.trail(beliefs.stamp_ns[long], [strips[i] for i in long], [contacts[i] for i in long])
 
 
 def _segments(sheet: Canvas, poses: Poses, segmentation: Segmentation, extent: Extent) -> None:
@@ -118,12 +118,12 @@ def _segments(sheet: Canvas, poses: Poses, segmentation: Segmentation, extent: E
 def _fade(sheet: Canvas, segmentation: Segmentation) -> None:
     """Each tick's probability; a segment begins with that of its first tick."""
     beliefs = segmentation.beliefs
-    stamps = _stamps(beliefs)
+    stamps = beliefs.stamp_ns
     begins = np.array([s.start_ns for s in segmentation.segments], np.int64)
     first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
-    believed = [*(beliefs[i] for i in first), *beliefs]
-    contacts = [*(s.contact for s in segmentation.segments), *(b.contact for b in beliefs)]
-    probability = np.array([b.probability[c.column] for b, c in zip(believed, contacts, strict=True)])
+    contacts = [*(s.contact for s in segmentation.segments), *beliefs.contacts]
+    rows = np.concatenate([first, np.arange(len(beliefs))])
+    probability = beliefs.probability[rows, [c.column for c in contacts]]
     times = np.concatenate([begins, stamps])
     order = np.argsort(times, kind="stable")
     sheet.fade(times[order], [contacts[i] for i in order], probability[order])
@@ -131,24 +131,14 @@ def _fade(sheet: Canvas, segmentation: Segmentation) -> None:
 
 def _beliefs(sheet: Canvas, segmentation: Segmentation) -> None:
     filtered = segmentation.filtered
-    stamps = _stamps(filtered)
-    sheet.scalars(
-        canvas.P_SMOOTHED, segmentation.stamp_ns, _rows([b.probability for b in segmentation.beliefs])
-    )
-    sheet.scalars(canvas.P_FILTERED, stamps, _rows([b.probability for b in filtered]))
-    sheet.scalars(canvas.RESIDUAL, stamps, _rows([b.residual for b in filtered]))
-    _changes(sheet, canvas.FILTERED, stamps, [b.contact for b in filtered])
+    stamps = filtered.stamp_ns
+    sheet.scalars(canvas.P_SMOOTHED, segmentation.stamp_ns, segmentation.beliefs.probability)
+    sheet.scalars(canvas.P_FILTERED, stamps, filtered.probability)
+    sheet.scalars(canvas.RESIDUAL, stamps, filtered.residual)
+    _changes(sheet, canvas.FILTERED, stamps, filtered.contacts)
 
 
 def _changes(sheet: Canvas, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
     """Only where the state differs from the one before."""
     kept = [i for i, contact in enumerate(contacts) if i == 0 or contact is not contacts[i - 1]]
     sheet.states(entity, stamp_ns[kept], [contacts[i] for i in kept])
-
-
-def _stamps(beliefs: Sequence[Belief]) -> Stamps:
-    return np.array([b.stamp_ns for b in beliefs], np.int64)
-
-
-def _rows(values: Sequence[Array]) -> Array:
-    return np.array(values, float)

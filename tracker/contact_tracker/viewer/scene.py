@@ -5,9 +5,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.belief import Segmentation
 from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
 from contact_tracker.poses import Poses
+from contact_tracker.segmentation import Segmentation
 from contact_tracker.viewer.shapes import Mesh, body, uncertainty
 
 _ENOUGH_POSES: Final = 200

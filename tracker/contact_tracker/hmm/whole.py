@@ -1,16 +1,12 @@
-"""Hidden Markov inference with explicit onsets; it sees arrays only.
-
-A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may
-end at any later boundary. ``log_likelihood[h]`` at boundary b is that of all data between its onset and b.
-State i is left for j at boundary b with ``log_transition[b, i, j]``; staying costs nothing here, it belongs
-to the likelihood (docs/theory.md, T20).
-"""
+"""Viterbi and smoothing of a recording that is at hand as a whole."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from contact_tracker.hmm.sums import by_state, enter, log_sum_exp
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -27,28 +23,6 @@ class Trellis(NamedTuple):
     onset: Index
     alive: Sequence[Index]
     log_likelihood: Sequence[Array]
-
-
-def log_sum_exp(values: Array, axis: int = -1) -> Array:
-    """log of the sum of exponentials; -inf where all are -inf."""
-    top = np.max(values, axis=axis, keepdims=True)
-    safe = np.where(np.isfinite(top), top, 0.0)
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.squeeze(safe, axis) + np.log(np.sum(np.exp(values - safe), axis=axis)))
-
-
-def by_state(values: Array, state: Index, states: int, best: bool = False) -> Array:
-    """Log-sum (or maximum) of ``values`` (H,) over the hypotheses of each state, (states,)."""
-    table = np.full((states, len(values)), -np.inf)
-    table[state, np.arange(len(values))] = values
-    if not len(values):
-        return np.full(states, -np.inf)
-    return np.asarray(np.max(table, axis=1)) if best else log_sum_exp(table, axis=1)
-
-
-def enter(log_left: Array, log_transition: Array) -> Array:
-    """Log weight (states,) with which new hypotheses begin, from the weights at which states are left."""
-    return log_sum_exp(log_left[:, None] + log_transition, axis=0)
 
 
 def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list[tuple[int, int, int]]:

@@ -1,0 +1,63 @@
+"""Processes that help one command: they start when it begins and end with it."""
+
+import argparse
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from contact_tracker.errors import ContactTrackerError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+
+def add_processes(parser: argparse.ArgumentParser) -> None:
+    """``--processes``."""
+    parser.add_argument(
+        "--processes",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="of them N - 1 fit elements to segments while one reads on (default: 1 does both)",
+    )
+
+
+@contextmanager
+def workers(processes: int) -> "Iterator[Executor | None]":
+    """One less than ``processes``, None without any.
+
+    Raises
+    ------
+    ContactTrackerError
+        One ended before its work was done.
+    """
+    if processes == 1:
+        yield None
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
+    from multiprocessing import get_context
+
+    for library in ("OMP", "OPENBLAS", "MKL"):  # as many processes as cores: each takes one
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"), _leave_interrupts)
+    try:
+        yield executor
+    except BrokenProcessPool:
+        reason = "it may have taken too much memory; try --processes 1"
+        raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _leave_interrupts() -> None:
+    """To the parent, which ends its children."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 64:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of processes, 1 to 64")
+    return int(text)

@@ -1,0 +1,129 @@
+"""The online pass over a whole recording, and what it met."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm, ticks, tracker
+from contact_tracker.belief import Belief
+from contact_tracker.evidence import Window
+from contact_tracker.knowledge import NOTHING, Knowledge
+from contact_tracker.model import Model
+from contact_tracker.poses import Pose
+from contact_tracker.state import TrackerState
+from contact_tracker.ticks import Tick
+from contact_tracker.tracker import FREE
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Alive(NamedTuple):
+    """The hypotheses (A,) that are alive after a tick, free motion last."""
+
+    number: Index
+    state: Index
+    onset: Index
+    log_likelihood: Array
+
+
+class Seen(NamedTuple):
+    """One tick of the pass: the ``state`` that it led to, the ``tick``, and the ``belief`` right after it."""
+
+    state: TrackerState
+    tick: Tick
+    belief: Belief
+
+    @property
+    def alive(self) -> Alive:
+        banks, now = self.state.banks, self.state.ticks - 1
+        free = (self.state.numbers - 1, FREE, now, 0.0)
+        by_bank = [(b.number, np.full(len(b), i), b.onset, b.log_likelihood) for i, b in enumerate(banks)]
+        return Alive(
+            *(np.append(np.concatenate(c), f) for c, f in zip(zip(*by_bank, strict=True), free, strict=True))
+        )
+
+
+def forward(
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    knowledge: Knowledge = NOTHING,
+) -> Iterator[Seen]:
+    """The ticks of a recording, each as soon as it is over.
+
+    Parameters
+    ----------
+    poses : validated poses in order of time.
+    progress : called now and then with the number of poses read so far.
+    knowledge : what is known of the object and its surroundings.
+    """
+    state = tracker.start(model, knowledge=knowledge)
+    for count, pose in enumerate(poses, start=1):
+        state, closed = tracker.gather(state, pose)
+        for tick in closed:
+            state, belief = tracker.observe(state, tick)
+            yield Seen(state, tick, belief)
+        if progress is not None and closed:
+            progress(count)
+    state, closed = tracker.gather_rest(state)
+    for tick in closed:
+        state, belief = tracker.observe(state, tick)
+        yield Seen(state, tick, belief)
+
+
+@dataclass
+class Pass:
+    """All that a forward pass met, tick by tick: for recordings that are looked at as a whole."""
+
+    beliefs: list[Belief] = field(default_factory=list)
+    start_ns: list[int] = field(default_factory=list)
+    newest: list[Window] = field(default_factory=list)
+    frames: list[int] = field(default_factory=list)
+    change: list[Array] = field(default_factory=list)
+    entry: list[Array] = field(default_factory=list)
+    alive: list[Alive] = field(default_factory=list)
+
+    @classmethod
+    def over(cls, ticks_seen: Iterable[Seen]) -> "Pass":
+        """Of all these ticks."""
+        whole = cls()
+        for seen in ticks_seen:
+            whole.note(seen)
+        return whole
+
+    def note(self, seen: Seen) -> None:
+        """Remember a tick."""
+        self.beliefs.append(seen.belief)
+        self.start_ns.append(seen.tick.start_ns)
+        self.newest.append(seen.state.window.cut(-1, None))
+        self.frames.append(seen.tick.count)
+        self.change.append(seen.state.change)
+        self.entry.append(seen.state.entry)
+        self.alive.append(seen.alive)
+
+    @property
+    def activity(self) -> Array:
+        """How far the motion in each tick (T,) rose above the noise."""
+        return np.array([newest.activity for newest in self.newest])
+
+    def window(self, state: TrackerState) -> Window:
+        """All ticks, with the variances that the final estimate of the noise gives them."""
+        assert state.averaging is not None
+        counts = np.array(self.frames, float)
+        variance = np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T
+        uneven = ticks.tick_unevenness(state.averaging.noise, counts)
+        return replace(Window.join(self.newest), variance=variance, uneven=uneven)
+
+    @property
+    def trellis(self) -> hmm.Trellis:
+        """All hypotheses that were met."""
+        count = 1 + int(self.alive[-1].number.max())
+        states, onsets = np.full(count, FREE), np.zeros(count, np.int64)
+        for alive in self.alive:
+            states[alive.number], onsets[alive.number] = alive.state, alive.onset
+        numbers = [alive.number for alive in self.alive]
+        return hmm.Trellis(states, onsets, numbers, [alive.log_likelihood for alive in self.alive])

@@ -1,0 +1,29 @@
+"""Sums and maxima of log weights."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+def log_sum_exp(values: Array, axis: int = -1) -> Array:
+    """log of the sum of exponentials; -inf where all are -inf."""
+    top = np.max(values, axis=axis, keepdims=True)
+    safe = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.squeeze(safe, axis) + np.log(np.sum(np.exp(values - safe), axis=axis)))
+
+
+def by_state(values: Array, state: Index, states: int, best: bool = False) -> Array:
+    """Log-sum (or maximum) of ``values`` (H,) over the hypotheses of each state, (states,)."""
+    table = np.full((states, len(values)), -np.inf)
+    table[state, np.arange(len(values))] = values
+    if not len(values):
+        return np.full(states, -np.inf)
+    return np.asarray(np.max(table, axis=1)) if best else log_sum_exp(table, axis=1)
+
+
+def enter(log_left: Array, log_transition: Array) -> Array:
+    """Log weight (states,) with which new hypotheses begin, from the weights at which states are left."""
+    return log_sum_exp(log_left[:, None] + log_transition, axis=0)
