@@ -17,6 +17,7 @@ from contact_tracker.belief import Segment
 from contact_tracker.evaluation.metrics import tally
 from contact_tracker.evaluation.scoring import Subset, scoring
 from contact_tracker.labels import STATES, Contact
+from contact_tracker.segmentation import Beliefs
 from contact_tracker.truth import Truth, TruthInterval
 from short import FACE_TO_EDGE, MODEL, recorded
 
@@ -70,12 +71,8 @@ def test_what_was_wrong_is_put_into_one_class_each() -> None:
     """The tracker's labels replaced by e-f throughout: all of f-f is wrong."""
     poses, truth, tracked, true, verdict = told()
     found = tracked.segmentation
-    wrong = tuple(replace(b, contact=Contact.EF) for b in found.beliefs)
-    lying = tracked._replace(
-        segmentation=found._replace(beliefs=wrong)
-        if hasattr(found, "_replace")
-        else replace(found, beliefs=wrong)
-    )
+    wrong = Beliefs.of(replace(b, contact=Contact.EF) for b in found.beliefs)
+    lying = tracked._replace(segmentation=replace(found, beliefs=wrong))
     scored = scoring(poses.stamp_ns, truth)
     judged = identifiability.compare("short", poses, scored, true, lying, verdict, MODEL)
     (mistake,) = judged.mistakes
