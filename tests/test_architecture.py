@@ -32,6 +32,7 @@ LAYERS = (
         "polish",
         "readout",
         "separability",
+        "summed",
     ),
     ("hmm",),
     ("belief",),

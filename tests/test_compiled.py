@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from contact_tracker import compiled, fit
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evidence import weak_prior
+from contact_tracker.evidence import Scales, Window, complexity, weak_prior
 from contact_tracker.lift import lift
+from contact_tracker.summed import summed
 from touching import touching
 
 pytest.importorskip("numba")
@@ -21,6 +22,7 @@ each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: 
 seeds = st.integers(0, 2**32 - 1)
 COUNT = 12
 REACH_M = 0.3
+SCALES = Scales(REACH_M, body_radius_m=0.1, foreknowledge=0.3, independence=0.6, tick_s=0.1)
 
 
 def both(function, *args, **options):
@@ -125,6 +127,44 @@ def test_coordinates_agree(model, seed):
     numpy, kernel = both(fit.complete, *problem(model, np.random.default_rng(seed)))
     np.testing.assert_allclose(kernel[0], numpy[0], atol=1e-8)
     np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9)
+
+
+@each_model
+@pytest.mark.parametrize("uneven", [False, True])
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_sums_over_ticks_agree(model, uneven, seed):
+    rng = np.random.default_rng(seed)
+    count, family = 30, model.family
+    t = touching(model.contact, rng, count, swing=0.5)
+    root = rng.normal(size=(count, 3, 3)) * 1e-4
+    window = Window(
+        np.arange(5, 5 + count),
+        lift(t.rotation, t.position_m - t.position_m[0]),
+        np.exp(rng.normal(size=(count, 2))) * [1e-7, 1e-6],
+        np.exp(3.0 * rng.normal(size=(count, 2))) * [1e-6, 1e-4] * (rng.random((count, 1)) > 0.2),
+        np.swapaxes(root, 1, 2) @ root if uneven else None,
+    )
+    x = family.normalise(rng.normal(size=(COUNT, family.SIZE)), np.zeros(6))
+    onset, certain = rng.integers(0, 36, COUNT), rng.random(COUNT) > 0.7
+    numpy, kernel = both(summed, model, x, onset, window, SCALES, certain)
+    for name, values in vars(numpy).items():
+        np.testing.assert_allclose(vars(kernel)[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@each_model
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_the_price_agrees(model, seed):
+    rng = np.random.default_rng(seed)
+    family, moments, weight, prior, anchors, x = problem(model, rng)
+    lifted = rng.normal(size=(COUNT, moments.shape[-1]))
+    given_ = both(fit.information, family, lifted, weight, moments, anchors, x)
+    np.testing.assert_allclose(given_[1], given_[0], rtol=1e-9, atol=1e-9 * np.abs(given_[0]).max())
+    hessian = fit.minimise(family, moments, weight, prior, anchors, x, 2).hessian
+    foretold = rng.uniform(0.0, 0.1, weight.shape)
+    prices = both(complexity, family, x, anchors, hessian, given_[0], foretold, prior)
+    np.testing.assert_allclose(prices[1], prices[0], rtol=1e-7)
 
 
 def said(program, **environment):

@@ -197,6 +197,10 @@ def information(
     family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
 ) -> Array:
     """Hessian (B, P, P) that one weighted lifted pose (B, C) contributes at x (B, S)."""
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return calls.information(family, lifted, row_weight, moments, anchors, x)
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
     jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None, :, None])[..., 0]
     weighted = _per_metre(family, moments, row_weight, x)[..., None] * jacobian

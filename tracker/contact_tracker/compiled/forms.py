@@ -7,11 +7,9 @@ Element 1 is a plane (direction d1), a line (d1, q1) or a point (q1); element 2 
 from math import sqrt
 
 from contact_tracker.compiled.jit import jit
-from contact_tracker.compiled.vectors import across, at, cross, inner, mix, outers, put
+from contact_tracker.compiled.vectors import NONE, across, at, cross, inner, mix, outers, put
 from contact_tracker.contacts.base import Array, Form
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR, TINY
-
-NONE = (0.0, 0.0, 0.0)
 
 
 @jit

@@ -1,9 +1,12 @@
 """Small linear algebra for kernels: vectors of three numbers, and arrays without temporaries."""
 
+from typing import Final
+
 from contact_tracker.compiled.jit import jit
 from contact_tracker.contacts.base import Array
 
 Vector = tuple[float, float, float]
+NONE: Final = (0.0, 0.0, 0.0)
 
 
 @jit
