@@ -19,6 +19,7 @@ LAYERS = (
     ("knowledge",),
     ("lift",),
     ("contacts", "paper"),
+    ("compiled",),
     ("fit",),
     ("noise", "free_motion"),
     (
@@ -31,6 +32,7 @@ LAYERS = (
         "polish",
         "readout",
         "separability",
+        "summed",
     ),
     ("hmm", "columns", "packing"),
     ("belief",),
@@ -50,7 +52,7 @@ LAYERS = (
 )
 FIRST_EDGE_LAYER = LAYERS.index(("whole_file",))
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
-READS_ITS_PRESETS = {"model"}  # of the core, only the model reads files: its own
+READS_FILES = {"model", "compiled"}  # of the core; their own: presets, and what compiled code is made from
 ALONE = {"hmm", "fixed_lag"}  # see arrays only: import numpy, and nothing else of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",
@@ -60,6 +62,7 @@ SINGLE_IMPORTER = {
     "tqdm": "cli",
     "argparse": "cli",
     "trimesh": "known",
+    "numba": "compiled",
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}
@@ -124,7 +127,7 @@ def test_each_foreign_library_has_one_importer(path: Path) -> None:
         assert importer in (None, part(path)), f"{name} is imported by {importer} only"
 
 
-@pytest.mark.parametrize("path", [p for p in PARTS if part(p) in CORE - READS_ITS_PRESETS], ids=ids)
+@pytest.mark.parametrize("path", [p for p in PARTS if part(p) in CORE - READS_FILES], ids=ids)
 def test_the_core_does_no_io(path: Path) -> None:
     for name in imports(path):
         assert name.split(".")[0] not in IO_MODULES, f"the core imports {name}"

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Family, Measurement
 from contact_tracker.fit import Prior
@@ -183,6 +184,11 @@ def complexity(
     says that its elements touch now); and ``foretold`` (B, K), the share of each row's information
     ``hessian`` (B, K, P, P) that free motion itself would have given of where the object will be.
     """
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        volume = calls.volume(family, x, anchors, hessian, given, foretold, prior.precision, prior.flat)
+        return volume + prior.cost(x)
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.contacts.base import Family, dot
 
 Array = NDArray[np.float64]
@@ -98,7 +99,11 @@ def minimise(
     -------
     Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, converged (B,).
     """
-    left = np.broadcast_to(np.asarray(iterations), len(x)).copy()
+    left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return Fit(*calls.minimise(family, moments, row_weight, prior, anchors, x, left, tolerance))
     damping = np.full(len(x), 1e-3)
     x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
     tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
@@ -163,6 +168,10 @@ def complete(
 
     That is a linear problem: rows are affine in the coordinates.
     """
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return calls.complete(family, moments, row_weight, prior, anchors, x)
     linear = family.LINEAR
     bare = x.copy()
     bare[:, linear] = 0.0
@@ -188,6 +197,10 @@ def information(
     family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
 ) -> Array:
     """Hessian (B, P, P) that one weighted lifted pose (B, C) contributes at x (B, S)."""
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return calls.information(family, lifted, row_weight, moments, anchors, x)
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
     jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None, :, None])[..., 0]
     weighted = _per_metre(family, moments, row_weight, x)[..., None] * jacobian

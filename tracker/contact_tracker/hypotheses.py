@@ -14,7 +14,8 @@ from contact_tracker import fit
 from contact_tracker.bank import Bank, Begin, add, anchors_of, blank, fresh, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
-from contact_tracker.evidence import Scales, Window, complexity, log_ratio
+from contact_tracker.evidence import Scales, Window, complexity
+from contact_tracker.summed import Sums, summed
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -93,13 +94,9 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
     if not len(bank) or ticks <= 0:
         return bank
     oldest = window.cut(0, ticks)
-    seen = log_ratio(model, bank.x, oldest, scales, bank.certain)
-    after_onset = oldest.index > bank.onset[:, None]
-    return replace(
-        bank,
-        settled=bank.settled + np.where(after_onset, seen.log_ratio, 0.0).sum(axis=1),
-        earned=bank.earned + np.where(after_onset, seen.gain.sum(axis=2), 0.0).sum(axis=1),
-    )
+    seen = summed(model, bank.x, bank.onset, oldest, scales, bank.certain)
+    settled, earned = bank.settled + seen.log_ratio, bank.earned + seen.gain.sum(axis=1)
+    return replace(bank, settled=settled, earned=earned)
 
 
 def _problem(bank: Bank, model: ContactModel, scales: Scales) -> tuple[Array, fit.Prior, Array]:
@@ -181,38 +178,27 @@ def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array
 
 
 def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    seen = log_ratio(model, bank.x, window, scales, bank.certain)
-    mine = window.index >= bank.onset[:, None]
-    after_onset = window.index > bank.onset[:, None]  # the first tick is given, and tells nothing
-    summed = np.where(after_onset, seen.log_ratio, 0.0).sum(axis=1) + bank.settled
+    seen = summed(model, bank.x, bank.onset, window, scales, bank.certain)
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)
     given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, anchors, bank.x)
-    foretold = _foretold(bank, model, scales, seen.gain, after_onset)
+    foretold = _foretold(bank, model, scales, seen)
     price = complexity(model.family, bank.x, anchors, bank.hessian, given, foretold, prior)
-    earned = np.where(after_onset, seen.gain.sum(axis=2), 0.0).sum(axis=1) + bank.earned
-    # relative to the moments' own weight, one over the noise variance of position
-    relative = seen.row_weight * window.variance[:, :1]
-    count = np.maximum(mine.sum(axis=1), 1)[:, None]
-    row_weight = np.where(mine[..., None], relative, 0.0).sum(axis=1) / count
-    chi_sq = np.where(mine[..., None], seen.chi_sq, 0.0).sum(axis=(1, 2)) / (
-        count[:, 0] * seen.chi_sq.shape[2]
-    )
+    earned = seen.gain.sum(axis=1) + bank.earned
+    count = np.maximum(seen.ticks, 1)
     return replace(
         bank,
         # geometry never costs more than it has explained
-        log_likelihood=bank.lasted + scales.independence * (summed - np.minimum(price, earned)),
-        row_weight=row_weight,
-        rms=np.sqrt(chi_sq),
+        log_likelihood=bank.lasted
+        + scales.independence * (seen.log_ratio + bank.settled - np.minimum(price, earned)),
+        row_weight=seen.precision / count[:, None],
+        rms=np.sqrt(seen.chi_sq / (count * model.family.ROWS)),
     )
 
 
-def _foretold(
-    bank: Bank, model: ContactModel, scales: Scales, gain: Array, after_onset: NDArray[np.bool_]
-) -> Array:
+def _foretold(bank: Bank, model: ContactModel, scales: Scales, seen: Sums) -> Array:
     """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
     ticks = np.maximum(bank.told, 1.0)[:, None]
-    count = np.maximum(after_onset.sum(axis=1), 1)[:, None]
-    mean_gain = np.where(after_onset[..., None], gain, 0.0).sum(axis=1) / count
+    mean_gain = seen.gain / np.maximum(seen.after, 1)[:, None]
     needed = model.family.PARAMETERS / model.family.ROWS
     return np.asarray(scales.foreknowledge * needed / ticks * np.exp(-2.0 * mean_gain))

@@ -41,10 +41,21 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 
+class Version(argparse.Action):
+    """Shows the version; which code computes is found out only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from contact_tracker import compiled
+
+        print(f"contact-tracker {__version__} ({compiled.described()})")
+        parser.exit()
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands; each command's file configures its own part."""
     parser = Parser(prog="contact-tracker", description=DESCRIPTION, epilog=EPILOG)
-    parser.add_argument("--version", action="version", version=f"contact-tracker {__version__}")
+    about_version = "show the version, and whether it runs compiled"
+    parser.add_argument("--version", action=Version, nargs=0, help=about_version)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for command in COMMANDS:
         sub = commands.add_parser(

@@ -36,6 +36,17 @@ class Measurement(NamedTuple):
     along: Array
 
 
+class Form(NamedTuple):
+    """Where in x a family keeps what: the first entries of direction and point (or foot) of element 1, of
+    direction and foot of element 2, and the offset of element 2. What it does not have is negative."""
+
+    d1: int = -1
+    q1: int = -1
+    d2: int = -1
+    q2: int = -1
+    h: int = -1
+
+
 class Family(Protocol):
     """What one file per family provides; everything broadcasts over leading axes of x.
 
@@ -53,6 +64,8 @@ class Family(Protocol):
     SPREAD: Array
     """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
 
+    FORM: Form
+    """Where in x things are: with it the residuals are those of T3-T6."""
     LINEAR: NDArray[np.int64]
     """Entries of x in which the residuals are affine once the directions are given."""
     RANDOM_STARTS: int

@@ -13,6 +13,7 @@ import numpy as np
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
     Array,
+    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -38,6 +39,7 @@ PARAMETERS: Final = 8
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.TXR, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
+FORM: Final = Form(d1=0, q1=3, d2=6, q2=9)
 LINEAR: Final = np.array([3, 4, 5, 9, 10, 11])
 RANDOM_STARTS: Final = 300
 SINE_SQ_FLOOR: Final = 1e-4

@@ -12,6 +12,7 @@ import numpy as np
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
     Array,
+    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -30,6 +31,7 @@ PARAMETERS: Final = 5
 ROWS: Final = 3
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
+FORM: Final = Form(d1=0, d2=3, h=6)
 LINEAR: Final = np.array([6])
 RANDOM_STARTS: Final = 4
 

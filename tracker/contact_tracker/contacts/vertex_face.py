@@ -10,6 +10,7 @@ import numpy as np
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
     Array,
+    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -31,6 +32,7 @@ PARAMETERS: Final = 6
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
+FORM: Final = Form(q1=0, d2=3, h=6)
 LINEAR: Final = np.array([0, 1, 2, 6])
 RANDOM_STARTS: Final = 16
 RIDGE: Final = 1e-7

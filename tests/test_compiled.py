@@ -1,0 +1,201 @@
+"""Compiled kernels agree with the numpy code that they stand for, on problems of all kinds."""
+
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contact_tracker import compiled, fit
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evidence import Scales, Window, complexity, weak_prior
+from contact_tracker.lift import lift
+from contact_tracker.summed import summed
+from touching import touching
+
+pytest.importorskip("numba")
+each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+seeds = st.integers(0, 2**32 - 1)
+COUNT = 12
+REACH_M = 0.3
+SCALES = Scales(REACH_M, body_radius_m=0.1, foreknowledge=0.3, independence=0.6, tick_s=0.1)
+
+
+def both(function, *args, **options):
+    """What a function gives in numpy, and what it gives compiled."""
+    results = []
+    for in_use in (False, True):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(compiled, "in_use", lambda now=in_use: now)
+            results.append(function(*args, **options))
+    return results
+
+
+def problem(model, rng):
+    """Windows of a contact with noise, of few ticks or many; what ``fit.minimise`` takes up to the steps."""
+    family = model.family
+    t = touching(model.contact, rng, 40, swing=0.5)
+    noisy = t.position_m - t.position_m.mean(axis=0) + rng.normal(size=(40, 3)) * 3e-4
+    lifted = model.lifted(lift(t.rotation, noisy))
+    ends = rng.integers(2, 41, COUNT)
+    moments = np.array([lifted[:end].T @ lifted[:end] for end in ends])
+    anchors = model.anchors(rng.normal(size=(COUNT, 3)) * 0.1)
+    weight = rng.uniform(0.01, 1.0, (COUNT, family.ROWS))
+    x = family.normalise(rng.normal(size=(COUNT, family.SIZE)), anchors)
+    return family, moments * 1e6, weight, weak_prior(family, anchors, REACH_M), anchors, x
+
+
+def strange(kind, rng, family, moments, weight, prior, anchors, x):
+    """The same with something that is hard to compute with."""
+    size = family.SIZE
+    if kind == "known elements":  # as far as rank 2 goes
+        root = rng.normal(size=(COUNT, 2, size)) * 1e3
+        prior = prior + fit.Prior.around(x, np.swapaxes(root, 1, 2) @ root, prior.flat)
+    elif kind == "empty":
+        moments = moments * 0.0
+    elif kind == "one tick":
+        moments = moments[:, -1:] * moments[:, :, -1:] / moments[:, -1:, -1:]
+    elif kind == "unweighted":
+        weight = weight * 0.0
+    elif kind == "parallel":  # d2 = d1 without any turn: the sine is at its floor
+        x = np.where(np.arange(size) >= size - 6, np.roll(x, 6, axis=1), x)
+        moments = moments.copy()
+        lifted = np.zeros(moments.shape[-1])
+        lifted[[0, 4, 8, -1]] = 1.0
+        moments[:] = np.outer(lifted, lifted) * 1e6
+    return family, moments, weight, prior, anchors, family.normalise(x, anchors)
+
+
+def assert_same_fits(numpy, kernel, rel):
+    np.testing.assert_array_equal(kernel.converged, numpy.converged)
+    np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=rel, atol=rel)
+    np.testing.assert_allclose(kernel.x, numpy.x, atol=10 * rel)
+    scale = np.abs(numpy.hessian).max(initial=1e-300)
+    np.testing.assert_allclose(kernel.hessian, numpy.hessian, atol=10 * rel * scale)
+
+
+@each_model
+@pytest.mark.parametrize(("steps", "rel"), [(0, 1e-9), (1, 1e-8), (10, 1e-6)])
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_fits_agree(model, steps, rel, seed):
+    assert_same_fits(*both(fit.minimise, *problem(model, np.random.default_rng(seed)), steps), rel)
+
+
+@each_model
+@pytest.mark.parametrize("kind", ["known elements", "empty", "one tick", "unweighted", "parallel"])
+@settings(max_examples=4, deadline=None)
+@given(seed=seeds)
+def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
+    """In cost: x may be anywhere in directions that cost nothing."""
+    rng = np.random.default_rng(seed)
+    numpy, kernel = both(fit.minimise, *strange(kind, rng, *problem(model, rng)), 2)
+    np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
+    assert np.isfinite(kernel.x).all()
+
+
+@each_model
+def test_each_window_takes_its_own_steps(model):
+    steps = np.arange(COUNT) % 4
+    assert_same_fits(*both(fit.minimise, *problem(model, np.random.default_rng(3)), steps), 1e-7)
+
+
+@each_model
+def test_what_is_no_number_stays_where_it_is(model):
+    given_ = list(problem(model, np.random.default_rng(4)))
+    whole = both(fit.minimise, *given_, 3)[1]
+    given_[1] = given_[1].copy()
+    given_[1][5] = np.nan
+    given_[-1] = given_[-1].copy()
+    given_[-1][7, model.family.FORM.d2] = np.nan
+    numpy, kernel = both(fit.minimise, *given_, 3)
+    np.testing.assert_array_equal(np.isnan(kernel.cost), np.isnan(numpy.cost))
+    assert np.isnan(kernel.cost[[5, 7]]).all()
+    assert not kernel.converged[[5, 7]].any()
+    others = np.delete(np.arange(COUNT), [5, 7])
+    np.testing.assert_array_equal(kernel.x[others], whole.x[others])
+
+
+@each_model
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_coordinates_agree(model, seed):
+    numpy, kernel = both(fit.complete, *problem(model, np.random.default_rng(seed)))
+    np.testing.assert_allclose(kernel[0], numpy[0], atol=1e-8)
+    np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9)
+
+
+@each_model
+@pytest.mark.parametrize("uneven", [False, True])
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_sums_over_ticks_agree(model, uneven, seed):
+    rng = np.random.default_rng(seed)
+    count, family = 30, model.family
+    t = touching(model.contact, rng, count, swing=0.5)
+    root = rng.normal(size=(count, 3, 3)) * 1e-4
+    window = Window(
+        np.arange(5, 5 + count),
+        lift(t.rotation, t.position_m - t.position_m[0]),
+        np.exp(rng.normal(size=(count, 2))) * [1e-7, 1e-6],
+        np.exp(3.0 * rng.normal(size=(count, 2))) * [1e-6, 1e-4] * (rng.random((count, 1)) > 0.2),
+        np.swapaxes(root, 1, 2) @ root if uneven else None,
+    )
+    x = family.normalise(rng.normal(size=(COUNT, family.SIZE)), np.zeros(6))
+    onset, certain = rng.integers(0, 36, COUNT), rng.random(COUNT) > 0.7
+    numpy, kernel = both(summed, model, x, onset, window, SCALES, certain)
+    for name, values in vars(numpy).items():
+        np.testing.assert_allclose(vars(kernel)[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@each_model
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_the_price_agrees(model, seed):
+    rng = np.random.default_rng(seed)
+    family, moments, weight, prior, anchors, x = problem(model, rng)
+    lifted = rng.normal(size=(COUNT, moments.shape[-1]))
+    given_ = both(fit.information, family, lifted, weight, moments, anchors, x)
+    np.testing.assert_allclose(given_[1], given_[0], rtol=1e-9, atol=1e-9 * np.abs(given_[0]).max())
+    hessian = fit.minimise(family, moments, weight, prior, anchors, x, 2).hessian
+    foretold = rng.uniform(0.0, 0.1, weight.shape)
+    prices = both(complexity, family, x, anchors, hessian, given_[0], foretold, prior)
+    np.testing.assert_allclose(prices[1], prices[0], rtol=1e-7)
+
+
+def said(program, **environment):
+    """What a program prints in a fresh interpreter."""
+    found = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return found.stdout.strip()
+
+
+def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
+    program = (
+        "import sys; from contact_tracker import compiled, segmenter;"
+        "print(compiled.described(), 'numba' in sys.modules)"
+    )
+    assert said(program, CONTACT_TRACKER_COMPILED="0") == "numpy, CONTACT_TRACKER_COMPILED=0 False"
+    assert re.fullmatch(r"compiled kernels, numba [\d.]+ False", said(program, CONTACT_TRACKER_COMPILED="1"))
+
+
+def test_it_compiles_where_nothing_can_be_kept(monkeypatch):
+    from contact_tracker.compiled import jit
+
+    def no_folder(function, **options):
+        if "cache" in options:
+            raise RuntimeError("cannot cache function: no locator available")
+        return njit(function, **options)
+
+    njit = jit._njit
+    monkeypatch.setattr(jit, "_njit", no_folder)
+    assert jit.kernel(lambda a: a + 1)(2) == 3

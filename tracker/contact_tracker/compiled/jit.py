@@ -1,0 +1,32 @@
+"""The one place that knows numba: what is compiled, and what is kept on disk."""
+
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final, ParamSpec, TypeVar
+
+import numba
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_njit: Any = numba.njit
+SOURCES: Final = sha256(
+    b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+).hexdigest()
+"""Of the code here. numba looks only at the file of a kernel to see whether what it kept is still true,
+and at what the kernel closes over: those that close over this are compiled anew when any file changes."""
+
+
+def jit(function: Callable[P, R]) -> Callable[P, R]:
+    """A part of kernels, compiled with each."""
+    compiled: Callable[P, R] = _njit(function, error_model="numpy")
+    return compiled
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compiled when it is first called, which takes seconds, and kept where there is a folder to write to."""
+    try:
+        compiled: Callable[P, R] = _njit(function, error_model="numpy", cache=True)
+    except RuntimeError:  # numba finds no folder
+        return jit(function)
+    return compiled

@@ -1,0 +1,158 @@
+"""Residuals and evidence of hypotheses on the ticks since their onsets, compiled: the sums of ``summed``."""
+
+from math import log1p, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.compiled.jit import SOURCES, jit, kernel
+from contact_tracker.compiled.vectors import NONE, Vector, across, at, cross, inner, mix
+from contact_tracker.contacts.base import Array, Form
+from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR
+
+T, U, TXR = 9, 12, 15  # where the lifted pose has them; R comes first
+
+
+class Ticks(NamedTuple):
+    """W ticks: ``number`` (W,) as ``Window.index``; ``pose`` (W, 25) lifted, of frame 1 in frame 2; ``free``
+    (2, W, 2) variances of free motion, of fitted and of certain hypotheses; ``uneven`` (W or 0, 3, 3)."""
+
+    number: NDArray[np.int64]
+    pose: Array
+    variance: Array
+    free: Array
+    uneven: Array
+
+
+class Sums(NamedTuple):
+    """As ``summed.Sums``."""
+
+    log_ratio: Array
+    gain: Array
+    precision: Array
+    chi_sq: Array
+    ticks: NDArray[np.int64]
+    after: NDArray[np.int64]
+
+
+@jit
+def _turned(r: Array, first: int, v: Vector) -> Vector:
+    """The matrix that begins at ``first`` in r, times v."""
+    return inner(at(r, first), v), inner(at(r, first + 3), v), inner(at(r, first + 6), v)
+
+
+@jit
+def _faced(form: Form, body_in_1: bool, x: Array, r: Array, residual: Array) -> tuple[float, float, Vector]:
+    """As ``Family.measure`` where element 2 is a plane: residuals (K); lever and reach squared, and along."""
+    n, nt, h = at(x, form.d2), inner(at(x, form.d2), at(r, T)), x[form.h]
+    n_r = mix(n[0], at(r, 0), n[1], at(r, 3))
+    n_r = mix(1.0, n_r, n[2], at(r, 6))
+    along = n if body_in_1 else n_r
+    last = len(residual) - 1
+    if form.q1 < 0:
+        b1, b2 = across(at(x, form.d1))
+        residual[0], residual[1], residual[2] = inner(n_r, b1), inner(n_r, b2), nt - h
+        return 0.0, 0.0, along
+    q = at(x, form.q1)
+    origin = NONE if body_in_1 else mix(-1.0, at(r, U), 0.0, NONE)
+    arm = mix(1.0, q, -1.0, origin)
+    reach_sq, height = inner(arm, arm), inner(n_r, q)
+    if form.d1 >= 0:
+        d = at(x, form.d1)
+        s = -inner(d, arm)
+        residual[0] = inner(n_r, d)
+        reach_sq -= s * s
+        height += s * residual[0]
+    residual[last] = height + nt - h
+    if not body_in_1:
+        height += nt
+    return max(reach_sq - height * height, 0.0), reach_sq, along
+
+
+@jit
+def _crossed(form: Form, x: Array, r: Array, residual: Array) -> tuple[float, float, Vector]:
+    """As ``edge_edge.measure``."""
+    d1, q1, d2, q2 = at(x, form.d1), at(x, form.q1), at(x, form.d2), at(x, form.q2)
+    turned = _turned(r, 0, d1)
+    d2_r_m1 = inner(d2, _turned(r, 0, cross(q1, d1)))
+    volume = d2_r_m1 + inner(cross(q2, d2), turned) + inner(d2, _turned(r, TXR, d1))
+    cosine = inner(d2, turned)
+    sine_sq = max(1.0 - cosine * cosine, SINE_SQ_FLOOR)
+    w_d1 = inner(q1, d1) + inner(d1, at(r, U)) - inner(q2, turned)
+    w_d2 = inner(d2, _turned(r, 0, q1)) + inner(d2, at(r, T)) - inner(d2, q2)
+    s = (cosine * w_d2 - w_d1) / sine_sq
+    reach_sq = inner(q1, q1) + 2.0 * s * inner(q1, d1) + s * s
+    sine = sqrt(sine_sq)
+    residual[0] = volume / sine
+    along = mix(1.0 / sine, cross(turned, d2), 0.0, NONE)
+    return max(reach_sq - d2_r_m1 * d2_r_m1 / sine_sq, 0.0), reach_sq, along
+
+
+@jit
+def _add(
+    form: Form,
+    body_in_1: bool,
+    x: Array,
+    ticks: Ticks,
+    w: int,
+    certain: int,
+    after: bool,
+    lengths: tuple[float, float],
+    sums: Sums,
+    b: int,
+    residual: Array,
+) -> None:
+    """What hypothesis b says of tick w."""
+    radius_sq, pull = lengths
+    if form.q2 >= 0:
+        lever_sq, reach_sq, along = _crossed(form, x, ticks.pose[w], residual)
+    else:
+        lever_sq, reach_sq, along = _faced(form, body_in_1, x, ticks.pose[w], residual)
+    last, position, rotation = len(residual) - 1, ticks.variance[w, 0], ticks.variance[w, 1]
+    free_position, free_rotation = ticks.free[certain, w, 0], ticks.free[certain, w, 1]
+    for k in range(last + 1):
+        noise, excess = rotation, free_rotation
+        if k == last:
+            noise = position + rotation * lever_sq
+            excess = free_position + free_rotation * (lever_sq + radius_sq)
+            if len(ticks.uneven):
+                for i in range(3):
+                    noise += along[i] * inner(at(ticks.uneven[w, i], 0), along)
+        ratio, square = excess / noise, residual[k] * residual[k] / noise
+        sums.precision[b, k] += position / noise
+        sums.chi_sq[b] += square
+        if after:
+            gain = 0.5 * log1p(ratio)
+            sums.gain[b, k] += gain
+            sums.log_ratio[b] += gain - 0.5 * square * (ratio / (1.0 + ratio))
+    if after and ticks.free[0, w, 0] > 0.0:
+        sums.log_ratio[b] -= pull * reach_sq
+
+
+def _kernels(sources: str) -> Any:
+    @kernel
+    def summed(
+        form: Form,
+        body_in_1: bool,
+        x: Array,
+        onset: NDArray[np.int64],
+        certain: NDArray[np.int64],
+        ticks: Ticks,
+        lengths: tuple[float, float],
+        sums: Sums,
+    ) -> None:
+        assert sources
+        residual = np.empty(sums.gain.shape[1])
+        for b in range(len(x)):
+            for w in range(len(ticks.number)):
+                if ticks.number[w] >= onset[b]:
+                    after = ticks.number[w] > onset[b]  # the first tick is given, and tells nothing
+                    sums.ticks[b] += 1
+                    sums.after[b] += 1 if after else 0
+                    _add(form, body_in_1, x[b], ticks, w, certain[b], after, lengths, sums, b, residual)
+
+    return summed
+
+
+summed = _kernels(SOURCES)
