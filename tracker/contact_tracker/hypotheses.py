@@ -30,7 +30,7 @@ REFINE_STEPS: Final = 2
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 6
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
-SCREENED: Final = 6
+SCREENED: Final = 12
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 LEAST_GAIN: Final = 1e-3
@@ -122,13 +122,16 @@ def _refine(bank: Bank, model: ContactModel, scales: Scales, steps: int | Index 
 
 
 def _lost(bank: Bank) -> Index:
-    """Rows that search: one for each age, since what it finds is offered to those that began beside it."""
+    """Rows that search: of each age one that assumes nothing and one of those that do, the best.
+
+    What they find is offered to those that began beside them.
+    """
     passed = bank.told.astype(np.int64)[:, None] - np.arange(SEARCH_EVERY)
     due = np.isin(passed, SEARCH_AGES).any(axis=1) & (bank.rms > AT_THE_NOISE) & bank.searched
     rows = np.flatnonzero(due)
-    age = np.searchsorted(SEARCH_AGES, bank.told[rows], side="right")
-    best = np.lexsort((-bank.joint[rows], age))
-    return np.sort(rows[best[np.unique(age[best], return_index=True)[1]]])
+    kind = 2 * np.searchsorted(SEARCH_AGES, bank.told[rows], side="right") + (bank.source[rows] > 0)
+    best = np.lexsort((-bank.joint[rows], kind))
+    return np.sort(rows[best[np.unique(kind[best], return_index=True)[1]]])
 
 
 def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, rows: Index) -> Bank:
