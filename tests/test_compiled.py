@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from contact_tracker import compiled, fit
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window, complexity, weak_prior
+from contact_tracker.forward import forward
 from contact_tracker.lift import lift
 from contact_tracker.summed import summed
+from short import FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 
 pytest.importorskip("numba")
@@ -165,6 +167,16 @@ def test_the_price_agrees(model, seed):
     foretold = rng.uniform(0.0, 0.1, weight.shape)
     prices = both(complexity, family, x, anchors, hessian, given_[0], foretold, prior)
     np.testing.assert_allclose(prices[1], prices[0], rtol=1e-7)
+
+
+def test_a_recording_is_told_alike():
+    """In one that tells: where hypotheses are equally good, rounding decides which of them stays."""
+    poses = recorded(FACE_TO_EDGE).poses[:800]
+    numpy, kernel = both(lambda: [seen.belief for seen in forward(poses, MODEL)])
+    assert len(kernel) == len(numpy) >= 39
+    for compiled_, reference in zip(kernel, numpy, strict=True):
+        assert compiled_.contact is reference.contact
+        np.testing.assert_allclose(compiled_.probability, reference.probability, atol=1e-6)
 
 
 def said(program, **environment):

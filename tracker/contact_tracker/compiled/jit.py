@@ -7,14 +7,18 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 import numba
 
+from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR, TINY
+
 P = ParamSpec("P")
 R = TypeVar("R")
 _njit: Any = numba.njit
 SOURCES: Final = sha256(
     b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    + repr((SINE_SQ_FLOOR, TINY)).encode()
 ).hexdigest()
-"""Of the code here. numba looks only at the file of a kernel to see whether what it kept is still true,
-and at what the kernel closes over: those that close over this are compiled anew when any file changes."""
+"""Of the code here and the constants in it. To see whether what it kept is still true, numba looks only at
+the file of a kernel and at what the kernel closes over: those that close over this are compiled anew when any
+file changes."""
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
