@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import compiled
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Family, Measurement
+from contact_tracker.contacts.base import Family, Measurement, dot
 from contact_tracker.fit import Prior
 from contact_tracker.lift import R, T
 
@@ -59,9 +59,9 @@ class Window:
         return float(np.max(moved / (moved + self.variance[-1])))
 
     @property
-    def activity(self) -> float:
-        """How far the motion in the newest tick rises above the noise: 0 at rest, towards 1 in motion."""
-        return float(np.max(self.excess[-1] / (self.excess[-1] + self.variance[-1])))
+    def activity(self) -> Array:
+        """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
+        return np.asarray(np.max(self.excess / (self.excess + self.variance), axis=1, initial=0.0))
 
     def cut(self, first: int, end: int | None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
@@ -164,9 +164,10 @@ def residual_noise(seen: Measurement, window: Window) -> Array:
 
 def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:
     """Touching points lie within reach of the body (anchors (B, 6)); directions are anything."""
-    pull = np.diag(family.SPREAD / reach_m**2)
-    precision = np.broadcast_to(pull, (len(anchors), *pull.shape))
-    return Prior.around(family.place(anchors), precision, 1.0 - family.SPREAD)
+    mean, pull = family.place(anchors), family.SPREAD / reach_m**2
+    precision = np.broadcast_to(np.diag(pull), (len(anchors), len(pull), len(pull)))
+    information = pull * mean
+    return Prior(precision, information, 0.5 * dot(information, mean), 1.0 - family.SPREAD)
 
 
 def complexity(

@@ -108,7 +108,7 @@ class Pass:
     @property
     def activity(self) -> Array:
         """How far the motion in each tick (T,) rose above the noise."""
-        return np.array([newest.activity for newest in self.newest])
+        return np.array([newest.activity[-1] for newest in self.newest])
 
     def window(self, state: TrackerState) -> Window:
         """All ticks, with the variances that the final estimate of the noise gives them."""

@@ -5,7 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,27 +46,45 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
     bank = _grow(bank, model, window)
     bank = replace(bank, lasted=bank.lasted + np.where(bank.onset < window.index[-1], log_stay, 0.0))
     steps = np.where(bank.told < FIRST_TICKS, FIRST_STEPS, REFINE_STEPS)
-    bank = _refine(_adopt(bank, model, scales), model, scales, steps)
-    if window.index[-1] % SEARCH_EVERY == 0 and window.activity > AT_REST:
+    before = _before(bank, model, scales)
+    bank = _refine(_adopt(bank, model, before), model, before, steps)
+    if window.index[-1] % SEARCH_EVERY == 0 and bool(window.activity[-1] > AT_REST):
         bank = _search(bank, model, window, scales, _lost(bank))
-    return _evaluate(bank, model, window, scales)
+    return _evaluate(bank, model, window, scales, before)
 
 
 def _grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
     """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise."""
-    zeta = window.zeta[-1]
+    zeta, activity = window.zeta[-1], float(window.activity[-1])
     lifted = model.lifted(zeta)
     begins = bank.onset == window.index[-1]
-    weight = np.where(begins, 1.0, max(window.activity, AT_REST)) / float(window.variance[-1, 0])
+    weight = np.where(begins, 1.0, max(activity, AT_REST)) / float(window.variance[-1, 0])
     bank = replace(
         bank,
         first=np.where(begins[:, None], lifted / np.sqrt(window.variance[-1, 0]), bank.first),
         moments=bank.moments + weight[:, None, None] * np.outer(lifted, lifted),
         place_sum=bank.place_sum + weight[:, None] * zeta[9:12],
         weight=bank.weight + weight,
-        told=bank.told + np.where(begins, 1.0, window.activity),
+        told=bank.told + np.where(begins, 1.0, activity),
     )
     # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
+    return replace(bank, x=model.family.normalise(bank.x, anchors_of(bank, model)))
+
+
+def _grown(bank: Bank, model: ContactModel, window: Window) -> Bank:
+    """As ``_grow`` tick by tick, from the first tick of the window, where all of the bank begin."""
+    lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
+    heard = np.append(1.0, window.activity[1:])  # the onset is given
+    weight = np.maximum(heard, AT_REST) / variance
+    count = np.ones(len(bank))
+    bank = replace(
+        bank,
+        first=np.outer(count, lifted[0] / np.sqrt(variance[0])),
+        moments=count[:, None, None] * ((lifted * weight[:, None]).T @ lifted),
+        place_sum=np.outer(count, weight @ window.zeta[:, 9:12]),
+        weight=count * weight.sum(),
+        told=count * heard.sum(),
+    )
     return replace(bank, x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
@@ -82,10 +100,10 @@ def fit_stretch(
     bank = add(nothing, model, int(window.index[0]), 0, 0, 0.0, nothing.past[:0].sum(axis=0), begins)
     if not len(bank):
         return bank
-    for last in range(1, len(window) + 1):
-        bank = _grow(bank, model, window.cut(0, last))
+    bank = _grown(bank, model, window)
     bank = _search(bank, model, window, scales, np.flatnonzero(bank.searched))
-    bank = _evaluate(_refine(bank, model, scales), model, window, scales)
+    before = _before(bank, model, scales)
+    bank = _evaluate(_refine(bank, model, before), model, window, scales, before)
     return bank.pick(np.array([np.argmax(bank.log_likelihood)]))
 
 
@@ -99,25 +117,33 @@ def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, tick
     return replace(bank, settled=settled, earned=earned)
 
 
-def _problem(bank: Bank, model: ContactModel, scales: Scales) -> tuple[Array, fit.Prior, Array]:
-    """Relative row weights (the moments carry 1/m^2), prior and anchors of each hypothesis."""
+class Before(NamedTuple):
+    """What each hypothesis knew before its window, and where the body was: as long as that does not grow."""
+
+    prior: fit.Prior
+    anchors: Array
+
+    def pick(self, rows: Index) -> "Before":
+        return Before(self.prior.pick(rows), self.anchors[rows])
+
+
+def _before(bank: Bank, model: ContactModel, scales: Scales) -> Before:
     anchors = anchors_of(bank, model)
-    return bank.row_weight, prior_of(bank, model, anchors, scales.reach_m), anchors
+    return Before(prior_of(bank, model, anchors, scales.reach_m), anchors)
 
 
-def _adopt(bank: Bank, model: ContactModel, scales: Scales) -> Bank:
+def _adopt(bank: Bank, model: ContactModel, before: Before) -> Bank:
     """Let each hypothesis take the geometry of any other where that fits its own window better."""
-    row_weight, prior, _ = _problem(bank, model, scales)
-    costs = fit.every_cost(model.family, bank.moments, row_weight, prior, bank.x)
+    costs = fit.every_cost(model.family, bank.moments, bank.row_weight, before.prior, bank.x)
     best = np.argmin(costs, axis=0)
     own = np.arange(len(bank))
     better = costs[best, own] < costs[own, own] - LEAST_GAIN
     return replace(bank, x=np.where(better[:, None], bank.x[best], bank.x))
 
 
-def _refine(bank: Bank, model: ContactModel, scales: Scales, steps: int | Index = REFINE_STEPS) -> Bank:
-    row_weight, prior, anchors = _problem(bank, model, scales)
-    found = fit.minimise(model.family, bank.moments, row_weight, prior, anchors, bank.x, steps)
+def _refine(bank: Bank, model: ContactModel, before: Before, steps: int | Index = REFINE_STEPS) -> Bank:
+    """Take some steps towards the minimum; the moments carry 1/m^2, the rows weights relative to that."""
+    found = fit.minimise(model.family, bank.moments, bank.row_weight, *before, bank.x, steps)
     return replace(bank, x=found.x, hessian=found.hessian)
 
 
@@ -139,20 +165,19 @@ def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, row
     if not len(rows):
         return bank
     some = bank.pick(rows)
-    starts = _starts(some, model, scales, int(window.index[-1]))
+    before = _before(some, model, scales)
+    starts = _starts(some, model, before, int(window.index[-1]))
     count = starts.shape[1]
-    many = some.pick(np.repeat(np.arange(len(rows)), count))
-    row_weight, prior, anchors = _problem(many, model, scales)
+    each = np.repeat(np.arange(len(rows)), count)
+    many, of_many = some.pick(each), before.pick(each)
     told = Given(many.known_mean, many.known).told
     x = np.where(told, many.known_mean, starts.reshape(-1, starts.shape[-1]))
-    x = model.family.normalise(x, anchors)
-    found = fit.minimise(model.family, many.moments, row_weight, prior, anchors, x, SEARCH_STEPS)
-    tried = replace(many, x=found.x, hessian=found.hessian)
-    tried = _evaluate(tried, model, window, scales)
-    tried = _evaluate(_refine(tried, model, scales), model, window, scales)
+    many = replace(many, x=model.family.normalise(x, of_many.anchors))
+    tried = _evaluate(_refine(many, model, of_many, SEARCH_STEPS), model, window, scales, of_many)
+    tried = _evaluate(_refine(tried, model, of_many), model, window, scales, of_many)
     best = np.argmax(tried.log_likelihood.reshape(len(rows), count), axis=1)
     won = tried.pick(np.arange(len(rows)) * count + best)
-    held = _evaluate(some, model, window, scales)
+    held = _evaluate(some, model, window, scales, before)
     better = won.log_likelihood > held.log_likelihood
     names = ("x", "hessian", "row_weight")
     changed = {name: vars(bank)[name].copy() for name in names}
@@ -161,7 +186,7 @@ def _search(bank: Bank, model: ContactModel, window: Window, scales: Scales, row
     return replace(bank, **changed)
 
 
-def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array:
+def _starts(bank: Bank, model: ContactModel, before: Before, seed: int) -> Array:
     """Starts (H, N, S): solutions of the relaxed problem, and the best of many random directions."""
     family = model.family
     size = bank.moments.shape[-1]
@@ -169,21 +194,19 @@ def _starts(bank: Bank, model: ContactModel, scales: Scales, seed: int) -> Array
     regular = bank.moments + 1e-12 * trace * np.eye(size)
     relaxed = family.starts(regular)
     raw = np.random.default_rng(seed).normal(size=(family.RANDOM_STARTS, family.SIZE))
-    rows = np.repeat(np.arange(len(bank)), len(raw))
-    many = bank.pick(rows)
-    row_weight, prior, anchors = _problem(many, model, scales)
+    each = np.repeat(np.arange(len(bank)), len(raw))
+    prior, anchors = before.pick(each)
     x = family.normalise(np.tile(raw, (len(bank), 1)), anchors)
-    x, cost = fit.complete(family, many.moments, row_weight, prior, anchors, x)
+    x, cost = fit.complete(family, bank.moments[each], bank.row_weight[each], prior, anchors, x)
     cost = cost.reshape(len(bank), -1)
     best = np.argsort(cost, axis=1)[:, :SCREENED]
     screened = np.take_along_axis(x.reshape(len(bank), -1, family.SIZE), best[..., None], axis=1)
     return np.concatenate([relaxed, screened], axis=1)
 
 
-def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+def _evaluate(bank: Bank, model: ContactModel, window: Window, scales: Scales, before: Before) -> Bank:
     seen = summed(model, bank.x, bank.onset, window, scales, bank.certain)
-    anchors = anchors_of(bank, model)
-    prior = prior_of(bank, model, anchors, scales.reach_m)
+    prior, anchors = before
     given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, anchors, bank.x)
     foretold = _foretold(bank, model, scales, seen)
     price = complexity(model.family, bank.x, anchors, bank.hessian, given, foretold, prior)

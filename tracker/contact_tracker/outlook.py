@@ -36,7 +36,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         beginnings(state.knowledge, state.memory, recognised, contact, contact.anchors(place_m), origin_m)
         for contact in CONTACT_MODELS
     ]
-    activity = window.activity
+    activity = float(newest.activity[-1])
     if not state.knowledge:
         change, stay = log_transition(model, activity), log_stay(model, activity)
         return Outlook(begins, change, stay, state.log_left if first else hmm.enter(state.log_left, change))

@@ -72,7 +72,7 @@ def is_idle(label: Contact, window: Window, older: bool) -> bool:
 
     ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others.
     """
-    judged = not older or float(_activity(window).sum()) >= LEAST_MOTION_TICKS
+    judged = not older or float(window.activity.sum()) >= LEAST_MOTION_TICKS
     return judged and used_directions(window) < SIX - label.codimension
 
 
@@ -88,7 +88,7 @@ def restricted(idle: bool, window: Window, tick_s: float) -> float:
     So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
     other directions.
     """
-    moved_s = tick_s * float(_activity(window).sum())
+    moved_s = tick_s * float(window.activity.sum())
     return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if idle else 0.0
 
 
@@ -124,17 +124,12 @@ def used_directions(window: Window) -> int:
     middle = 0.5 * (place[first] + place[last])
     shifted = place[last] - place[first] - np.cross(turned, middle)
     twist = np.concatenate([shifted, turned], axis=1)
-    weight = _activity(window)[last] + TINY
+    weight = window.activity[last] + TINY
     power = (twist * weight[:, None]).T @ twist / weight.sum()
     position, rotation = 2.0 * np.median(window.variance, axis=0)
     lever_sq = np.mean(np.square(middle).sum(axis=1)) * 2.0 / 3.0
     noise = [position + rotation * lever_sq] * 3 + [rotation] * 3
     return int(np.sum(eigvalsh(power, np.diag(noise)) > USED))
-
-
-def _activity(window: Window) -> Array:
-    """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
-    return np.asarray(np.max(window.excess / (window.excess + window.variance), axis=1, initial=0.0))
 
 
 def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Rivals:
