@@ -42,6 +42,13 @@ def test_a_window_that_moves_on_loses_none_of_what_it_said(model, seed, first):
     np.testing.assert_array_equal(Window.join(parts[:2]).travel, seen.travel[:-1])
 
 
+def test_between_ticks_that_are_not_neighbours_nothing_is_known_of_the_way():
+    seen, _ = window(np.random.default_rng(6), CONTACT_MODELS[0])
+    some = seen.pick(np.array([2, 3, 7, 8]))
+    np.testing.assert_array_equal(some.travel[[0, 2]], 0.0)
+    np.testing.assert_array_equal(some.travel[[1, 3]], seen.travel[[3, 8]])
+
+
 @each_model
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)

@@ -47,9 +47,13 @@ class Window:
 
     @property
     def travel(self) -> Array:
-        """How far the object moved since the tick before, (W, 2) variances per axis as in ``excess``."""
+        """How far the object moved since the tick before, (W, 2) variances per axis as in ``excess``.
+
+        Zero where the tick before is not in the window.
+        """
         before = self.zeta[:1] if self.before is None else self.before[None]
         apart = np.square(np.diff(self.zeta, axis=0, prepend=before))
+        apart[1:][np.diff(self.index) != 1] = 0.0
         return np.stack([apart[:, T].sum(axis=1) / 3.0, apart[:, R].sum(axis=1) / 6.0], axis=1)
 
     @property

@@ -60,11 +60,12 @@ def run(args: argparse.Namespace) -> int:
     with _viewer(args) as viewer, StatusLine() as status:
         show = _shower(args.json, source, status)
 
-        def observe(state: "TrackerState", closed: "list[Tick]") -> "TrackerState":
-            for tick in closed:  # several after a gap: each is shown
+        def observe(gathered: "tuple[TrackerState, list[Tick]]") -> None:
+            nonlocal state
+            state, closed = gathered
+            for tick in closed:  # several after a gap: each is shown, and none twice when interrupted
                 state, online = tracker.observe(state, tick)
                 say(tracker.answer(state, online))
-            return state
 
         def say(belief: "Belief | None") -> None:
             if belief is not None:
@@ -74,10 +75,10 @@ def run(args: argparse.Namespace) -> int:
         try:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
-                state = observe(*tracker.gather(state, pose))
+                observe(tracker.gather(state, pose))
         except KeyboardInterrupt:
             interrupted = True
-        state = observe(*tracker.gather_rest(state))
+        observe(tracker.gather_rest(state))
         for belief in tracker.remaining(state):
             say(belief)
     code = source.finish(state.outliers)

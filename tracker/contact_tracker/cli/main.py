@@ -6,7 +6,9 @@ Commands import what computes only when they run, so that ``--help`` and a misty
 import argparse
 import io
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from typing import Any, Final, NoReturn
 
@@ -72,6 +74,10 @@ def build_parser() -> argparse.ArgumentParser:
 def run(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (without the program's name) and return its exit code."""
     _prepare_streams()
+    if threading.current_thread() is threading.main_thread():  # others cannot be told
+        signal.signal(
+            signal.SIGTERM, lambda number, _: sys.exit(128 + number)
+        )  # begun files are cleared away
     code = _run(argv)
     try:
         sys.stdout.flush()
@@ -89,7 +95,7 @@ def _run(argv: Sequence[str] | None) -> int:
         args = build_parser().parse_args(argv)
         code: int = args.run(args)
         return code
-    except SystemExit as leave:  # argparse after --help or --version
+    except SystemExit as leave:  # argparse after --help or --version; SIGTERM
         return int(leave.code or DONE)
     except BrokenPipeError:  # the reader has what it wanted
         return DONE

@@ -20,7 +20,8 @@ def add_processes(parser: argparse.ArgumentParser) -> None:
         type=_count,
         default=1,
         metavar="N",
-        help="of them N - 1 fit elements to segments while one reads on (default: 1 does both)",
+        help="others fit the elements of segments while one reads on; helps with recordings of many minutes "
+        "(default: 1)",
     )
 
 
@@ -42,7 +43,11 @@ def workers(processes: int) -> "Iterator[Executor | None]":
 
     for library in ("OMP", "OPENBLAS", "MKL"):  # as many processes as cores: each takes one
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"), _leave_interrupts)
+    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"))
+    interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children leave that to this process
+    for _ in range(processes - 1):
+        executor.submit(int)  # starts one
+    signal.signal(signal.SIGINT, interrupt)
     try:
         yield executor
     except BrokenProcessPool:
@@ -50,11 +55,6 @@ def workers(processes: int) -> "Iterator[Executor | None]":
         raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
     finally:
         executor.shutdown(cancel_futures=True)
-
-
-def _leave_interrupts() -> None:
-    """To the parent, which ends its children."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _count(text: str) -> int:

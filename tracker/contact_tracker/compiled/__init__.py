@@ -5,7 +5,9 @@ the first fit needs it.
 """
 
 import os
+import warnings
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
 from typing import Final
@@ -17,11 +19,25 @@ SWITCH: Final = "CONTACT_TRACKER_COMPILED"
 @cache
 def in_use() -> bool:
     """Whether kernels are compiled; what is so at first remains so."""
-    return os.environ.get(SWITCH) != "0" and find_spec("numba") is not None
+    return os.environ.get(SWITCH) != "0" and find_spec("numba") is not None and not _fault()
+
+
+@cache
+def _fault() -> str:
+    """Why numba, which is installed, cannot be used: it follows numpy with some delay."""
+    try:
+        import_module("contact_tracker.compiled.jit")
+    except (ImportError, AttributeError, SystemError) as error:
+        reason = " ".join(str(error).split())
+        warnings.warn(f"nothing is compiled, numba cannot be imported: {reason}", stacklevel=2)
+        return reason
+    return ""
 
 
 def described() -> str:
     """Which of both is in use, in words."""
+    if os.environ.get(SWITCH) == "0":
+        return f"numpy, {SWITCH}=0"
     if in_use():
         return f"compiled kernels, numba {version('numba')}"
-    return f"numpy, {SWITCH}=0" if os.environ.get(SWITCH) == "0" else "numpy; numba is not installed"
+    return "numpy; numba cannot be imported" if find_spec("numba") else "numpy; numba is not installed"
