@@ -139,14 +139,6 @@ def _step(gradient: Array, hessian: Array, held: Array, damping: Array) -> Array
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 
 
-def cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
-    """Cost (B,) in nats of x (B, S) on B windows: half the whitened squares, and the pull of the prior."""
-    c = family.rows(x)
-    squares = np.einsum("bkc,bkc->bk", c @ moments, c)
-    row_weight = _per_metre(family, moments, row_weight, x)
-    return np.asarray(0.5 * np.einsum("bk,bk->b", squares, row_weight) + prior.cost(x))
-
-
 def every_cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
     """Cost (N, B) in nats of each of N geometries x (N, S) on each of B windows."""
     c = family.rows(x)

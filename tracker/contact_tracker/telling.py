@@ -84,9 +84,8 @@ def _most_moving(window: Window) -> Window:
     """The window itself, or where it is very long its pieces with the most motion, in their order."""
     if len(window) <= LONGEST_TICKS:
         return window
-    moved = np.max(window.excess / (window.excess + window.variance), axis=1)
     pieces = len(window) // PIECE_TICKS
-    by_piece = moved[: pieces * PIECE_TICKS].reshape(pieces, PIECE_TICKS).sum(axis=1)
+    by_piece = window.activity[: pieces * PIECE_TICKS].reshape(pieces, PIECE_TICKS).sum(axis=1)
     chosen = np.sort(np.argsort(-by_piece, kind="stable")[: LONGEST_TICKS // PIECE_TICKS])
     rows = (chosen[:, None] * PIECE_TICKS + np.arange(PIECE_TICKS)).ravel()
     before = window.before if not rows[0] else window.zeta[rows[0] - 1]

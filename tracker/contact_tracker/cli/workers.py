@@ -1,7 +1,6 @@
 """Processes that help one command: they start when it begins and end with it."""
 
 import argparse
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,8 +40,6 @@ def workers(processes: int) -> "Iterator[Executor | None]":
     from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
 
-    for library in ("OMP", "OPENBLAS", "MKL"):  # as many processes as cores: each takes one
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     executor = ProcessPoolExecutor(processes - 1, get_context("spawn"))
     interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children leave that to this process
     for _ in range(processes - 1):
