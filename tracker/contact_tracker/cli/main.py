@@ -74,16 +74,12 @@ def build_parser() -> argparse.ArgumentParser:
 def run(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (without the program's name) and return its exit code."""
     _prepare_streams()
-    for library in (
-        "OMP",
-        "OPENBLAS",
-        "MKL",
-    ):  # matrices are small here: more threads only wait for each other
+    # matrices are small here: more threads only wait for each other
+    for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    if threading.current_thread() is threading.main_thread():  # others cannot be told
-        signal.signal(
-            signal.SIGTERM, lambda number, _: sys.exit(128 + number)
-        )  # begun files are cleared away
+    if threading.current_thread() is threading.main_thread():
+        # what was begun is cleared away
+        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     code = _run(argv)
     try:
         sys.stdout.flush()
