@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import lift
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.fit import Prior, cost, minimise
+from contact_tracker.fit import Prior, every_cost, minimise
 from contact_tracker.labels import Contact
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from touching import touching
@@ -56,7 +56,7 @@ def fit(model, rotation, position, iterations=200, tolerance=1e-12):
 def sum_of_squares(model, moments, x):
     """What ``fit`` minimises, at one x."""
     weight = np.full((1, model.family.ROWS), 2.0)
-    return float(cost(model.family, moments[None], weight, no_prior(model, 1), x[None])[0])
+    return float(every_cost(model.family, moments[None], weight, no_prior(model, 1), x[None])[0, 0])
 
 
 def paper_elements(model, x):
