@@ -11,13 +11,13 @@ window: the Laplace approximation of the integral over it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Family, Measurement, dot
+from contact_tracker.contacts.base import Family, Measurement, dot, lift_of_inverse
 from contact_tracker.fit import Prior
 from contact_tracker.lift import R, T
 
@@ -45,6 +45,17 @@ class Window:
     def __len__(self) -> int:
         return len(self.index)
 
+    @cached_property
+    def inverse(self) -> Array:
+        """Lifts (W, 25) of the inverse poses."""
+        return lift_of_inverse(self.zeta)
+
+    @cached_property
+    def free(self) -> Array:
+        """Variances (2, W, 2) of free motion: what is unpredictable in it, which is all that tells of
+        elements that are fitted; and of known ones, that nothing but touching keeps in place."""
+        return np.array([self.excess, np.maximum(self.excess, self.travel)])
+
     @property
     def travel(self) -> Array:
         """How far the object moved since the tick before, (W, 2) variances per axis as in ``excess``.
@@ -62,7 +73,7 @@ class Window:
         moved = self.cut(-1, None).travel[-1]
         return float(np.max(moved / (moved + self.variance[-1])))
 
-    @property
+    @cached_property
     def activity(self) -> Array:
         """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
         return np.asarray(np.max(self.excess / (self.excess + self.variance), axis=1, initial=0.0))
@@ -132,7 +143,7 @@ def log_ratio(
     noise = residual_noise(seen, window)
     excess = np.empty_like(noise)
     known = np.zeros(len(x), bool) if certain is None else certain
-    for rows, free in ((~known, window.excess), (known, np.maximum(window.excess, window.travel))):
+    for rows, free in zip((~known, known), window.free, strict=True):
         free_position, free_rotation = free.T
         excess[rows, :-1] = free_rotation
         lever_sq = seen.lever_sq[rows] + scales.body_radius_m**2
@@ -189,11 +200,6 @@ def complexity(
     says that its elements touch now); and ``foretold`` (B, K), the share of each row's information
     ``hessian`` (B, K, P, P) that free motion itself would have given of where the object will be.
     """
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        volume = calls.volume(family, x, anchors, hessian, given, foretold, prior.precision, prior.flat)
-        return volume + prior.cost(x)
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent

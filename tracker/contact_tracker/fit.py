@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.contacts.base import Family, dot
+from contact_tracker.contacts.base import Family, dot, mean_of_alike
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
+TOLERANCE: Final = 1e-3
+"""A fit has converged when a step would lower its cost by less than this (nats)."""
 _LEAST_CURVATURE: Final = 1e-12
 _LEAST_SHARE: Final = 1e-12
 
@@ -79,38 +82,42 @@ def minimise(
     prior: Prior,
     anchors: Array,
     x: Array,
-    iterations: int | NDArray[np.int64],
-    tolerance: float = 1e-3,
+    iterations: int | Index,
+    tolerance: float = TOLERANCE,
+    of: Index | None = None,
 ) -> Fit:
-    """Fit one family to B windows, each from its own start.
+    """Fit one family to W windows from B starts.
 
     Parameters
     ----------
-    moments : (B, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
-    row_weight : (B, K) precision of each residual, 1/rad^2 or 1/m^2; what the last row gives per metre of
+    moments : (W, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
+    row_weight : (W, K) precision of each residual, 1/rad^2 or 1/m^2; what the last row gives per metre of
         distance is taken out here, at each x (``Family.scale_sq``).
     prior : weak knowledge that keeps unobservable directions finite.
-    anchors : (B, 6) where the body is in frames 1 and 2 (see ``contacts.base``).
+    anchors : (W, 6) where the body is in frames 1 and 2 (see ``contacts.base``).
     x : (B, S) starts.
-    iterations : steps at most, of all or of each window (B,).
-    tolerance : a window has converged when a step would lower its cost by less than this (nats).
+    iterations : steps at most, of all or of each start (B,).
+    tolerance : see ``TOLERANCE``.
+    of : (B,) the window of each start; without, there is one start a window.
 
     Returns
     -------
     Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, converged (B,).
     """
     left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
+    of = np.arange(len(x)) if of is None else of
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return Fit(*calls.minimise(family, moments, row_weight, prior, anchors, x, left, tolerance))
+        return Fit(*calls.minimise(family, moments, row_weight, prior, anchors, x, left, tolerance, of))
+    moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
     damping = np.full(len(x), 1e-3)
     x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
     tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
     converged = np.zeros(len(x), bool)
     rows = np.arange(len(x))
     while True:
-        step = _step(gradient[rows], hessian[rows], held[rows], damping[rows])
+        step = _step(family, gradient[rows], hessian[rows], held[rows], damping[rows])
         converged[rows] = np.abs(dot(gradient[rows], step)) < tolerance
         go_on = ~converged[rows] & (left[rows] > 0)
         rows, step = rows[go_on], step[go_on]
@@ -130,12 +137,12 @@ def minimise(
             )
 
 
-def _step(gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:
-    """Levenberg's and Marquardt's step (B, P)."""
+def _step(family: Family, gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:
+    """Levenberg's and Marquardt's step (B, P), the same along whatever directions ``tangent`` is written."""
     curvature = hessian.sum(axis=1) + held
+    diagonal = np.einsum("bii->bi", curvature)
     # a direction without any curvature, as in an empty window, must not make the whole batch singular
-    np.einsum("bii->bi", curvature)[...] *= 1.0 + damping[:, None]
-    np.einsum("bii->bi", curvature)[...] += _LEAST_CURVATURE
+    diagonal += damping[:, None] * (diagonal @ mean_of_alike(family.FORM)) + _LEAST_CURVATURE
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 
 
@@ -154,16 +161,24 @@ def every_cost(family: Family, moments: Array, row_weight: Array, prior: Prior, 
 
 
 def complete(
-    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
+    family: Family,
+    moments: Array,
+    row_weight: Array,
+    prior: Prior,
+    anchors: Array,
+    x: Array,
+    of: Index | None = None,
 ) -> tuple[Array, Array]:
     """x (B, S) with its coordinates where they cost least, its directions as they are, and its cost (B,).
 
-    That is a linear problem: rows are affine in the coordinates.
+    That is a linear problem: rows are affine in the coordinates. Arguments as of ``minimise``.
     """
+    of = np.arange(len(x)) if of is None else of
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return calls.complete(family, moments, row_weight, prior, anchors, x)
+        return calls.complete(family, moments, row_weight, prior, anchors, x, of)
+    moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
     linear = family.LINEAR
     bare = x.copy()
     bare[:, linear] = 0.0

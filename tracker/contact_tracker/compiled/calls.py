@@ -1,13 +1,23 @@
-"""From the arrays of ``fit``, ``evidence`` and ``summed`` to those of the kernels, and back."""
+"""From the arrays of ``fit``, ``summed`` and ``following`` to those of the kernels, and back."""
 
-from typing import Protocol
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import fitting, pricing, seeing
+from contact_tracker.compiled import fitting, following, pricing, seeing
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Array, Family, lift_of_inverse
+from contact_tracker.contacts.base import Array, Family, mean_of_alike
+from contact_tracker.lift import T
+
+Index = NDArray[np.int64]
+Columns = Mapping[str, NDArray[Any]]
+
+GROWS: Final = ("first", "moments", "place_sum", "weight", "told", "x")
+LEARNT: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
+"""Columns of a bank that change when it grows, and when it learns."""
 
 
 class Prior(Protocol):
@@ -25,17 +35,19 @@ class Window(Protocol):
     """What is read of ``evidence.Window``."""
 
     @property
-    def index(self) -> NDArray[np.int64]: ...
+    def index(self) -> Index: ...
     @property
     def zeta(self) -> Array: ...
     @property
-    def variance(self) -> Array: ...
+    def inverse(self) -> Array: ...
     @property
-    def excess(self) -> Array: ...
+    def variance(self) -> Array: ...
     @property
     def uneven(self) -> Array | None: ...
     @property
-    def travel(self) -> Array: ...
+    def free(self) -> Array: ...
+    @property
+    def activity(self) -> Array: ...
 
 
 class Scales(Protocol):
@@ -47,6 +59,10 @@ class Scales(Protocol):
     def body_radius_m(self) -> float: ...
     @property
     def tick_s(self) -> float: ...
+    @property
+    def foreknowledge(self) -> float: ...
+    @property
+    def independence(self) -> float: ...
 
 
 def minimise(
@@ -56,8 +72,9 @@ def minimise(
     prior: Prior,
     anchors: Array,
     x: Array,
-    steps: NDArray[np.int64],
+    steps: Index,
     tolerance: float,
+    of: Index,
 ) -> fitting.Found:
     count, rows, free = len(x), family.ROWS, family.PARAMETERS
     found = fitting.Found(
@@ -66,17 +83,23 @@ def minimise(
         np.empty((count, rows, free, free)),
         np.empty(count, np.bool_),
     )
-    problem = _problem(moments, row_weight, prior, anchors)
-    fitting.minimise(family.FORM, family.LINEAR, problem, steps, tolerance, found)
+    problem = _problem(family, moments, row_weight, prior, anchors)
+    fitting.minimise(family.FORM, family.LINEAR, problem, of, steps, tolerance, found)
     return found
 
 
 def complete(
-    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
+    family: Family,
+    moments: Array,
+    row_weight: Array,
+    prior: Prior,
+    anchors: Array,
+    x: Array,
+    of: Index,
 ) -> tuple[Array, Array]:
     completed, cost = np.array(x, np.float64, order="C"), np.empty(len(x))
-    problem = _problem(moments, row_weight, prior, anchors)
-    fitting.complete(family.FORM, family.LINEAR, problem, completed, cost, family.PARAMETERS)
+    problem = _problem(family, moments, row_weight, prior, anchors)
+    fitting.complete(family.FORM, family.LINEAR, problem, of, completed, cost)
     return completed, cost
 
 
@@ -88,71 +111,82 @@ def information(
     return out
 
 
-def volume(
-    family: Family,
-    x: Array,
-    anchors: Array,
-    hessian: Array,
-    given: Array,
-    foretold: Array,
-    precision: Array,
-    flat: Array,
-) -> Array:
-    """The first term of ``evidence.complexity``."""
-    out = np.empty(len(x))
-    pricing.volume(family.FORM, *map(_plain, (x, anchors, hessian, given, foretold, precision, flat)), out)
-    return out
-
-
 def summed(
     model: ContactModel,
     x: Array,
-    onset: NDArray[np.int64],
+    onset: Index,
     window: Window,
     scales: Scales,
     certain: NDArray[np.bool_],
 ) -> seeing.Sums:
-    count, rows = len(x), model.family.ROWS
-    free = [window.excess, np.maximum(window.excess, window.travel) if certain.any() else window.excess]
-    ticks = seeing.Ticks(
-        np.require(window.index, np.int64, ("C", "W")),
-        _plain(window.zeta if model.body_in_1 else lift_of_inverse(window.zeta)),
-        _plain(window.variance),
-        np.array(free),
-        np.empty((0, 3, 3)) if window.uneven is None else _plain(window.uneven),
-    )
-    sums = seeing.Sums(
-        np.zeros(count),
-        np.zeros((count, rows)),
-        np.zeros((count, rows)),
-        np.zeros(count),
-        np.zeros(count, np.int64),
-        np.zeros(count, np.int64),
-    )
-    pull = 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
-    lengths = scales.body_radius_m**2, pull
-    seeing.summed(
-        model.family.FORM,
-        model.body_in_1,
-        _plain(x),
-        np.require(onset, np.int64, ("C", "W")),
-        certain.astype(np.int64),
-        ticks,
-        lengths,
-        sums,
+    family, ticks = model.family, _ticks(model, window)
+    of_x, onset = _plain(x), np.require(onset, np.int64, ("C", "W"))
+    lengths = _lengths(scales)
+    sums: seeing.Sums = seeing.summed(
+        family.FORM, model.body_in_1, family.ROWS, of_x, onset, certain, ticks, lengths
     )
     return sums
 
 
-def _problem(moments: Array, row_weight: Array, prior: Prior, anchors: Array) -> fitting.Problem:
-    arrays = moments, row_weight, prior.precision, prior.information, prior.constant, anchors
+def grow(model: ContactModel, bank: Columns, window: Window, least: float) -> dict[str, NDArray[Any]]:
+    """The columns that change."""
+    zeta, heard = window.zeta[-1], float(window.activity[-1])
+    rows = _rows(bank, GROWS)
+    kind = _kind(model, 1.0)
+    lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
+    following.grow(kind, rows, int(window.index[-1]), lifted, zeta[T].copy(), sigma, heard, least)
+    return {name: getattr(rows, name) for name in GROWS}
+
+
+def learn(
+    model: ContactModel, bank: Columns, window: Window, scales: Scales, steps: Index, tolerance: float
+) -> dict[str, NDArray[Any]]:
+    """The columns that change."""
+    rows, kind = _rows(bank, LEARNT), _kind(model, scales.reach_m)
+    weights = following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
+    following.learn(kind, rows, _ticks(model, window), steps, tolerance, weights)
+    return {name: getattr(rows, name) for name in LEARNT}
+
+
+@cache
+def _kind(model: ContactModel, reach_m: float) -> following.Kind:
+    family = model.family
+    pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
+    linear = np.array(family.LINEAR)
+    return following.Kind(family.FORM, model.body_in_1, linear, mean_of_alike(family.FORM), pull, flat)
+
+
+def _rows(bank: Columns, changed: tuple[str, ...]) -> following.Rows:
+    """Columns as a kernel takes them: copies of those that it changes."""
+    columns = (
+        np.array(bank[name], order="C") if name in changed else _plain(bank[name])
+        for name in following.Rows._fields
+    )
+    return following.Rows(*columns)
+
+
+def _ticks(model: ContactModel, window: Window) -> seeing.Ticks:
+    return seeing.Ticks(
+        np.require(window.index, np.int64, ("C", "W")),
+        _plain(window.zeta if model.body_in_1 else window.inverse),
+        _plain(window.variance),
+        window.free,
+        np.empty((0, 3, 3)) if window.uneven is None else _plain(window.uneven),
+    )
+
+
+def _lengths(scales: Scales) -> tuple[float, float]:
+    return scales.body_radius_m**2, 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
+
+
+def _problem(
+    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array
+) -> fitting.Problem:
+    known = prior.precision, prior.information, prior.constant
+    arrays = moments, row_weight, *known, anchors, mean_of_alike(family.FORM)
     return fitting.Problem(*map(_plain, arrays))
 
 
-def _plain(values: Array) -> Array:
+def _plain(values: NDArray[Any]) -> NDArray[Any]:
     """In order and writable, as a kernel is compiled for: another layout would have another one compiled."""
-    return (
-        values
-        if values.flags.carray and values.dtype == np.float64
-        else np.array(values, np.float64, order="C")
-    )
+    return values if values.flags.carray else np.array(values, order="C")

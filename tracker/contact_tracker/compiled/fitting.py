@@ -18,7 +18,7 @@ LEAST_SHARE = 1e-12
 
 
 class Problem(NamedTuple):
-    """What ``fit.minimise`` is given of B windows."""
+    """What ``fit.minimise`` is given of W windows; ``alike`` is ``base.mean_of_alike``."""
 
     moments: Array
     row_weight: Array
@@ -26,6 +26,7 @@ class Problem(NamedTuple):
     information: Array
     constant: Array
     anchors: Array
+    alike: Array
 
 
 class Found(NamedTuple):
@@ -152,62 +153,67 @@ def _equations(form: Form, problem: Problem, b: int, x: Array, hessian: Array, w
 
 
 @jit
-def _step(hessian: Array, damping: float, work: Work) -> float:
+def _step(hessian: Array, damping: float, alike: Array, work: Work) -> float:
     """As ``fit._step``; returns by how much it would lower the cost."""
-    curvature = work.curvature
+    curvature, diagonal, ridge = work.curvature, work.slant, work.gram[0]
     for p in range(len(work.step)):
         work.step[p] = -work.gradient[p]
         for q in range(len(work.step)):
             curvature[p, q] = work.held[p, q]
             for k in range(len(hessian)):
                 curvature[p, q] += hessian[k, p, q]
-        curvature[p, p] = curvature[p, p] * (1.0 + damping) + LEAST_CURVATURE
+        diagonal[p] = curvature[p, p]
+    multiply(diagonal, alike, ridge)
+    for p in range(len(work.step)):
+        curvature[p, p] += damping * ridge[p] + LEAST_CURVATURE
     solve(curvature, work.step)
     return abs(dot(work.gradient, work.step))
 
 
 @jit
-def _minimise(
-    form: Form, linear: Ints, problem: Problem, steps: Ints, tolerance: float, found: Found
+def descend(
+    form: Form, linear: Ints, problem: Problem, of: Ints, steps: Ints, tolerance: float, found: Found
 ) -> None:
+    """As ``fit.minimise``."""
     hessian = found.hessian
     work = _work(hessian.shape[1], problem.moments.shape[1], found.x.shape[1], hessian.shape[2])
     for b in range(len(found.x)):
-        x, left, damping = found.x[b], steps[b], 1e-3
-        found.cost[b] = _complete(form, linear, problem, b, x, work)
-        _equations(form, problem, b, x, hessian[b], work)
+        w, x, left, damping = of[b], found.x[b], steps[b], 1e-3
+        found.cost[b] = _complete(form, linear, problem, w, x, work)
+        _equations(form, problem, w, x, hessian[b], work)
         while True:
-            found.converged[b] = _step(hessian[b], damping, work) < tolerance
+            found.converged[b] = _step(hessian[b], damping, problem.alike, work) < tolerance
             if found.converged[b] or left <= 0:
                 break
             left -= 1
             multiply(work.step, work.free, work.trial)
             for i in range(len(x)):
                 work.trial[i] += x[i]
-            normalise(form, work.trial, problem.anchors[b])
-            cost = _complete(form, linear, problem, b, work.trial, work)
+            normalise(form, work.trial, problem.anchors[w])
+            cost = _complete(form, linear, problem, w, work.trial, work)
             better = cost < found.cost[b]
             damping = min(max(damping * (0.2 if better else 8.0), 1e-9), 1e6)
             if better:
                 x[:] = work.trial
                 found.cost[b] = cost
-                _equations(form, problem, b, x, hessian[b], work)
+                _equations(form, problem, w, x, hessian[b], work)
 
 
 def _kernels(sources: str) -> tuple[Any, Any]:
     @kernel
     def minimise(
-        form: Form, linear: Ints, problem: Problem, steps: Ints, tolerance: float, found: Found
+        form: Form, linear: Ints, problem: Problem, of: Ints, steps: Ints, tolerance: float, found: Found
     ) -> None:
         assert sources
-        _minimise(form, linear, problem, steps, tolerance, found)
+        descend(form, linear, problem, of, steps, tolerance, found)
 
     @kernel
-    def complete(form: Form, linear: Ints, problem: Problem, x: Array, cost: Array, directions: int) -> None:
+    def complete(form: Form, linear: Ints, problem: Problem, of: Ints, x: Array, cost: Array) -> None:
         assert sources
-        work = _work(problem.row_weight.shape[1], problem.moments.shape[1], x.shape[1], directions)
+        count, columns, free = problem.row_weight.shape[1], problem.moments.shape[1], len(problem.alike)
+        work = _work(count, columns, x.shape[1], free)
         for b in range(len(x)):
-            cost[b] = _complete(form, linear, problem, b, x[b], work)
+            cost[b] = _complete(form, linear, problem, of[b], x[b], work)
 
     return minimise, complete
 

@@ -130,29 +130,60 @@ def _add(
         sums.log_ratio[b] -= pull * reach_sq
 
 
-def _kernels(sources: str) -> Any:
+@jit
+def add_up(
+    form: Form,
+    body_in_1: bool,
+    x: Array,
+    onset: NDArray[np.int64],
+    certain: NDArray[np.bool_],
+    ticks: Ticks,
+    lengths: tuple[float, float],
+    sums: Sums,
+) -> None:
+    """As ``summed.summed``; ``sums`` are zero before."""
+    residual = np.empty(sums.gain.shape[1])
+    for b in range(len(x)):
+        for w in range(len(ticks.number)):
+            if ticks.number[w] >= onset[b]:
+                after = ticks.number[w] > onset[b]  # the first tick is given, and tells nothing
+                sums.ticks[b] += 1
+                sums.after[b] += 1 if after else 0
+                _add(
+                    form, body_in_1, x[b], ticks, w, 1 if certain[b] else 0, after, lengths, sums, b, residual
+                )
+
+
+@jit
+def nothing(count: int, rows: int) -> Sums:
+    return Sums(
+        np.zeros(count),
+        np.zeros((count, rows)),
+        np.zeros((count, rows)),
+        np.zeros(count),
+        np.zeros(count, np.int64),
+        np.zeros(count, np.int64),
+    )
+
+
+def _kernel(sources: str) -> Any:
     @kernel
     def summed(
         form: Form,
         body_in_1: bool,
+        rows: int,
         x: Array,
         onset: NDArray[np.int64],
-        certain: NDArray[np.int64],
+        certain: NDArray[np.bool_],
         ticks: Ticks,
         lengths: tuple[float, float],
-        sums: Sums,
-    ) -> None:
+    ) -> Sums:
         assert sources
-        residual = np.empty(sums.gain.shape[1])
-        for b in range(len(x)):
-            for w in range(len(ticks.number)):
-                if ticks.number[w] >= onset[b]:
-                    after = ticks.number[w] > onset[b]  # the first tick is given, and tells nothing
-                    sums.ticks[b] += 1
-                    sums.after[b] += 1 if after else 0
-                    _add(form, body_in_1, x[b], ticks, w, certain[b], after, lengths, sums, b, residual)
+        sums = nothing(len(x), rows)
+        add_up(form, body_in_1, x, onset, certain, ticks, lengths, sums)
+        return sums
 
     return summed
 
 
-summed = _kernels(SOURCES)
+summed = _kernel(SOURCES)

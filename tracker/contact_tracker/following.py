@@ -1,0 +1,117 @@
+"""How hypotheses follow the motion: their moments grow with each tick, their geometry is refined from where
+it was, and what the ticks since their onsets say of it is weighed anew.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import compiled, fit
+from contact_tracker.bank import Bank, anchors_of, prior_of
+from contact_tracker.contacts import ContactModel
+from contact_tracker.evidence import Scales, Window, complexity
+from contact_tracker.summed import Sums, summed
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+REFINE_STEPS: Final = 2
+FIRST_TICKS: Final = 6.0
+FIRST_STEPS: Final = 6
+"""In its first ticks with motion the geometry moves far, and takes so many steps."""
+AT_REST: Final = 1e-7
+"""Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
+
+
+class Before(NamedTuple):
+    """What each hypothesis knew before its window, and where the body was: as long as that does not grow."""
+
+    prior: fit.Prior
+    anchors: Array
+
+
+def before(bank: Bank, model: ContactModel, scales: Scales) -> Before:
+    anchors = anchors_of(bank, model)
+    return Before(prior_of(bank, model, anchors, scales.reach_m), anchors)
+
+
+def grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
+    """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise."""
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return bank.having(**calls.grow(model, vars(bank), window, AT_REST))
+    zeta, activity = window.zeta[-1], float(window.activity[-1])
+    lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
+    begins = bank.onset == window.index[-1]
+    weight = np.where(begins, 1.0, max(activity, AT_REST)) / sigma_m**2
+    bank = bank.having(
+        first=np.where(begins[:, None], lifted / sigma_m, bank.first),
+        moments=bank.moments + weight[:, None, None] * np.outer(lifted, lifted),
+        place_sum=bank.place_sum + weight[:, None] * zeta[9:12],
+        weight=bank.weight + weight,
+        told=bank.told + np.where(begins, 1.0, activity),
+    )
+    # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
+    return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
+
+
+def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
+    """As ``grow`` tick by tick, from the first tick of the window, where all of the bank begin."""
+    lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
+    heard = np.append(1.0, window.activity[1:])  # the onset is given
+    weight = np.maximum(heard, AT_REST) / variance
+    count = np.ones(len(bank))
+    bank = bank.having(
+        first=np.outer(count, lifted[0] / np.sqrt(variance[0])),
+        moments=count[:, None, None] * ((lifted * weight[:, None]).T @ lifted),
+        place_sum=np.outer(count, weight @ window.zeta[:, 9:12]),
+        weight=count * weight.sum(),
+        told=count * heard.sum(),
+    )
+    return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
+
+
+def follow(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """``learn`` as far as is due in every tick."""
+    steps = np.where(bank.told < FIRST_TICKS, FIRST_STEPS, REFINE_STEPS)
+    return learn(bank, model, window, scales, steps)
+
+
+def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps: Index) -> Bank:
+    """Take some ``steps`` (H,) towards the minimum, and weigh the evidence there.
+
+    The moments carry 1/m^2, the rows weights relative to that.
+    """
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return bank.having(**calls.learn(model, vars(bank), window, scales, steps, fit.TOLERANCE))
+    known = before(bank, model, scales)
+    found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps)
+    return _weighed(bank.having(x=found.x, hessian=found.hessian), model, window, scales, known)
+
+
+def _weighed(bank: Bank, model: ContactModel, window: Window, scales: Scales, known: Before) -> Bank:
+    seen = summed(model, bank.x, bank.onset, window, scales, bank.certain)
+    given = fit.information(model.family, bank.first, bank.row_weight, bank.moments, known.anchors, bank.x)
+    foretold = _foretold(bank, model, scales, seen)
+    price = complexity(model.family, bank.x, known.anchors, bank.hessian, given, foretold, known.prior)
+    earned = seen.gain.sum(axis=1) + bank.earned
+    count = np.maximum(seen.ticks, 1)
+    return bank.having(
+        # geometry never costs more than it has explained
+        log_likelihood=bank.lasted
+        + scales.independence * (seen.log_ratio + bank.settled - np.minimum(price, earned)),
+        row_weight=seen.precision / count[:, None],
+        rms=np.sqrt(seen.chi_sq / (count * model.family.ROWS)),
+    )
+
+
+def _foretold(bank: Bank, model: ContactModel, scales: Scales, seen: Sums) -> Array:
+    """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
+    ticks = np.maximum(bank.told, 1.0)[:, None]
+    mean_gain = seen.gain / np.maximum(seen.after, 1)[:, None]
+    needed = model.family.PARAMETERS / model.family.ROWS
+    return np.asarray(scales.foreknowledge * needed / ticks * np.exp(-2.0 * mean_gain))
