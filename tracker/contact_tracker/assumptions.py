@@ -1,6 +1,7 @@
 """Which known elements a hypothesis may assume: all pairs that a contact allows, and their shares."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -39,13 +40,17 @@ class Assumption:
         """Whether nothing of the geometry is left to be found."""
         return self.object is not None and self.environment is not None
 
-    def given(self, model: ContactModel, anchors: Array, origin_m: Array) -> Given:
-        """The prior on x; ``origin_m`` is the world's origin in which x is."""
+    def elements(self, origin_m: Array) -> tuple[Element | None, Element | None]:
+        """What is known of object and environment; ``origin_m`` is the world's origin in which x is."""
         environment = None if self.environment is None else shifted(self.environment.element, -origin_m)
-        object = None if self.object is None else self.object.element
-        return given(model, object, environment or _facing(self.up), anchors)
+        return None if self.object is None else self.object.element, environment or _facing(self.up)
+
+    def given(self, model: ContactModel, anchors: Array, origin_m: Array) -> Given:
+        """The prior on x."""
+        return given(model, *self.elements(origin_m), anchors)
 
 
+@lru_cache(maxsize=64)
 def assumptions(knowledge: Knowledge, model: ContactModel) -> tuple[Assumption, ...]:
     """All that one contact may assume; none where it is impossible."""
     object_kind, environment_kind = model.contact.value[0], model.contact.value[2]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -139,6 +140,7 @@ def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) ->
     return weak + Prior.around(bank.known_mean, bank.known, weak.flat)
 
 
+@lru_cache(maxsize=256)
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses of which nothing is known."""
     family = model.family

@@ -1,16 +1,30 @@
 """What a contact that begins may assume: elements that the user knows, elements met before, or nothing."""
 
 from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.bank import Begin
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given
+from contact_tracker.contacts.given import Given, given
 from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
+
+
+class _Offer(NamedTuple):
+    """As ``Begin``, with the elements in the frames in which hypotheses are, None for any."""
+
+    source: int
+    log_share: float
+    object: Element | None
+    environment: Element | None
+    pair: int
+    certain: bool
+    searched: bool
 
 
 def beginnings(
@@ -26,18 +40,40 @@ def beginnings(
     ``recognised`` is the share of those that have met their elements before, if there are any;
     ``anchors`` (6,) say where the body is, ``origin_m`` is the world's origin in which hypotheses are.
     """
+    return [
+        Begin(
+            offer.source,
+            offer.log_share,
+            given(model, offer.object, offer.environment, anchors),
+            offer.pair,
+            offer.certain,
+            offer.searched,
+        )
+        for offer in _offers(knowledge, memory, recognised, model, *map(float, origin_m))
+    ]
+
+
+@lru_cache(maxsize=64)  # for as long as nothing is learnt
+def _offers(
+    knowledge: Knowledge, memory: Memory, recognised: float, model: ContactModel, *origin_m: float
+) -> list[_Offer]:
     met = memory.assumptions(model)
-    begins: list[Begin] = []
-    for pair, known in enumerate(assumptions(knowledge, model)):
+    offers: list[_Offer] = []
+
+    def offer(assumed: Assumption, log_share: float, pair: int) -> None:
+        elements = assumed.elements(np.array(origin_m))
+        prior = given(model, *elements, np.zeros(6))
+        source = len(offers) + 1 if prior.information.any() else 0
+        searched = assumed in own and _searched(model, prior)
+        offers.append(_Offer(source, log_share, *elements, pair, assumed.certain, searched))
+
+    own = assumptions(knowledge, model)
+    for pair, known in enumerate(own):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
-        own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
-        given = known.given(model, anchors, origin_m)
-        source = len(begins) + 1 if given.information.any() else 0
-        begins.append(Begin(source, own_share, given, pair, known.certain, _searched(model, given)))
+        offer(known, known.log_share + (float(np.log1p(-recognised)) if filled else 0.0), pair)
         for other in filled:
-            share = known.log_share + float(np.log(recognised / len(filled)))
-            begins.append(Begin(len(begins) + 1, share, other.given(model, anchors, origin_m), pair))
-    return begins
+            offer(other, known.log_share + float(np.log(recognised / len(filled))), pair)
+    return offers
 
 
 def _filled(known: Assumption, met: Assumption) -> Assumption | None:

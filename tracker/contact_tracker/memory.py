@@ -19,6 +19,8 @@ from contact_tracker.knowledge import Known
 
 SURE: Final = 0.9
 """An element is kept that belongs to a contact of so much probability."""
+LEARN_TICKS: Final = 5
+"""An element is looked at again after so many ticks."""
 KEPT: Final = 2
 """So many elements of each kind and side are remembered, the latest."""
 LOOSE_M: Final = 0.3e-3
@@ -41,6 +43,10 @@ class Memory:
         ours = _loosened(_outward(geometry.object, np.zeros(3), inside=True))
         theirs = _loosened(_outward(geometry.environment, position_m, inside=False))
         return Memory(_kept(self.object, onset_ns, ours), _kept(self.environment, onset_ns, theirs))
+
+    def knows(self, onset_ns: int) -> bool:
+        """Whether the contact that began then has taught something."""
+        return any(onset == onset_ns for onset, _ in (*self.object, *self.environment))
 
     def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
         """Pairs of elements met before, or of one and an unknown one; all weigh the same."""

@@ -10,12 +10,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
-from scipy.spatial.transform import Rotation
 
 from contact_tracker.bank import Bank
+from contact_tracker.contacts.base import cross
 from contact_tracker.evidence import Window
 from contact_tracker.labels import CONTACTS, STATES, Contact
-from contact_tracker.lift import R, T, nearest_rotation
+from contact_tracker.lift import R, T
 
 Array = NDArray[np.float64]
 
@@ -115,14 +115,16 @@ def used_directions(window: Window) -> int:
     """
     if len(window) <= STRIDE_TICKS:
         return 0
-    turn = Rotation.from_matrix(nearest_rotation(window.zeta[:, R].reshape(-1, 3, 3)))
+    rotation = window.zeta[:, R].reshape(-1, 3, 3)
     place = window.zeta[:, T] - window.zeta[:, T].mean(axis=0)
     first, last = slice(None, -STRIDE_TICKS), slice(STRIDE_TICKS, None)
-    turned = (turn[last] * turn[first].inv()).as_rotvec()
-    half = 0.5 * np.linalg.norm(turned, axis=1, keepdims=True)
-    turned = turned * np.where(half > 1e-6, np.tan(half) / np.maximum(half, 1e-6), 1.0)  # exact about an axis
+    step = rotation[last] @ rotation[first].swapaxes(1, 2)
+    odd = step - step.swapaxes(1, 2)
+    cosine = 0.5 * (np.trace(step, axis1=1, axis2=2) - 1.0)
+    # tan of half the angle along the axis, twice: exact about an axis
+    turned = odd[:, [2, 0, 1], [1, 2, 0]] / np.maximum(1.0 + cosine, TINY)[:, None]
     middle = 0.5 * (place[first] + place[last])
-    shifted = place[last] - place[first] - np.cross(turned, middle)
+    shifted = place[last] - place[first] - cross(turned, middle)
     twist = np.concatenate([shifted, turned], axis=1)
     weight = window.activity[last] + TINY
     power = (twist * weight[:, None]).T @ twist / weight.sum()

@@ -17,7 +17,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import T
-from contact_tracker.memory import SURE, Memory
+from contact_tracker.memory import LEARN_TICKS, SURE, Memory
 from contact_tracker.model import Model
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose
@@ -122,6 +122,8 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
 def _learnt(state: TrackerState, belief: Belief) -> Memory:
     """Elements that are certain enough are remembered."""
     if belief.geometry is None or belief.probability.max() < SURE:
+        return state.memory
+    if state.ticks % LEARN_TICKS and state.memory.knows(belief.onset_ns):
         return state.memory
     assert state.averaging is not None
     position_m = state.window.zeta[-1, T] + state.averaging.origin_m

@@ -3,6 +3,7 @@
 Normals point out of the bodies that they bound, so that faces that touch look at each other.
 """
 
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -41,13 +42,10 @@ def given(model: ContactModel, object: Element | None, environment: Element | No
     kinds = model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
     widths = [_WIDTHS[kind] for kind in kinds]
     mean, information = np.zeros(sum(widths)), np.zeros((sum(widths), sum(widths)))
-    for element, end, width, anchor in zip(
-        (first, second), np.cumsum(widths), widths, (anchors[:3], anchors[3:]), strict=True
-    ):
-        if element is not None:
-            block = slice(int(end) - width, int(end))
-            mean[block], covariance = _numbers(element, anchor)
-            information[block, block] = _inverse(covariance, _LENGTHS[type(element)])
+    if first is not None:
+        mean[: widths[0]], information[: widths[0], : widths[0]] = _near(first, anchors[:3])
+    if second is not None:
+        mean[widths[0] :], information[widths[0] :, widths[0] :] = _near(second, anchors[3:])
     return Given(mean, information)
 
 
@@ -55,6 +53,7 @@ _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
 _LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
 
 
+@lru_cache(maxsize=256)  # the same elements are offered tick by tick
 def _faces(first: Plane | None, second: Plane | None) -> Given:
     """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
     size = face_face.SIZE
@@ -75,22 +74,31 @@ def _faces(first: Plane | None, second: Plane | None) -> Given:
     return Given(mean, _inverse(covariance, face_face.H) * np.outer(known, known))
 
 
-def _numbers(element: Element, anchor: Array) -> tuple[Array, Array]:
-    """An element's part of x and its covariance; a line is given by its point nearest to ``anchor``."""
-    covariance = _covariance(element)
+def _near(element: Element, anchor: Array) -> Given:
+    """An element's part of x; a line is given by its point nearest to ``anchor``."""
+    own = _part(element)
+    if not isinstance(element, Line):
+        return own
+    along = float(element.direction @ (anchor - element.point_m))
+    back = np.eye(6)
+    back[3:, :3] = -along * np.eye(3)
+    mean = np.concatenate([element.direction, element.point_m + along * element.direction])
+    return Given(mean, back.T @ own.information @ back)
+
+
+@lru_cache(maxsize=1024)
+def _part(element: Element) -> Given:
+    """An element's part of x, of a line by the point that it has."""
+    covariance, lengths = _covariance(element), _LENGTHS[type(element)]
     match element:
         case Plane(normal, offset_m):
-            return np.append(normal, offset_m), covariance
+            return Given(np.append(normal, offset_m), _inverse(covariance, lengths))
         case Point(point_m):
-            return point_m, covariance
+            return Given(point_m, _inverse(covariance, lengths))
         case Line(direction, point_m):
-            along = float(direction @ (anchor - point_m))
-            across = np.eye(3) - np.outer(direction, direction)
-            shift = np.zeros((6, 6))
-            shift[:3, :3] = shift[3:, 3:] = across
-            shift[3:, :3] = along * across
-            moved = shift @ covariance @ shift.T
-            return np.concatenate([direction, point_m + along * direction]), moved
+            across = np.kron(np.eye(2), np.eye(3) - np.outer(direction, direction))
+            inverse = _inverse(across @ covariance @ across, lengths)
+            return Given(np.concatenate([direction, point_m]), across @ inverse @ across)
 
 
 def _covariance(element: Element) -> Array:
