@@ -23,8 +23,8 @@ class _Offer(NamedTuple):
     object: Element | None
     environment: Element | None
     pair: int
-    certain: bool
-    searched: bool
+    certain: bool = False
+    searched: bool = False
 
 
 def beginnings(
@@ -60,19 +60,16 @@ def _offers(
     met = memory.assumptions(model)
     offers: list[_Offer] = []
 
-    def offer(assumed: Assumption, log_share: float, pair: int) -> None:
-        elements = assumed.elements(np.array(origin_m))
+    for pair, known in enumerate(assumptions(knowledge, model)):
+        filled = [merged for other in met if (merged := _filled(known, other)) is not None]
+        own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
+        elements = known.elements(np.array(origin_m))
         prior = given(model, *elements, np.zeros(6))
         source = len(offers) + 1 if prior.information.any() else 0
-        searched = assumed in own and _searched(model, prior)
-        offers.append(_Offer(source, log_share, *elements, pair, assumed.certain, searched))
-
-    own = assumptions(knowledge, model)
-    for pair, known in enumerate(own):
-        filled = [merged for other in met if (merged := _filled(known, other)) is not None]
-        offer(known, known.log_share + (float(np.log1p(-recognised)) if filled else 0.0), pair)
+        offers.append(_Offer(source, own_share, *elements, pair, known.certain, _searched(model, prior)))
         for other in filled:
-            offer(other, known.log_share + float(np.log(recognised / len(filled))), pair)
+            share = known.log_share + float(np.log(recognised / len(filled)))
+            offers.append(_Offer(len(offers) + 1, share, *other.elements(np.array(origin_m)), pair))
     return offers
 
 
