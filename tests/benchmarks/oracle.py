@@ -19,9 +19,9 @@ from scipy.stats import chi2
 from tracking import Tracked
 
 from contact_tracker import evidence, hmm, hypotheses
-from contact_tracker.bank import Bank, Begin
+from contact_tracker.bank import Bank, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.contacts.given import Given, given
+from contact_tracker.contacts.given import given
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.geometry import ContactGeometry
 from contact_tracker.knowledge import Accuracy, known_to
@@ -158,10 +158,9 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> 
 
 def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales) -> Bank:
     """The minimum next to x."""
-    nothing = np.zeros((contact.family.SIZE, contact.family.SIZE))
+    begin = fresh(contact)._replace(searched=np.array([False]))
     for _ in range(ROUNDS):
-        begin = Begin(0, 0.0, Given(x, nothing), searched=False)
-        fitted = hypotheses.fit_stretch(contact, window, scales, [begin])
+        fitted = hypotheses.fit_stretch(contact, window, scales, begin._replace(known_mean=x[None]))
         x = fitted.x[0]
     return fitted
 

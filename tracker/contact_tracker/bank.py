@@ -1,6 +1,5 @@
 """The living hypotheses of one contact as columns: what each knows, how they join and which are dropped."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-PATIENCE: Final = 18
+PATIENCE: Final = 30
 """Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
 YOUNG: Final = 10
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
@@ -110,21 +109,29 @@ class Bank:
 _FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
 
 
-class Begin(NamedTuple):
-    """What a hypothesis that begins assumes (see ``Bank``), and its share of the contact's weight."""
+class Begins(NamedTuple):
+    """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight."""
 
-    source: int
-    log_share: float
-    given: Given
-    pair: int = 0
-    certain: bool = False
-    searched: bool = False
+    source: Index
+    log_share: Array
+    known_mean: Array
+    known: Array
+    pair: Index
+    certain: Bools
+    searched: Bools
+
+    @property
+    def many(self) -> int:
+        return len(self.source)
+
+    def pick(self, rows: NDArray[np.generic]) -> "Begins":
+        return Begins(*(column[rows] for column in self))
 
 
-def fresh(model: ContactModel, log_share: float = 0.0) -> Begin:
-    """Nothing is known."""
-    size = model.family.SIZE
-    return Begin(0, log_share, Given(np.zeros(size), np.zeros((size, size))), searched=True)
+def fresh(model: ContactModel) -> Begins:
+    """One of which nothing is known."""
+    size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
+    return Begins(number, np.zeros(1), np.zeros((1, size)), np.zeros((1, size, size)), number, no, ~no)
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
@@ -184,57 +191,56 @@ def add(
     number: int,
     entry: float,
     past: Array,
-    begins: Sequence[Begin],
+    begins: Begins,
 ) -> Bank:
     """Hypotheses from tick ``onset`` on, one for each of ``begins``, numbered from ``number`` on.
 
     Where nothing is known they start from the geometry of the best one so far.
     """
-    count = len(begins)
+    count = begins.many
     if not count:
         return bank
-    mean, known = (np.array(values) for values in zip(*(begin.given for begin in begins), strict=True))
-    share = np.array([begin.log_share for begin in begins])
-    values = dict(vars(blank(model, count)))
-    values |= {
-        "onset": np.full(count, onset),
-        "onset_ns": np.full(count, onset_ns),
-        "number": number + np.arange(count),
-        "entry": np.full(count, entry),
-        "source": np.array([begin.source for begin in begins]),
-        "known_mean": mean,
-        "known": known,
-        "pair": np.array([begin.pair for begin in begins]),
-        "certain": np.array([begin.certain for begin in begins]),
-        "searched": np.array([begin.searched for begin in begins]),
-        "lasted": share,
-        "log_likelihood": share,
-        "past": np.tile(past, (count, 1, 1)),
-    }
+    new = blank(model, count)
+    x, row_weight = new.x, new.row_weight
     if len(bank):
         best = int(np.argmax(bank.joint))
-        values |= {
-            "row_weight": np.tile(bank.row_weight[best], (count, 1)),
-            "x": np.tile(bank.x[best], (count, 1)),
-        }
-    values["x"] = np.where(Given(mean, known).told, mean, values["x"])
-    return Bank(**{name: np.concatenate([vars(bank)[name], values[name]]) for name in values})
+        x, row_weight = bank.x[best], np.tile(bank.row_weight[best], (count, 1))
+    new = new.having(
+        onset=np.full(count, onset),
+        onset_ns=np.full(count, onset_ns),
+        number=number + np.arange(count),
+        entry=np.full(count, entry),
+        source=begins.source,
+        known_mean=begins.known_mean,
+        known=begins.known,
+        pair=begins.pair,
+        certain=begins.certain,
+        searched=begins.searched,
+        x=np.where(Given(begins.known_mean, begins.known).told, begins.known_mean, x),
+        row_weight=row_weight,
+        lasted=begins.log_share,
+        log_likelihood=begins.log_share,
+        past=np.tile(past, (count, 1, 1)),
+    )
+    columns, added = vars(bank), vars(new)
+    return bank.having(**{name: np.concatenate([columns[name], added[name]]) for name in columns})
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     """Drop what is hopeless against ``best``, and thin out onsets the more the older they are."""
-    if not len(bank):
-        return bank
     joint = bank.joint
-    age = now + 1 - bank.onset
-    span = 2 ** np.maximum(np.floor(np.log2(np.maximum(age, 1) / YOUNG)) + 1, 0).astype(np.int64)
-    young = age <= YOUNG
-    group = np.where(young, -bank.onset - 1, bank.onset // span + (span << 40))
-    source = np.where(young, bank.source, 0)
-    order = np.lexsort((-joint, source, group))
-    first = np.ones(len(order), bool)
-    first[1:] = (group[order][1:] != group[order][:-1]) | (source[order][1:] != source[order][:-1])
-    keep = np.zeros(len(bank), bool)
-    keep[order[first]] = True
-    keep &= (joint > best - margin) | ((bank.told <= PATIENCE) & bank.searched)
+    keep = (joint > best - margin) | ((bank.told <= PATIENCE) & bank.searched)
+    old = np.searchsorted(bank.onset, now + 1 - YOUNG)  # they are in order
+    if old > 1:
+        age = now + 1 - bank.onset[:old]
+        span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)
+        keep[:old] &= _best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     return bank if keep.all() else bank.pick(keep)
+
+
+def _best_of(group: Index, joint: Array) -> Bools:
+    """Whether each is the best of its group."""
+    order = np.lexsort((-joint, group))
+    best = np.zeros(len(group), bool)
+    best[order[np.append(True, np.diff(group[order]) != 0)]] = True
+    return best

@@ -2,29 +2,16 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
-from contact_tracker.bank import Begin
+from contact_tracker.bank import Begins, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given, given
-from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
+from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
-
-
-class _Offer(NamedTuple):
-    """As ``Begin``, with the elements in the frames in which hypotheses are, None for any."""
-
-    source: int
-    log_share: float
-    object: Element | None
-    environment: Element | None
-    pair: int
-    certain: bool = False
-    searched: bool = False
 
 
 def beginnings(
@@ -34,43 +21,42 @@ def beginnings(
     model: ContactModel,
     anchors: Array,
     origin_m: Array,
-) -> list[Begin]:
+) -> Begins:
     """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
 
     ``recognised`` is the share of those that have met their elements before, if there are any;
     ``anchors`` (6,) say where the body is, ``origin_m`` is the world's origin in which hypotheses are.
     """
-    return [
-        Begin(
-            offer.source,
-            offer.log_share,
-            given(model, offer.object, offer.environment, anchors),
-            offer.pair,
-            offer.certain,
-            offer.searched,
-        )
-        for offer in _offers(knowledge, memory, recognised, model, *map(float, origin_m))
-    ]
+    begins, pairs = _offers(knowledge, memory, recognised, model, *map(float, origin_m))
+    if not any(isinstance(element, Line) for pair in pairs for element in pair):
+        return begins
+    priors = [given(model, *pair, anchors) for pair in pairs]
+    mean, known = (np.array(part) for part in zip(*priors, strict=True))
+    return begins._replace(known_mean=mean, known=known)
 
 
 @lru_cache(maxsize=64)  # for as long as nothing is learnt
 def _offers(
     knowledge: Knowledge, memory: Memory, recognised: float, model: ContactModel, *origin_m: float
-) -> list[_Offer]:
-    met = memory.assumptions(model)
-    offers: list[_Offer] = []
-
-    for pair, known in enumerate(assumptions(knowledge, model)):
+) -> tuple[Begins, list[tuple[Element | None, Element | None]]]:
+    """With the elements in the frames in which hypotheses are, None for any; the body is at the origin."""
+    met, origin = memory.assumptions(model), np.array(origin_m)
+    pairs, rows = [], []
+    for number, known in enumerate(assumptions(knowledge, model)):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
         own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
-        elements = known.elements(np.array(origin_m))
-        prior = given(model, *elements, np.zeros(6))
-        source = len(offers) + 1 if prior.information.any() else 0
-        offers.append(_Offer(source, own_share, *elements, pair, known.certain, _searched(model, prior)))
+        pairs.append(known.elements(origin))
+        prior = given(model, *pairs[-1], np.zeros(6))
+        source = len(pairs) if prior.information.any() else 0
+        rows.append((source, own_share, *prior, number, known.certain, _searched(model, prior)))
         for other in filled:
             share = known.log_share + float(np.log(recognised / len(filled)))
-            offers.append(_Offer(len(offers) + 1, share, *other.elements(np.array(origin_m)), pair))
-    return offers
+            pairs.append(other.elements(origin))
+            prior = given(model, *pairs[-1], np.zeros(6))
+            rows.append((len(pairs), share, *prior, number, False, False))
+    if not rows:
+        return fresh(model).pick(np.zeros(0, np.int64)), []
+    return Begins(*map(np.array, zip(*rows, strict=True))), pairs
 
 
 def _filled(known: Assumption, met: Assumption) -> Assumption | None:

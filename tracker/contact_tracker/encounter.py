@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.bank import Begin
+from contact_tracker.bank import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, residual_noise
 from contact_tracker.geometry import Array
@@ -36,23 +36,19 @@ class Meeting(NamedTuple):
     log_odds: float
     gain: Array
 
-    def of(self, begins: Sequence[Begin]) -> list[Begin]:
+    def of(self, begins: Begins) -> Begins:
         """``begins`` with their shares of the contact's weight, given where the object is."""
-        rows = zip(begins, self.log_share, strict=True)
-        return [begin._replace(log_share=float(share)) for begin, share in rows if share > _HOPELESS]
+        return begins._replace(log_share=self.log_share).pick(self.log_share > _HOPELESS)
 
 
-def meeting(model: ContactModel, begins: Sequence[Begin], newest: Window, scales: Scales) -> Meeting:
+def meeting(model: ContactModel, begins: Begins, newest: Window, scales: Scales) -> Meeting:
     """Weigh what may begin of one contact by the newest tick."""
-    if not begins:
+    if not begins.many:
         return Meeting(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
-    log_share = np.array([begin.log_share for begin in begins])
+    log_share, certain = begins.log_share.copy(), begins.certain
     gain = np.zeros(2)
-    certain = np.array([begin.certain for begin in begins])
     if certain.any():
-        mean, information = (
-            np.array(part)[certain] for part in zip(*(begin.given for begin in begins), strict=True)
-        )
+        mean, information = begins.known_mean[certain], begins.known[certain]
         row_gain, log_ratio = _met(model, mean, information, newest, scales)
         log_share[certain] += log_ratio
         gain[:] = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[:, -1].mean()

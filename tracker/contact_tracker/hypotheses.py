@@ -1,11 +1,9 @@
 """How the hypotheses of one contact live: each has its own onset, its own window and its own geometry."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.bank import Bank, Begin, add, blank, fresh
+from contact_tracker.bank import Bank, Begins, add, blank, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import follow, grow, grow_whole
@@ -26,21 +24,19 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
 
 def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:
     """Sum up the oldest ``ticks`` of the window, which is about to lose them."""
-    if not len(bank) or ticks <= 0:
+    if ticks <= 0 or not (bank.onset <= window.index[ticks - 1]).any():
         return bank
     oldest = window.cut(0, ticks)
     seen = summed(model, bank.x, bank.onset, oldest, scales, bank.certain)
     return bank.having(settled=bank.settled + seen.log_ratio, earned=bank.earned + seen.gain.sum(axis=1))
 
 
-def fit_stretch(
-    model: ContactModel, window: Window, scales: Scales, begins: Sequence[Begin] | None = None
-) -> Bank:
+def fit_stretch(model: ContactModel, window: Window, scales: Scales, begins: Begins | None = None) -> Bank:
     """A bank of one hypothesis, fitted from scratch to all ticks of the window.
 
     It is the best of ``begins``, if given; the bank is empty if there are none.
     """
-    begins = [fresh(model)] if begins is None else begins
+    begins = fresh(model) if begins is None else begins
     nothing = blank(model, 0)
     bank = add(nothing, model, int(window.index[0]), 0, 0, 0.0, nothing.past[:0].sum(axis=0), begins)
     if not len(bank):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.bank import Begin
+from contact_tracker.bank import Begins
 from contact_tracker.beginnings import beginnings
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
@@ -20,7 +20,7 @@ class Outlook(NamedTuple):
     """``begins`` of each contact; ``change`` (7, 7) and ``stay`` (7,), the log chances of changing before the
     tick and of lasting through it; ``entry`` (7,), the log weights with which states begin."""
 
-    begins: list[list[Begin]]
+    begins: list[Begins]
     change: Array
     stay: Array
     entry: Array

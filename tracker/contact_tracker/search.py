@@ -16,10 +16,12 @@ from contact_tracker.lift import R
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-AGES: Final = (3, 4, 5, 6, 8, 10, 13, 16)
-"""After so many ticks with motion a hypothesis searches. Of 2700 searches of older ones 32 found anything."""
+AGES: Final = (3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
+"""After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
 """Searches wait for each other, so that one batch of this many ticks does for all."""
+_DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
+"""Whether an age has been passed since the last batch."""
 SCREENED: Final = 12
 ROUNDS: Final = ((3, 6), (4, 3), (5, 3))
 """So many steps from all starts, and on from so many of the best."""
@@ -58,9 +60,8 @@ def _lost(bank: Bank) -> Index:
 
     What they find is offered to those that began beside them.
     """
-    passed = bank.told.astype(np.int64)[:, None] - np.arange(EVERY)
-    due = np.isin(passed, AGES).any(axis=1) & (bank.rms > AT_THE_NOISE) & bank.searched
-    rows = np.flatnonzero(due)
+    age = np.minimum(bank.told.astype(np.int64), len(_DUE) - 1)
+    rows = np.flatnonzero(_DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched)
     kind = 2 * np.searchsorted(AGES, bank.told[rows], side="right") + (bank.source[rows] > 0)
     best = np.lexsort((-bank.joint[rows], kind))
     return np.sort(rows[best[np.unique(kind[best], return_index=True)[1]]])

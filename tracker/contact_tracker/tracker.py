@@ -90,8 +90,8 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
             past[column],
             begins[column],
         )
-        numbers += len(begins[column])
-        more = replace(more, past=fixed_lag.grown(more.past, column))
+        numbers += begins[column].many
+        more = more.having(past=fixed_lag.grown(more.past, column))
         grown.append(hypotheses.advance(more, contact, window, scales, float(stay[column])))
     log_left = np.array([*(b.log_weight for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
@@ -102,7 +102,7 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
         state,
         window=window,
         frames=frames,
-        banks=tuple(replace(b, entry=b.entry - best) for b in kept),
+        banks=tuple(b.having(entry=b.entry - best) for b in kept),
         log_left=log_left - best,
         ticks=state.ticks + 1,
         numbers=numbers + 1,

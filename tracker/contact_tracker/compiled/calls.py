@@ -1,7 +1,7 @@
 """From the arrays of ``fit``, ``summed`` and ``following`` to those of the kernels, and back."""
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -34,6 +34,7 @@ class Prior(Protocol):
 class Window(Protocol):
     """What is read of ``evidence.Window``."""
 
+    def __hash__(self) -> int: ...
     @property
     def index(self) -> Index: ...
     @property
@@ -119,7 +120,7 @@ def summed(
     scales: Scales,
     certain: NDArray[np.bool_],
 ) -> seeing.Sums:
-    family, ticks = model.family, _ticks(model, window)
+    family, ticks = model.family, _ticks(window, model.body_in_1)
     of_x, onset = _plain(x), np.require(onset, np.int64, ("C", "W"))
     lengths = _lengths(scales)
     sums: seeing.Sums = seeing.summed(
@@ -144,7 +145,7 @@ def learn(
     """The columns that change."""
     rows, kind = _rows(bank, LEARNT), _kind(model, scales.reach_m)
     weights = following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
-    following.learn(kind, rows, _ticks(model, window), steps, tolerance, weights)
+    following.learn(kind, rows, _ticks(window, model.body_in_1), steps, tolerance, weights)
     return {name: getattr(rows, name) for name in LEARNT}
 
 
@@ -165,10 +166,11 @@ def _rows(bank: Columns, changed: tuple[str, ...]) -> following.Rows:
     return following.Rows(*columns)
 
 
-def _ticks(model: ContactModel, window: Window) -> seeing.Ticks:
+@lru_cache(maxsize=4)  # all contacts see the same
+def _ticks(window: Window, body_in_1: bool) -> seeing.Ticks:
     return seeing.Ticks(
         np.require(window.index, np.int64, ("C", "W")),
-        _plain(window.zeta if model.body_in_1 else window.inverse),
+        _plain(window.zeta if body_in_1 else window.inverse),
         _plain(window.variance),
         window.free,
         np.empty((0, 3, 3)) if window.uneven is None else _plain(window.uneven),

@@ -43,9 +43,9 @@ def given(model: ContactModel, object: Element | None, environment: Element | No
     widths = [_WIDTHS[kind] for kind in kinds]
     mean, information = np.zeros(sum(widths)), np.zeros((sum(widths), sum(widths)))
     if first is not None:
-        mean[: widths[0]], information[: widths[0], : widths[0]] = _near(first, anchors[:3])
+        mean[: widths[0]], information[: widths[0], : widths[0]] = _near(first, *anchors[:3])
     if second is not None:
-        mean[widths[0] :], information[widths[0] :, widths[0] :] = _near(second, anchors[3:])
+        mean[widths[0] :], information[widths[0] :, widths[0] :] = _near(second, *anchors[3:])
     return Given(mean, information)
 
 
@@ -74,12 +74,13 @@ def _faces(first: Plane | None, second: Plane | None) -> Given:
     return Given(mean, _inverse(covariance, face_face.H) * np.outer(known, known))
 
 
-def _near(element: Element, anchor: Array) -> Given:
+@lru_cache(maxsize=64)  # a tick asks several times
+def _near(element: Element, *anchor: float) -> Given:
     """An element's part of x; a line is given by its point nearest to ``anchor``."""
     own = _part(element)
     if not isinstance(element, Line):
         return own
-    along = float(element.direction @ (anchor - element.point_m))
+    along = float(element.direction @ (np.array(anchor) - element.point_m))
     back = np.eye(6)
     back[3:, :3] = -along * np.eye(3)
     mean = np.concatenate([element.direction, element.point_m + along * element.direction])
