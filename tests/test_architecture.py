@@ -14,7 +14,8 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 
 # Data flows down this table: a module imports only from rows above its own, or from its own row.
 LAYERS = (
-    ("labels", "errors", "geometry", "quaternions"),
+    ("printable", "labels", "geometry", "quaternions"),
+    ("errors",),
     ("poses", "truth", "gate", "polyhedron"),
     ("knowledge",),
     ("lift",),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -308,6 +308,7 @@ VALUES = st.recursive(
 
 
 @settings(max_examples=100, deadline=None)
+@example("object", "plane", "normal", None, {"\n": None})
 @given(
     frame=st.sampled_from(["object", "environment"]),
     kind=st.sampled_from(["plane", "line", "point", "box", "mesh", "complete"]),

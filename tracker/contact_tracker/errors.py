@@ -17,9 +17,14 @@ A damaged recording of which a part can be read is no error: what is readable is
 damage is reported as a status (exit code 3). A fit that does not converge is a status as well.
 """
 
+from contact_tracker.printable import printable
+
 
 class ContactTrackerError(Exception):
     """Base of all errors raised on purpose; its text is one line that says what to do."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(printable(text))
 
 
 class InputError(ContactTrackerError):

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.contacts.base import Family, dot, mean_of_alike
+from contact_tracker.contacts.base import Family, dot
+from contact_tracker.contacts.form import mean_of_alike
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.compiled import fitting, following, pricing, seeing
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Array, Family, mean_of_alike
+from contact_tracker.contacts.base import Array, Family
+from contact_tracker.contacts.form import mean_of_alike
 from contact_tracker.lift import T
 
 Index = NDArray[np.int64]

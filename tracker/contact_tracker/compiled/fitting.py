@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from contact_tracker.compiled.forms import free, normalise, rows, scale_sq, slope
 from contact_tracker.compiled.jit import SOURCES, jit, kernel
 from contact_tracker.compiled.vectors import dot, multiply, solve
-from contact_tracker.contacts.base import Array, Form
+from contact_tracker.contacts.base import Array
+from contact_tracker.contacts.form import Form
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -18,7 +19,7 @@ LEAST_SHARE = 1e-12
 
 
 class Problem(NamedTuple):
-    """What ``fit.minimise`` is given of W windows; ``alike`` is ``base.mean_of_alike``."""
+    """What ``fit.minimise`` is given of W windows; ``alike`` is ``form.mean_of_alike``."""
 
     moments: Array
     row_weight: Array

@@ -12,7 +12,8 @@ from contact_tracker.compiled.jit import SOURCES, jit, kernel
 from contact_tracker.compiled.pricing import tell, volume
 from contact_tracker.compiled.seeing import Ticks, add_up, nothing
 from contact_tracker.compiled.vectors import at, dot, multiply, put
-from contact_tracker.contacts.base import Array, Form
+from contact_tracker.contacts.base import Array
+from contact_tracker.contacts.form import Form
 
 Ints = NDArray[np.int64]
 

@@ -8,8 +8,9 @@ from math import sqrt
 
 from contact_tracker.compiled.jit import jit
 from contact_tracker.compiled.vectors import NONE, across, at, cross, inner, mix, outers, put
-from contact_tracker.contacts.base import Array, Form
+from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR, TINY
+from contact_tracker.contacts.form import Form
 
 
 @jit

@@ -8,7 +8,8 @@ import numpy as np
 from contact_tracker.compiled.forms import free, rows, scale_sq, slope
 from contact_tracker.compiled.jit import SOURCES, jit, kernel
 from contact_tracker.compiled.vectors import dot, multiply, solve
-from contact_tracker.contacts.base import Array, Form
+from contact_tracker.contacts.base import Array
+from contact_tracker.contacts.form import Form
 
 
 @jit

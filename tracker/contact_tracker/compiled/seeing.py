@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.compiled.jit import SOURCES, jit, kernel
 from contact_tracker.compiled.vectors import NONE, Vector, across, at, cross, inner, mix
-from contact_tracker.contacts.base import Array, Form
+from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR
+from contact_tracker.contacts.form import Form
 
 T, U, TXR = 9, 12, 15  # where the lifted pose has them; R comes first
 

@@ -10,13 +10,13 @@ directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, i
 lines are given by their points nearest to it and a prior keeps touching points within the body's reach.
 """
 
-from functools import cache
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import lift
+from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element
 
 Array = NDArray[np.float64]
@@ -35,17 +35,6 @@ class Measurement(NamedTuple):
     lever_sq: Array
     reach_sq: Array
     along: Array
-
-
-class Form(NamedTuple):
-    """Where in x a family keeps what: the first entries of direction and point (or foot) of element 1, of
-    direction and foot of element 2, and the offset of element 2. What it does not have is negative."""
-
-    d1: int = -1
-    q1: int = -1
-    d2: int = -1
-    q2: int = -1
-    h: int = -1
 
 
 class Family(Protocol):
@@ -166,18 +155,6 @@ def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Arr
         out[..., rows, column : column + p] = directions
         column += p
     return out
-
-
-@cache
-def mean_of_alike(form: Form) -> Array:
-    """(P, P): means over free directions that are alike, whatever basis they are written in: turns of an
-    element, shifts of a line or a point, an offset."""
-    sizes: list[int] = []
-    for d, q in ((form.d1, form.q1), (form.d2, form.q2)):
-        sizes += [2] * (d >= 0) + [2 if d >= 0 else 3] * (q >= 0)
-    alike = np.repeat(np.arange(len(sizes) + 1), [*sizes, form.h >= 0])
-    same = alike[:, None] == alike
-    return np.asarray(same / same.sum(axis=1))
 
 
 def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:

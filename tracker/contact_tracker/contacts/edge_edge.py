@@ -13,7 +13,6 @@ import numpy as np
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
     Array,
-    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -26,6 +25,7 @@ from contact_tracker.contacts.base import (
     outer_derivative_second,
     smallest_directions,
 )
+from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Line
 
 D1: Final = slice(0, 3)

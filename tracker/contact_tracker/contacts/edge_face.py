@@ -12,7 +12,6 @@ from contact_tracker import lift
 from contact_tracker.contacts import face_face, vertex_face
 from contact_tracker.contacts.base import (
     Array,
-    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -25,6 +24,7 @@ from contact_tracker.contacts.base import (
     sphere_tangent,
     unit,
 )
+from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Line, Plane
 
 D: Final = slice(0, 3)

@@ -12,7 +12,6 @@ import numpy as np
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
     Array,
-    Form,
     Frames,
     Measurement,
     block_tangent,
@@ -21,6 +20,7 @@ from contact_tracker.contacts.base import (
     sphere_tangent,
     unit,
 )
+from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Plane
 
 M: Final = slice(0, 3)

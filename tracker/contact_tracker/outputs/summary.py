@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from contact_tracker.outputs.printable import printable
+from contact_tracker.printable import printable
 from contact_tracker.recording import RecordingSummary, SourceSummary
 
 

@@ -1,4 +1,4 @@
-"""Names that come from a recording, made fit for a terminal."""
+"""Texts that come from a recording or a file, made fit for a terminal."""
 
 
 def printable(text: str) -> str:
