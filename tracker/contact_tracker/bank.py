@@ -191,17 +191,19 @@ def add(
     number: int,
     entry: float,
     past: Array,
+    turn: Array,
     begins: Begins,
 ) -> Bank:
     """Hypotheses from tick ``onset`` on, one for each of ``begins``, numbered from ``number`` on.
 
-    Where nothing is known they start from the geometry of the best one so far.
+    Where nothing is known they start from the geometry of the best one so far; the first ones from any, the
+    same whatever the world's axes are: ``turn`` (3, 3) is the body's orientation.
     """
     count = begins.many
     if not count:
         return bank
     new = blank(model, count)
-    x, row_weight = new.x, new.row_weight
+    x, row_weight = model.turned(new.x, turn), new.row_weight
     if len(bank):
         best = int(np.argmax(bank.joint))
         x, row_weight = bank.x[best], np.tile(bank.row_weight[best], (count, 1))

@@ -7,6 +7,7 @@ from contact_tracker.bank import Bank, Begins, add, blank, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import follow, grow, grow_whole
+from contact_tracker.lift import R
 from contact_tracker.search import search, searched
 from contact_tracker.summed import summed
 
@@ -37,8 +38,9 @@ def fit_stretch(model: ContactModel, window: Window, scales: Scales, begins: Beg
     It is the best of ``begins``, if given; the bank is empty if there are none.
     """
     begins = fresh(model) if begins is None else begins
-    nothing = blank(model, 0)
-    bank = add(nothing, model, int(window.index[0]), 0, 0, 0.0, nothing.past[:0].sum(axis=0), begins)
+    nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
+    past = nothing.past[:0].sum(axis=0)
+    bank = add(nothing, model, int(window.index[0]), 0, 0, 0.0, past, turn, begins)
     if not len(bank):
         return bank
     bank = follow(grow_whole(bank, model, window), model, window, scales)

@@ -105,9 +105,5 @@ def _starts(bank: Bank, model: ContactModel, known: Before, window: Window) -> A
 
 def _directions(model: ContactModel, window: Window, seed: int) -> Array:
     """Random x (N, S), drawn in the body's frame: they turn with the world in which they are told."""
-    family, turn = model.family, window.zeta[-1, R].reshape(3, 3)
-    x = np.random.default_rng(seed).normal(size=(family.RANDOM_STARTS, family.SIZE))
-    first = family.FORM.d2 if model.body_in_1 else family.FORM.d1
-    if first >= 0:
-        x[:, first : first + 3] = x[:, first : first + 3] @ turn.T
-    return x
+    x = np.random.default_rng(seed).normal(size=(model.family.RANDOM_STARTS, model.family.SIZE))
+    return model.turned(x, window.zeta[-1, R].reshape(3, 3))

@@ -16,7 +16,7 @@ from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.labels import STATES, Contact
-from contact_tracker.lift import T
+from contact_tracker.lift import R, T
 from contact_tracker.memory import LEARN_TICKS, SURE, Memory
 from contact_tracker.model import Model
 from contact_tracker.outlook import outlook
@@ -88,6 +88,7 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
             numbers,
             float(entry[column]),
             past[column],
+            tick.zeta[R].reshape(3, 3),
             begins[column],
         )
         numbers += begins[column].many

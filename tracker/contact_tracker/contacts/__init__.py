@@ -42,6 +42,14 @@ class ContactModel:
         pair = [np.zeros_like(position_m), position_m]
         return np.concatenate(pair if self.body_in_1 else pair[::-1], axis=-1)
 
+    def turned(self, x: Array, turn: Array) -> Array:
+        """x (..., S) with its direction in the world, if it has one, turned by ``turn`` (3, 3)."""
+        first = self.family.FORM.d2 if self.body_in_1 else self.family.FORM.d1
+        out = np.array(x)
+        if first >= 0:
+            out[..., first : first + 3] = x[..., first : first + 3] @ turn.T
+        return out
+
     def measure(self, x: Array, zeta: Array) -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on lifted poses zeta (T, 25)."""
         of_1_in_2 = zeta if self.body_in_1 else lift_of_inverse(zeta)
