@@ -38,6 +38,21 @@ def lift(rotation: Array, position_m: Array) -> Array:
     )
 
 
+def mean_lift(rotation: Array, position_m: Array) -> Array:
+    """Mean (25,) of the lifts of N poses: rotation (N, 3, 3), position (N, 3).
+
+    All numbers but the position are sums of products of one of R with 1 or one of t.
+    """
+    rows = rotation.reshape(-1, 9)
+    t_r = (position_m.T @ rows).reshape(3, 3, 3) / len(rows)  # [k, i, j] is the mean of t_k R_ij
+    after, before = [1, 2, 0], [2, 0, 1]
+    zeta = np.ones(SIZE)
+    zeta[R], zeta[T] = rows.sum(axis=0) / len(rows), position_m.sum(axis=0) / len(rows)
+    zeta[U] = t_r.trace()
+    zeta[TXR] = (t_r[after, before] - t_r[before, after]).ravel()
+    return zeta
+
+
 def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:
     """Linear map C (25, 25) with ``lift(R, t') == C @ lift(R, t)``, ``t' = t - world_shift + R body_shift``.
 

@@ -7,6 +7,7 @@ Outliers and jolts are made harmless by weights and medians (docs/theory.md, T27
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb, sqrt
 from statistics import median
 from typing import Final
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.poses import Poses
-from contact_tracker.quaternions import inverse, matrices, product, rotation_vectors
+from contact_tracker.quaternions import between, matrices, rotation_vectors
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ UNTOLD_FRAMES: Final = 60
 """
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
-_GAIN: Final = float(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
+_SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 _MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """With three degrees of freedom."""
 _TINY: Final = 1e-30
@@ -47,28 +48,20 @@ _TINY: Final = 1e-30
 class NoiseEstimate:
     """Noise of one pose, as the last frames show it.
 
-    ``position`` and ``rotation`` (n, 3) are third differences in m and rad, scaled to the noise's deviation:
-    of the origin's position in the body's axes at the time, of the orientation in the body's axes;
-    ``turn`` (n, 3, 3) are the rotations ``R`` then. ``recent`` frames wait for the next. The noise is that of
-    the centre's position ``position_m2`` (3, 3) in the world's axes, of the orientation ``rotation_rad2``
-    (3, 3) in the body's, and ``centre_m`` (3,) in the body; it leaves out the last ``untold`` differences.
+    It is that of the *centre*'s position ``position_m2`` (3, 3) in the world's axes, of the orientation
+    ``rotation_rad2`` (3, 3) in the body's, and ``centre_m`` (3,) in the body.
     """
 
-    position: Array
-    rotation: Array
-    turn: Array
-    recent: Poses
-    untold: int
     position_m2: Array
     rotation_rad2: Array
     centre_m: Array
 
-    @property
+    @cached_property
     def sigma_rotation_rad(self) -> float:
         """Root mean square over the axes."""
         return sqrt(self.rotation_rad2.trace() / 3.0)
 
-    @property
+    @cached_property
     def sigma_position_m(self) -> float:
         """Root mean square over the axes, of the position of the body's origin."""
         rotation, centre = self.rotation_rad2, self.centre_m
@@ -76,84 +69,87 @@ class NoiseEstimate:
         return sqrt((self.position_m2.trace() + swung) / 3.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Third differences, scaled to the noise's deviation: what the noise is told from.
+
+    In the rows of ``told`` (15, n), and of ``untold`` ones (15, k) that came after the noise was last told:
+    of the origin's position in the body's axes at the time (m), of the orientation in the body's axes (rad),
+    and the rotation ``R`` then. ``recent`` frames wait for the next.
+    """
+
+    told: Array
+    untold: tuple[Array, ...]
+    recent: Poses
+
+
+NO_DIFFERENCES: Final = Differences(np.zeros((15, 0)), (), Poses.collect([]))
+
+
 def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
     """Start from the model's noise, the same in all axes and centred at the body's origin."""
-    none = np.zeros((0, 3))
-    return NoiseEstimate(
-        none,
-        none,
-        np.zeros((0, 3, 3)),
-        Poses.collect([]),
-        0,
-        np.eye(3) * sigma_position_m**2,
-        np.eye(3) * sigma_rotation_rad**2,
-        np.zeros(3),
-    )
+    ball = np.eye(3)
+    return NoiseEstimate(ball * sigma_position_m**2, ball * sigma_rotation_rad**2, np.zeros(3))
 
 
-def advance(estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]) -> NoiseEstimate:
+def advance(
+    differences: Differences, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
+) -> tuple[Differences, NoiseEstimate]:
     """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad)."""
-    recent = _join(estimate.recent, frames)
-    new = _third_differences(recent)
-    old = (estimate.position, estimate.rotation, estimate.turn)
-    position, rotation, turn = (
-        np.concatenate([a, b])[-MEMORY_FRAMES:] for a, b in zip(old, new, strict=True)
-    )
-    untold = estimate.untold + len(new[0])
-    told = (estimate.position_m2, estimate.rotation_rad2, estimate.centre_m)
-    if untold >= UNTOLD_FRAMES * (len(position) / MEMORY_FRAMES) ** 2:
-        untold, told = 0, _told(estimate, position, rotation, turn, prior)
-    return NoiseEstimate(position, rotation, turn, recent[-ORDER:], untold, *told)
+    frames = Poses.join([differences.recent, frames])
+    untold, told = (*differences.untold, _third_differences(frames)), differences.told
+    new = sum(rows.shape[1] for rows in untold)
+    if new >= UNTOLD_FRAMES * (min(told.shape[1] + new, MEMORY_FRAMES) / MEMORY_FRAMES) ** 2:
+        told, untold = np.concatenate([told, *untold], axis=1)[:, -MEMORY_FRAMES:], ()
+        estimate = _told(estimate, told, prior)
+    return Differences(told, untold, frames[-ORDER:]), estimate
 
 
-def _told(
-    estimate: NoiseEstimate, position: Array, rotation: Array, turn: Array, prior: tuple[float, float]
-) -> tuple[Array, Array, Array]:
-    """The noise (3, 3) in m^2 and rad^2 that the differences tell, and its centre (3,); near the last one."""
-    across, about = (np.ascontiguousarray(rows.T) for rows in (position, rotation))
-    centre_m = _centre(across, about, (estimate.sigma_position_m, estimate.sigma_rotation_rad))
-    at_centre = np.einsum("nij,jn->in", turn, across - _cross_matrix(centre_m) @ about)
+def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
+    """The noise that the differences (15, n) tell; near the last one."""
+    across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
+    centre_m = _centre(differences[:6], (estimate.sigma_position_m, estimate.sigma_rotation_rad))
+    at_centre = np.einsum("ijn,jn->in", turn, across - _cross_matrix(centre_m) @ about)
     start = np.array([estimate.position_m2, estimate.rotation_rad2])
     covariance = _covariance(np.array([at_centre, about]), np.array(prior), start)
-    return covariance[0], covariance[1], centre_m
+    return NoiseEstimate(covariance[0], covariance[1], centre_m)
 
 
 def estimate_noise(poses: Poses) -> tuple[float, float]:
     """Standard deviations per axis (m, rad) of a whole recording, nan where it is too short to tell."""
-    position, rotation, turn = _third_differences(poses[poses.fresh])
-    if not len(position):
+    differences = _third_differences(poses.fresh)
+    if not differences.shape[1]:
         return float("nan"), float("nan")
-    rows = np.array([np.einsum("nij,nj->in", turn, position), rotation.T])
+    across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
+    rows = np.array([np.einsum("ijn,jn->in", turn, across), about])
     sigma = np.sqrt(_size_sq(rows, _shape(rows, np.eye(3)[None], THOROUGH)))
     return float(sigma[0]), float(sigma[1])
 
 
-def _third_differences(frames: Poses) -> tuple[Array, Array, Array]:
-    """Scaled differences (n, 3) of the position, in the body's axes, and of the turn; rotations (n, 3, 3)."""
-    if len(frames) <= ORDER:
-        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3))
-    quat = frames.quat_xyzw
-    steps = rotation_vectors(product(inverse(quat[:-1]), quat[1:]))
-    interval = np.diff(frames.stamp_ns)
+def _third_differences(frames: Poses) -> Array:
+    """Columns (15, n) of ``Differences``."""
     count = len(frames) - ORDER
+    if count <= 0:
+        return NO_DIFFERENCES.told
+    quat, interval = frames.quat_xyzw, frames.stamp_ns[1:] - frames.stamp_ns[:-1]
+    turns = rotation_vectors(between(quat[:-1], quat[1:]))
+    rotation = matrices(quat[1 : 1 - ORDER])
+    shift = np.diff(frames.position_m, ORDER, axis=0)[:, None] @ rotation
+    rows = (shift[:, 0] / _SCALE, np.diff(turns, ORDER - 1, axis=0) / _SCALE, rotation.reshape(-1, 9))
     widest = np.max([interval[i : i + count] for i in range(ORDER)], axis=0)
     regular = widest < REGULAR * median(interval.tolist())
-    rotation = matrices(quat[1 : 1 - ORDER])[regular]
-    shift = np.diff(frames.position_m, ORDER, axis=0)[regular]
-    position = np.einsum("nji,nj->ni", rotation, shift)
-    scale = np.sqrt(_GAIN)
-    return position / scale, np.diff(steps, ORDER - 1, axis=0)[regular] / scale, rotation
+    return np.concatenate(rows, axis=1)[regular].T
 
 
-def _centre(position: Array, rotation: Array, deviation: tuple[float, float]) -> Array:
-    """The point of the body (3,) of which the noise is independent of that of the orientation, both (3, n).
+def _centre(differences: Array, deviation: tuple[float, float]) -> Array:
+    """The point of the body (3,) of which the noise is independent of that of the orientation, both (6, n).
 
     An error of orientation swings the origin about it: the position's share of it is ``centre x rotation``.
     """
-    count = position.shape[1]
+    count = differences.shape[1]
     if count < 2 * ORDER:
         return np.zeros(3)
-    both = np.concatenate([position / deviation[0], rotation / deviation[1]])
+    both = differences / np.repeat(deviation, 3)[:, None]
     shape = _shape(both, np.eye(6), STEPS)
     swing = shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:]) * deviation[0] / deviation[1]
     centre = 0.5 * np.array([swing[2, 1] - swing[1, 2], swing[0, 2] - swing[2, 0], swing[1, 0] - swing[0, 1]])
@@ -214,10 +210,3 @@ def _trace(matrix: Array) -> Array:
 def _cross_matrix(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
-
-def _join(first: Poses, second: Poses) -> Poses:
-    return Poses(
-        np.concatenate([first.stamp_ns, second.stamp_ns]),
-        np.concatenate([first.position_m, second.position_m]),
-        np.concatenate([first.quat_xyzw, second.quat_xyzw]),
-    )

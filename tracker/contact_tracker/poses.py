@@ -3,7 +3,7 @@
 ``T_world_body``: ``x_world = R x_body + t``. Quaternions are ``xyzw``. Stamps are integer nanoseconds.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -40,6 +40,16 @@ class Poses:
             np.array([p.quat_xyzw for p in rows], float).reshape(-1, 4),
         )
 
+    @classmethod
+    def join(cls, parts: Sequence["Poses"]) -> "Poses":
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.stamp_ns for part in parts]),
+            np.concatenate([part.position_m for part in parts]),
+            np.concatenate([part.quat_xyzw for part in parts]),
+        )
+
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
@@ -52,12 +62,13 @@ class Poses:
         return Poses(self.stamp_ns[rows], self.position_m[rows], self.quat_xyzw[rows])
 
     @property
-    def fresh(self) -> NDArray[np.bool_]:
-        """(N,) whether a pose differs from the one before; one that is held says nothing new."""
-        new = np.ones(len(self), bool)
-        new[1:] = (self.position_m[1:] != self.position_m[:-1]).any(axis=1)
-        new[1:] |= (self.quat_xyzw[1:] != self.quat_xyzw[:-1]).any(axis=1)
-        return new
+    def fresh(self) -> "Poses":
+        """Those that differ from the one before; one that is held says nothing new."""
+        same = (self.position_m[1:] == self.position_m[:-1]).all(axis=1)
+        if not same.any():
+            return self
+        same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
+        return self[np.append(True, ~same)]
 
     @property
     def rotation(self) -> Array:
