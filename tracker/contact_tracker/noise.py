@@ -7,7 +7,7 @@ Outliers and jolts are made harmless by weights and medians (docs/theory.md, T27
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from math import comb, sqrt
 from statistics import median
 from typing import Final
@@ -28,14 +28,11 @@ BALL_FRAMES: Final = 30
 """Weight of the same noise in all axes against the shape that the stream shows."""
 REGULAR: Final = 1.5
 """Differences are only taken where the interval is within this factor of the usual one."""
-STEPS: Final = 3
-"""Of Tyler's iteration, from where the last tick left it; ``THOROUGH`` where there was none."""
 THOROUGH: Final = 15
-UNTOLD_FRAMES: Final = 60
-"""The noise is told again once so many of ``MEMORY_FRAMES`` are new; of n, (n / MEMORY_FRAMES)^2 of it.
-
-``untold`` new ones of n move it by about sqrt(untold) / n: by 1 % at most in 99 of 100 ticks.
-"""
+"""Steps of Tyler's iteration that start from a ball; one is enough from where the last one has led."""
+UNTOLD: Final = 0.05
+"""The noise is told again once this share of the differences is new: they move it by less than a third of
+what so many differences leave unknown."""
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
 _SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
@@ -49,12 +46,14 @@ class NoiseEstimate:
     """Noise of one pose, as the last frames show it.
 
     It is that of the *centre*'s position ``position_m2`` (3, 3) in the world's axes, of the orientation
-    ``rotation_rad2`` (3, 3) in the body's, and ``centre_m`` (3,) in the body.
+    ``rotation_rad2`` (3, 3) in the body's, and ``centre_m`` (3,) in the body. ``shape`` (6, 6) is that of the
+    origin's position and the orientation in the body's axes, each in units of its deviation.
     """
 
     position_m2: Array
     rotation_rad2: Array
     centre_m: Array
+    shape: Array
 
     @cached_property
     def sigma_rotation_rad(self) -> float:
@@ -89,7 +88,7 @@ NO_DIFFERENCES: Final = Differences(np.zeros((15, 0)), (), Poses.collect([]))
 def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
     """Start from the model's noise, the same in all axes and centred at the body's origin."""
     ball = np.eye(3)
-    return NoiseEstimate(ball * sigma_position_m**2, ball * sigma_rotation_rad**2, np.zeros(3))
+    return NoiseEstimate(ball * sigma_position_m**2, ball * sigma_rotation_rad**2, np.zeros(3), np.eye(6))
 
 
 def advance(
@@ -99,7 +98,7 @@ def advance(
     frames = Poses.join([differences.recent, frames])
     untold, told = (*differences.untold, _third_differences(frames)), differences.told
     new = sum(rows.shape[1] for rows in untold)
-    if new >= UNTOLD_FRAMES * (min(told.shape[1] + new, MEMORY_FRAMES) / MEMORY_FRAMES) ** 2:
+    if new >= UNTOLD * min(told.shape[1] + new, MEMORY_FRAMES):
         told, untold = np.concatenate([told, *untold], axis=1)[:, -MEMORY_FRAMES:], ()
         estimate = _told(estimate, told, prior)
     return Differences(told, untold, frames[-ORDER:]), estimate
@@ -107,12 +106,16 @@ def advance(
 
 def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
     """The noise that the differences (15, n) tell; near the last one."""
+    if differences.shape[1] < 2 * ORDER:
+        return begin(*prior)
     across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
-    centre_m = _centre(differences[:6], (estimate.sigma_position_m, estimate.sigma_rotation_rad))
+    deviation = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
+    shape = _shape(differences[:6] / deviation.repeat(3)[:, None], estimate.shape)
+    centre_m = _centre(shape, deviation[0] / deviation[1], differences.shape[1])
     at_centre = np.einsum("ijn,jn->in", turn, across - _cross_matrix(centre_m) @ about)
     start = np.array([estimate.position_m2, estimate.rotation_rad2])
     covariance = _covariance(np.array([at_centre, about]), np.array(prior), start)
-    return NoiseEstimate(covariance[0], covariance[1], centre_m)
+    return NoiseEstimate(covariance[0], covariance[1], centre_m, shape)
 
 
 def estimate_noise(poses: Poses) -> tuple[float, float]:
@@ -131,80 +134,65 @@ def _third_differences(frames: Poses) -> Array:
     count = len(frames) - ORDER
     if count <= 0:
         return NO_DIFFERENCES.told
-    quat, interval = frames.quat_xyzw, frames.stamp_ns[1:] - frames.stamp_ns[:-1]
+    quat, position, interval = frames.quat_xyzw, frames.position_m, frames.stamp_ns[1:] - frames.stamp_ns[:-1]
     turns = rotation_vectors(between(quat[:-1], quat[1:]))
+    third = np.diff(np.concatenate([position[1:] - position[:-1], turns], axis=1), ORDER - 1, axis=0) / _SCALE
     rotation = matrices(quat[1 : 1 - ORDER])
-    shift = np.diff(frames.position_m, ORDER, axis=0)[:, None] @ rotation
-    rows = (shift[:, 0] / _SCALE, np.diff(turns, ORDER - 1, axis=0) / _SCALE, rotation.reshape(-1, 9))
-    widest = np.max([interval[i : i + count] for i in range(ORDER)], axis=0)
+    third[:, :3] = (third[:, None, :3] @ rotation)[:, 0]
+    widest = reduce(np.maximum, (interval[i : i + count] for i in range(ORDER)))
     regular = widest < REGULAR * median(interval.tolist())
-    return np.concatenate(rows, axis=1)[regular].T
+    return np.concatenate([third, rotation.reshape(-1, 9)], axis=1)[regular].T
 
 
-def _centre(differences: Array, deviation: tuple[float, float]) -> Array:
-    """The point of the body (3,) of which the noise is independent of that of the orientation, both (6, n).
+def _centre(shape: Array, lever_m: float, count: int) -> Array:
+    """The point of the body (3,) of which the noise is independent of that of the orientation.
 
     An error of orientation swings the origin about it: the position's share of it is ``centre x rotation``.
+    ``shape`` is that of both in units of deviations whose ratio is ``lever_m``, from ``count`` differences.
     """
-    count = differences.shape[1]
-    if count < 2 * ORDER:
-        return np.zeros(3)
-    both = differences / np.repeat(deviation, 3)[:, None]
-    shape = _shape(both, np.eye(6), STEPS)
-    swing = shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:]) * deviation[0] / deviation[1]
-    centre = 0.5 * np.array([swing[2, 1] - swing[1, 2], swing[0, 2] - swing[2, 0], swing[1, 0] - swing[0, 1]])
-    left = np.trace(shape[:3, :3] - shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:]) @ shape[3:, :3])
-    doubt_sq = left / np.trace(shape[3:, 3:]) * (deviation[0] / deviation[1]) ** 2 / count
-    return np.asarray(centre / (1.0 + doubt_sq / SPREAD_M**2))
+    swing = shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:])
+    left = np.trace(shape[:3, :3] - swing @ shape[3:, :3])
+    centre = np.array([swing[2, 1] - swing[1, 2], swing[0, 2] - swing[2, 0], swing[1, 0] - swing[0, 1]])
+    doubt_sq = left / np.trace(shape[3:, 3:]) * lever_m**2 / count
+    return np.asarray(centre * (0.5 * lever_m / (1.0 + doubt_sq / SPREAD_M**2)))
 
 
 def _covariance(rows: Array, prior: Array, start: Array) -> Array:
     """Covariances (..., 3, 3) of the columns of ``rows`` (..., 3, n), drawn to ``prior`` and to a ball."""
-    count = rows.shape[-1]
-    if count < ORDER:
-        return np.eye(3) * np.square(prior)[..., None, None]
-    shape = _shape(rows, start, STEPS)
+    shape = _shape(rows, start)
     measured = np.maximum(_size_sq(rows, shape), np.square(1e-3 * prior))
-    share = count / (count + PRIOR_FRAMES)
-    size_sq = np.exp(share * np.log(measured) + (1.0 - share) * np.log(np.square(prior)))
-    return np.asarray(shape * size_sq[..., None, None])
+    share = PRIOR_FRAMES / (rows.shape[-1] + PRIOR_FRAMES)
+    return np.asarray(shape * (measured ** (1.0 - share) * prior ** (2.0 * share))[..., None, None])
 
 
-def _shape(rows: Array, start: Array, steps: int) -> Array:
+def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
     """Tyler's scatter (..., d, d), with the trace d, of the columns of ``rows`` (..., d, n).
 
     No column counts by its length.
     """
     size, count = rows.shape[-2:]
     ball = BALL_FRAMES * np.eye(size)
-    says_nothing = _square(rows, rows) < _TINY
-    telling = np.maximum(count - np.count_nonzero(says_nothing, axis=-1), 1)[..., None, None]
-    shape = start * (size / _trace(start))
+    shape = start
     for _ in range(steps):
-        weight = 1.0 / np.maximum(_distance_sq(rows, shape), _TINY)
-        weight[says_nothing] = 0.0
-        scatter = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2) * (size / telling)
-        shape = scatter * (count / np.maximum(_trace(scatter) / size, _TINY)) + ball
-        shape = shape * (size / _trace(shape))
-    return np.asarray(shape)
+        length_sq = _distance_sq(rows, shape)
+        weight = np.divide(1.0, length_sq, out=np.zeros_like(length_sq), where=length_sq > _TINY)
+        scatter = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
+        shape = scatter * (size * count / np.maximum(_trace(scatter), _TINY)) + ball
+    return np.asarray(shape * (size / _trace(shape)))
 
 
 def _size_sq(rows: Array, shape: Array) -> Array:
     """By what ``shape`` is to be multiplied, from the median column (...)."""
-    return np.asarray(np.median(_distance_sq(rows, shape), axis=-1)) / _MEDIAN_OF_CHI_SQ
+    distance_sq, middle = _distance_sq(rows, shape), rows.shape[-1] // 2
+    return np.asarray(np.partition(distance_sq, middle)[..., middle] / _MEDIAN_OF_CHI_SQ)
 
 
 def _distance_sq(rows: Array, shape: Array) -> Array:
-    return _square(np.linalg.inv(shape) @ rows, rows)
-
-
-def _square(first: Array, second: Array) -> Array:
-    """Scalar products (..., n) of the columns."""
-    return np.asarray(np.einsum("...in,...in->...n", first, second))
+    return np.asarray(np.einsum("...in,...in->...n", np.linalg.inv(shape) @ rows, rows))
 
 
 def _trace(matrix: Array) -> Array:
-    return np.asarray(np.einsum("...ii->...", matrix))[..., None, None]
+    return np.asarray(matrix.trace(axis1=-2, axis2=-1))[..., None, None]
 
 
 def _cross_matrix(v: Array) -> Array:

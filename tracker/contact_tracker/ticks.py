@@ -1,7 +1,7 @@
 """From poses to ticks: short spans of time whose frames are averaged in the lift, outliers left out."""
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,7 @@ class Tick:
     excess: Excess
 
 
-@dataclass(frozen=True, eq=False)
-class TickState:
+class TickState(NamedTuple):
     """Where the averaging stands: frames of the tick under way, and what earlier ones have taught."""
 
     origin_ns: int
@@ -66,7 +65,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     step_ns = round(model.tick_s * 1e9)
     inside = int(poses.stamp_ns.searchsorted(state.origin_ns + (state.index + 1) * step_ns))
     if inside:
-        state = replace(state, frames=(*state.frames, poses[:inside]))
+        state = state._replace(frames=(*state.frames, poses[:inside]))
     if inside == len(poses):
         return state, [], poses[inside:]
     stamp_ns = int(poses.stamp_ns[inside])
@@ -77,12 +76,12 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     stamps = [tick.stamp_ns + (i + 1) * step_ns for i in range(missed)]
     gaps = [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
     if index - state.index - 1 > missed:  # the grid jumps over the rest of a long gap
-        state = replace(state, origin_ns=stamp_ns - (state.index + 1 + missed) * step_ns)
+        state = state._replace(origin_ns=stamp_ns - (state.index + 1 + missed) * step_ns)
         index = state.index + 1 + missed
     if missed:
-        state = replace(state, motion=None)
+        state = state._replace(motion=None)
     frames = (poses[inside : inside + 1],)
-    return replace(state, index=index, frames=frames), [tick, *gaps], poses[inside + 1 :]
+    return state._replace(index=index, frames=frames), [tick, *gaps], poses[inside + 1 :]
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
@@ -105,7 +104,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
             state.motion, turn, zeta[T], variances, model.tick_s, model.motion.memory_s
         )
     tick = Tick(start_ns, stamp_ns, zeta, len(used), len(frames) - len(used), excess)
-    return replace(state, frames=(), noise=estimate, differences=differences, motion=motion), tick
+    return state._replace(frames=(), noise=estimate, differences=differences, motion=motion), tick
 
 
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple[Array, Array]:
