@@ -36,6 +36,9 @@ _PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
 _EYE: Final = np.eye(3)
 _VALUE: Final = np.kron(np.eye(2), np.eye(1, 3))
 """(2, 6): what of the states is measured."""
+_POWERS: Final = np.arange(3.0)
+_SHARES: Final = np.array([1.0, 1.0, 0.5])
+"""Of value, rate and acceleration in what is ahead, with the powers of time."""
 _REST: Final = np.zeros(6)
 _UNIT: Final = np.ones(2)
 
@@ -49,9 +52,9 @@ class FreeMotion:
     last tick, at ``orientation`` (4,) ``xyzw``.
 
     Two predictions compete: that a vector moves on as the filter says, and that it stays at ``last``.
-    ``log_square`` (2, 2) and ``weight`` are running sums of the log squared error per axis of each, and of the
+    ``log_square`` (2, 2) and ``weight`` are running sums of the log squared error per axis of each and of the
     weights (in the log a jolt does not outshine the seconds of rest after it); ``latest`` (n, 2, 2) are the
-    last few. Of the filter's errors, ``shape`` (2, 3, 3) is the mean of their directions, with trace 1,
+    few last. Of the filter's errors, ``shape`` (2, 3, 3) is the mean of their directions, with trace 1,
     ``direction`` (2, 3) the last ones and ``echo`` (2,) the mean cosine from one to the next: how much of an
     error was to be expected.
     """
@@ -73,7 +76,7 @@ class FreeMotion:
         """Mean squared error per axis (2,) of the better prediction; infinite before any was made."""
         if not self.weight:
             return np.full(2, np.inf)
-        return np.asarray(LOG_BIAS * np.exp(self.log_square.min(axis=1) / self.weight))
+        return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_square.T) / self.weight))
 
     def excess(self, variance: Array) -> Array:
         """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick.
@@ -83,7 +86,7 @@ class FreeMotion:
         """
         if not self.weight:
             return np.zeros(2)
-        now = LOG_BIAS * np.exp(self.latest.sum(axis=0).min(axis=1) / len(self.latest))
+        now = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
         moving = np.maximum(np.minimum(self.spread, now) / variance - STILL, 0.0)
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
         echo = np.maximum(self.echo, 0.0)
@@ -122,9 +125,8 @@ def begin(rotation: Array, position_m: Array) -> FreeMotion:
 
 
 def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
-    """Positions (N, 3) and orientations (N, 4) that it leads to ``ahead_s`` (N,) after the last tick's middle."""
-    powers = np.array([np.ones(len(ahead_s)), ahead_s, 0.5 * ahead_s * ahead_s])
-    position, turn = powers.T @ state.x
+    """Positions (N, 3) and orientations (N, 4) ``ahead_s`` (N,) after the middle of the last tick."""
+    position, turn = ahead_s[:, None] ** _POWERS * _SHARES @ state.x
     return position, product(state.orientation, from_rotation_vectors(turn - state.last[1]))
 
 
@@ -148,19 +150,17 @@ def advance(
     state: FreeMotion,
     rotation: Array,
     position_m: Array,
-    variances: tuple[float, float],
+    variance: Array,
     tick_s: float,
     memory_s: float,
 ) -> tuple[FreeMotion, Excess]:
-    """One tick on: the mean pose of the tick and its noise variances (m^2, rad^2) per axis."""
-    orientation, variance = nearest(rotation), np.array(variances)
+    """One tick on: the mean pose of the tick and its noise ``variance`` (2,) per axis (m^2, rad^2)."""
+    orientation = nearest(rotation)
     value = np.array([position_m, state.last[1] + rotation_vectors(between(state.orientation, orientation))])
     x, covariance, innovation = _filtered(state, value, variance, _tick(tick_s))
     ticks = state.ticks + 1
     if state.ticks < SETTLING_TICKS:
-        state = replace(
-            state, x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks
-        )
+        state = replace(state, x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks)
         return state, Excess(0.0, 0.0)
     errors = np.array([innovation, value - state.last])
     squares = (errors * errors).sum(axis=2).T

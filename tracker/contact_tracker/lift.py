@@ -43,14 +43,23 @@ def mean_lift(rotation: Array, position_m: Array) -> Array:
 
     All numbers but the position are sums of products of one of R with 1 or one of t.
     """
-    rows = rotation.reshape(-1, 9)
-    t_r = (position_m.T @ rows).reshape(3, 3, 3) / len(rows)  # [k, i, j] is the mean of t_k R_ij
-    after, before = [1, 2, 0], [2, 0, 1]
-    zeta = np.ones(SIZE)
-    zeta[R], zeta[T] = rows.sum(axis=0) / len(rows), position_m.sum(axis=0) / len(rows)
-    zeta[U] = t_r.trace()
-    zeta[TXR] = (t_r[after, before] - t_r[before, after]).ravel()
-    return zeta
+    count, rows = len(position_m), rotation.reshape(-1, 9)
+    r, t = rows.sum(axis=0) / count, position_m.sum(axis=0) / count
+    t_r = position_m.T @ rows / count  # means of t_k R_ij
+    return np.concatenate([r, t, t_r.ravel() @ _U_AND_TXR, [1.0]])
+
+
+def _u_and_txr() -> Array:
+    """(27, 12): what each t_k R_ij adds to u and to vec([t]x R)."""
+    u, txr = np.zeros((3, 3, 3, 3)), np.zeros((3, 3, 3, 9))
+    for k, j in np.ndindex(3, 3):
+        u[k, k, j, j] = 1.0
+        txr[k, (k + 1) % 3, j, 3 * ((k + 2) % 3) + j] = 1.0
+        txr[k, (k + 2) % 3, j, 3 * ((k + 1) % 3) + j] = -1.0
+    return np.concatenate([u, txr], axis=-1).reshape(27, 12)
+
+
+_U_AND_TXR: Final = _u_and_txr()
 
 
 def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from math import comb, sqrt
 from statistics import median
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,13 @@ from contact_tracker.quaternions import between, matrices, rotation_vectors
 Array = NDArray[np.float64]
 
 ORDER: Final = 3
-MEMORY_FRAMES: Final = 2000
-PRIOR_FRAMES: Final = 10
-"""Weight of the model's noise against the stream's own."""
-BALL_FRAMES: Final = 30
+STRIDE: Final = 2
+"""Neighbouring differences say nearly the same: every second one tells the noise as well as all of them."""
+MEMORY: Final = 1000
+"""So many differences are remembered."""
+PRIOR: Final = 5
+"""Weight, in differences, of the model's noise against the stream's own."""
+BALL: Final = 15
 """Weight of the same noise in all axes against the shape that the stream shows."""
 REGULAR: Final = 1.5
 """Differences are only taken where the interval is within this factor of the usual one."""
@@ -68,21 +71,20 @@ class NoiseEstimate:
         return sqrt((self.position_m2.trace() + swung) / 3.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Differences:
-    """Third differences, scaled to the noise's deviation: what the noise is told from.
+class Heard(NamedTuple):
+    """What the noise is told from.
 
-    In the rows of ``told`` (15, n), and of ``untold`` ones (15, k) that came after the noise was last told:
-    of the origin's position in the body's axes at the time (m), of the orientation in the body's axes (rad),
-    and the rotation ``R`` then. ``recent`` frames wait for the next.
+    ``differences`` (15, n) are every second third difference of the last frames, scaled to the noise's
+    deviation: of the origin's position in the body's axes at the time (m), of the orientation in the body's
+    axes (rad), and the rotation ``R`` then. ``frames`` have come since the noise was last told, or wait for
+    the next.
     """
 
-    told: Array
-    untold: tuple[Array, ...]
-    recent: Poses
+    differences: Array
+    frames: tuple[Poses, ...]
 
 
-NO_DIFFERENCES: Final = Differences(np.zeros((15, 0)), (), Poses.collect([]))
+NOTHING_HEARD: Final = Heard(np.zeros((15, 0)), ())
 
 
 def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
@@ -92,16 +94,17 @@ def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
 
 
 def advance(
-    differences: Differences, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
-) -> tuple[Differences, NoiseEstimate]:
+    heard: Heard, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
+) -> tuple[Heard, NoiseEstimate]:
     """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad)."""
-    frames = Poses.join([differences.recent, frames])
-    untold, told = (*differences.untold, _third_differences(frames)), differences.told
-    new = sum(rows.shape[1] for rows in untold)
-    if new >= UNTOLD * min(told.shape[1] + new, MEMORY_FRAMES):
-        told, untold = np.concatenate([told, *untold], axis=1)[:, -MEMORY_FRAMES:], ()
-        estimate = _told(estimate, told, prior)
-    return Differences(told, untold, frames[-ORDER:]), estimate
+    untold, known = (*heard.frames, frames), heard.differences.shape[1]
+    new = (sum(map(len, untold)) - ORDER + 1) // STRIDE
+    if new < UNTOLD * min(known + new, MEMORY):
+        return Heard(heard.differences, untold), estimate
+    frames = Poses.join(untold)
+    differences = np.concatenate([heard.differences, _third_differences(frames)], axis=1)[:, -MEMORY:]
+    left = frames[max(new, 0) * STRIDE :]
+    return Heard(differences, (left,)), _told(estimate, differences, prior)
 
 
 def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
@@ -130,18 +133,18 @@ def estimate_noise(poses: Poses) -> tuple[float, float]:
 
 
 def _third_differences(frames: Poses) -> Array:
-    """Columns (15, n) of ``Differences``."""
-    count = len(frames) - ORDER
-    if count <= 0:
-        return NO_DIFFERENCES.told
-    quat, position, interval = frames.quat_xyzw, frames.position_m, frames.stamp_ns[1:] - frames.stamp_ns[:-1]
+    """Columns (15, n) of what is ``Heard``."""
+    if len(frames) <= ORDER:
+        return NOTHING_HEARD.differences
+    quat, position, interval = frames.quat_xyzw, frames.position_m, np.diff(frames.stamp_ns)
     turns = rotation_vectors(between(quat[:-1], quat[1:]))
-    third = np.diff(np.concatenate([position[1:] - position[:-1], turns], axis=1), ORDER - 1, axis=0) / _SCALE
-    rotation = matrices(quat[1 : 1 - ORDER])
+    steps = np.concatenate([position[1:] - position[:-1], turns], axis=1)
+    third = np.diff(steps, ORDER - 1, axis=0)[::STRIDE] / _SCALE
+    rotation = matrices(quat[1 : 1 - ORDER : STRIDE])
     third[:, :3] = (third[:, None, :3] @ rotation)[:, 0]
-    widest = reduce(np.maximum, (interval[i : i + count] for i in range(ORDER)))
+    widest = reduce(np.maximum, (interval[i : len(interval) + 1 - ORDER + i] for i in range(ORDER)))[::STRIDE]
     regular = widest < REGULAR * median(interval.tolist())
-    return np.concatenate([third, rotation.reshape(-1, 9)], axis=1)[regular].T
+    return np.asarray(np.concatenate([third, rotation.reshape(-1, 9)], axis=1)[regular].T)
 
 
 def _centre(shape: Array, lever_m: float, count: int) -> Array:
@@ -161,7 +164,7 @@ def _covariance(rows: Array, prior: Array, start: Array) -> Array:
     """Covariances (..., 3, 3) of the columns of ``rows`` (..., 3, n), drawn to ``prior`` and to a ball."""
     shape = _shape(rows, start)
     measured = np.maximum(_size_sq(rows, shape), np.square(1e-3 * prior))
-    share = PRIOR_FRAMES / (rows.shape[-1] + PRIOR_FRAMES)
+    share = PRIOR / (rows.shape[-1] + PRIOR)
     return np.asarray(shape * (measured ** (1.0 - share) * prior ** (2.0 * share))[..., None, None])
 
 
@@ -171,7 +174,7 @@ def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
     No column counts by its length.
     """
     size, count = rows.shape[-2:]
-    ball = BALL_FRAMES * np.eye(size)
+    ball = BALL * np.eye(size)
     shape = start
     for _ in range(steps):
         length_sq = _distance_sq(rows, shape)
@@ -197,4 +200,3 @@ def _trace(matrix: Array) -> Array:
 
 def _cross_matrix(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-

@@ -5,7 +5,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import islice
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from contact_tracker.quaternions import matrices
 
 Array = NDArray[np.float64]
+
+BATCH: Final = 500
+"""Poses that are handed on at once, where nobody waits for each."""
 
 
 class Pose(NamedTuple):
@@ -61,6 +65,10 @@ class Poses:
     def __getitem__(self, rows: slice | NDArray[np.generic]) -> "Poses":
         return Poses(self.stamp_ns[rows], self.position_m[rows], self.quat_xyzw[rows])
 
+    def batches(self) -> Iterator["Poses"]:
+        """A few seconds at a time."""
+        return (self[first : first + BATCH] for first in range(0, len(self), BATCH))
+
     @property
     def fresh(self) -> "Poses":
         """Those that differ from the one before; one that is held says nothing new."""
@@ -74,3 +82,20 @@ class Poses:
     def rotation(self) -> Array:
         """Rotation matrices (N, 3, 3) of ``T_world_body``."""
         return matrices(self.quat_xyzw)
+
+
+@runtime_checkable
+class Batched(Protocol):
+    """A stream of poses that comes in columns."""
+
+    def batches(self) -> Iterator[Poses]: ...
+
+
+def batches(poses: Iterable[Pose]) -> Iterator[Poses]:
+    """A stream of poses in columns of many at once, in its order."""
+    if isinstance(poses, Batched):
+        yield from poses.batches()
+        return
+    stream = iter(poses)
+    while rows := list(islice(stream, BATCH)):
+        yield Poses.collect(rows)

@@ -10,7 +10,7 @@ from contact_tracker import free_motion, noise
 from contact_tracker.free_motion import Excess, FreeMotion
 from contact_tracker.lift import R, T, mean_lift
 from contact_tracker.model import Model
-from contact_tracker.noise import Differences, NoiseEstimate
+from contact_tracker.noise import Heard, NoiseEstimate
 from contact_tracker.poses import Poses
 from contact_tracker.quaternions import between, rotation_vectors
 
@@ -42,17 +42,17 @@ class TickState(NamedTuple):
 
     origin_ns: int
     origin_m: Array
-    index: int
+    number: int
     frames: tuple[Poses, ...]
     noise: NoiseEstimate
-    differences: Differences
+    heard: Heard
     motion: FreeMotion | None
 
 
 def begin(model: Model, poses: Poses) -> TickState:
     """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
     estimate = noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    return TickState(int(poses.stamp_ns[0]), poses.position_m[0], 0, (), estimate, noise.NO_DIFFERENCES, None)
+    return TickState(int(poses.stamp_ns[0]), poses.position_m[0], 0, (), estimate, noise.NOTHING_HEARD, None)
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick], Poses]:
@@ -60,28 +60,29 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
 
     Returns
     -------
-    The ticks that are closed, usually none or one, more after a gap; and the poses that are left to be taken in.
+    The ticks that are closed, usually none or one, more after a gap; and the poses that are still to be taken
+    in.
     """
     step_ns = round(model.tick_s * 1e9)
-    inside = int(poses.stamp_ns.searchsorted(state.origin_ns + (state.index + 1) * step_ns))
+    inside = int(poses.stamp_ns.searchsorted(state.origin_ns + (state.number + 1) * step_ns))
     if inside:
         state = state._replace(frames=(*state.frames, poses[:inside]))
     if inside == len(poses):
         return state, [], poses[inside:]
     stamp_ns = int(poses.stamp_ns[inside])
-    index = (stamp_ns - state.origin_ns) // step_ns
+    number = (stamp_ns - state.origin_ns) // step_ns
     state, tick = close(state, model)
-    missed = min(index - state.index, int(LONGEST_GAP_S / model.tick_s)) - 1
+    missed = min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1
     empty = replace(tick, count=0, outliers=0, excess=Excess(0.0, 0.0))
     stamps = [tick.stamp_ns + (i + 1) * step_ns for i in range(missed)]
     gaps = [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
-    if index - state.index - 1 > missed:  # the grid jumps over the rest of a long gap
-        state = state._replace(origin_ns=stamp_ns - (state.index + 1 + missed) * step_ns)
-        index = state.index + 1 + missed
+    if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
+        state = state._replace(origin_ns=stamp_ns - (state.number + 1 + missed) * step_ns)
+        number = state.number + 1 + missed
     if missed:
         state = state._replace(motion=None)
     frames = (poses[inside : inside + 1],)
-    return state._replace(index=index, frames=frames), [tick, *gaps], poses[inside + 1 :]
+    return state._replace(number=number, frames=frames), [tick, *gaps], poses[inside + 1 :]
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
@@ -89,22 +90,21 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     frames = Poses.join(state.frames)
     start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
     frames = frames.fresh  # held poses say nothing new
-    differences, estimate = noise.advance(
-        state.differences, state.noise, frames, (model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    )
+    prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
+    heard, estimate = noise.advance(state.heard, state.noise, frames, prior)
     good = _plausible(state, frames, estimate, model)
     used = frames if good.all() else frames[good]
     zeta = mean_lift(used.rotation, used.position_m - state.origin_m)
-    variances = tick_variances(estimate, np.float64(len(used)), model)
+    variance = np.array(tick_variances(estimate, np.array(float(len(used))), model))
     turn = zeta[R].reshape(3, 3)
     if state.motion is None:
         motion, excess = free_motion.begin(turn, zeta[T]), Excess(0.0, 0.0)
     else:
         motion, excess = free_motion.advance(
-            state.motion, turn, zeta[T], variances, model.tick_s, model.motion.memory_s
+            state.motion, turn, zeta[T], variance, model.tick_s, model.motion.memory_s
         )
     tick = Tick(start_ns, stamp_ns, zeta, len(used), len(frames) - len(used), excess)
-    return state._replace(frames=(), noise=estimate, differences=differences, motion=motion), tick
+    return state._replace(frames=(), noise=estimate, heard=heard, motion=motion), tick
 
 
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple[Array, Array]:
@@ -124,9 +124,7 @@ def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
     return np.asarray(beyond / np.maximum(count, 1.0)[:, None, None])
 
 
-def _plausible(
-    state: TickState, frames: Poses, estimate: NoiseEstimate, model: Model
-) -> NDArray[np.bool_]:
+def _plausible(state: TickState, frames: Poses, estimate: NoiseEstimate, model: Model) -> NDArray[np.bool_]:
     """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far.
 
     While nothing is known of the motion: that stand out no more than by their steps. With all frames
@@ -135,7 +133,7 @@ def _plausible(
     count, everything = len(frames), np.ones(len(frames), bool)
     sigma_sq = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad]) ** 2
     if state.motion is not None and state.motion.weight:
-        ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - (state.index - 0.5) * model.tick_s
+        ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - (state.number - 0.5) * model.tick_s
         at, facing = free_motion.predicted(state.motion, ahead)
         off, spread = _off(frames, at + state.origin_m, facing), state.motion.spread
         if count >= 3:  # frames stand beside their neighbours: little motion lies between them
@@ -149,7 +147,7 @@ def _plausible(
     else:
         return everything
     good = (_distance_sq(off) < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
-    return good if good.any() else everything
+    return np.asarray(good if good.any() else everything)
 
 
 def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
@@ -160,7 +158,7 @@ def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
 
 def _distance_sq(off: Array) -> Array:
     """Squared lengths (N, 2) of both halves of the rows (N, 6)."""
-    return (off * off).reshape(-1, 2, 3).sum(axis=2)
+    return np.asarray((off * off).reshape(-1, 2, 3).sum(axis=2))
 
 
 def _local_median(rows: Array) -> Array:
