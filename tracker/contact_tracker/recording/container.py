@@ -169,7 +169,9 @@ class RecordLoop:
             except KeyError:
                 self._orphans += 1
                 return None
-            return channel and RawMessage(channel, log_time_ns, data[first + MESSAGE_HEAD.size : last])
+            if channel is None:
+                return None
+            return RawMessage(channel, log_time_ns, data[first + MESSAGE_HEAD.size : last])
         if opcode == Opcode.ATTACHMENT:
             return attachment_of(data[first:last])
         if opcode == Opcode.METADATA:
