@@ -1,5 +1,6 @@
 """The command line as a user meets it: real processes, real files, exit codes and streams."""
 
+import argparse
 import csv
 import json
 import os
@@ -15,10 +16,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.cli.main import COMMANDS
+from contact_tracker.cli.source import Source
+from contact_tracker.errors import NoPoses
 from contact_tracker.labels import STATES
 from contact_tracker.model import preset_names
 from contact_tracker.poses import Poses
-from contact_tracker.recording import write_recording
+from contact_tracker.recording import open_log, write_recording
 from contact_tracker.truth import Truth
 from logs import START_NS as LOGS_START_NS
 from logs import Topic, poses_topic, smooth_poses, write_log
@@ -401,3 +404,23 @@ def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, 
     assert "bad.mcap" in done.stderr
     assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
     assert "offline" in run("evaluate", log).stdout
+
+
+@pytest.mark.parametrize(
+    ("start", "duration"), [(0.0, None), (0.4, None), (0.0, 0.3), (0.1, 0.25), (9.0, None), (0.2, 1e-9)]
+)
+def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, duration):
+    monkeypatch.setattr("contact_tracker.recording.log.BATCH", 16)
+    path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(120))]))
+    args = argparse.Namespace(log=path, start=start, duration=duration)
+
+    def read(columns):
+        source = Source(open_log(path), args)
+        try:
+            poses = [p for batch in source.batches() for p in batch] if columns else list(source)
+        except NoPoses as error:
+            poses = str(error)
+        return poses, source.origin_ns, source.first_ns, source.last_ns, source.used
+
+    assert read(columns=True) == read(columns=False)
+    assert (read(columns=True)[-1] == 0) == (start > 1.0)

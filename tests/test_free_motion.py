@@ -9,7 +9,7 @@ from contact_tracker import free_motion
 from moving import smooth
 
 TICK_S, MEMORY_S = 0.1, 0.8
-VARIANCES = (0.5e-4**2, 0.5e-3**2)
+VARIANCES = np.array([0.5e-4**2, 0.5e-3**2])
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -98,10 +98,10 @@ def test_spread_is_the_variance_that_cannot_be_predicted():
     for scale in (0.5, 2.0):
         excess = follow(signal * scale, Rotation.identity(ticks))[1][50:, 0]
         states = follow(signal * scale, Rotation.identity(ticks))[0]
-        ahead = [free_motion.predicted_position(s, np.array([TICK_S]))[0] for s in states[:-1]]
+        ahead = [free_motion.predicted(s, np.array([TICK_S]))[0][0] for s in states[:-1]]
         actual = np.mean(np.square(np.array(ahead)[50:] - scale * signal[52:]))
         assert actual > 0.9 * scale**2 * least
-        spread = np.exp(np.mean(np.log([s.position.spread for s in states[50:]])))
+        spread = np.exp(np.mean(np.log([s.spread[0] for s in states[50:]])))
         assert 0.5 < spread / actual < 2.0
         assert 0.1 < np.exp(np.mean(np.log(excess))) / actual < 1.2
 
@@ -133,15 +133,14 @@ def test_predictions_continue_the_motion():
     ahead_s = np.array([0.0, 0.5 * TICK_S, TICK_S])
     for k in range(40, 79):
         state = states[k - 1]  # has seen ticks 0 .. k
-        at = free_motion.predicted_position(state, ahead_s)
+        at, quat = free_motion.predicted(state, ahead_s)
         assert np.linalg.norm(at[0] - position[k]) < 1e-3
         assert np.linalg.norm(at[2] - position[k + 1]) < 0.02
-        facing = Rotation.from_quat(free_motion.predicted_orientation(state, ahead_s))
+        facing = Rotation.from_quat(quat)
         off = (facing.inv() * Rotation.concatenate([turn[k], turn[k], turn[k + 1]])).magnitude()
         assert off[0] < 0.01
         assert off[2] < 0.15
-    middle = free_motion.predicted_position(state, ahead_s)
-    assert np.linalg.norm(middle[1] - 0.5 * (middle[0] + middle[2])) < 0.01
+    assert np.linalg.norm(at[1] - 0.5 * (at[0] + at[2])) < 0.01
 
 
 def test_the_first_ticks_are_no_surprise():

@@ -1,6 +1,7 @@
 """The gate that poses pass: each rule by itself, and what holds whatever comes in."""
 
 from collections import Counter
+from collections.abc import Iterable
 from itertools import pairwise
 from math import inf, nan, sqrt
 
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contact_tracker.gate import NORM_TOLERANCE, RANGE_M, RESET_RUN, PoseGate
-from contact_tracker.poses import Pose
+from contact_tracker.poses import Pose, Poses
 
 MS = 1_000_000
 UNIT = (0.1, -0.7, 0.1, 0.7)
@@ -161,3 +162,44 @@ def test_whatever_comes_in_what_goes_on_is_sound(poses: list[Pose]) -> None:
     if not counts["clock_reset"]:
         stamps = [p.stamp_ns for p in kept]
         assert stamps == [s.stamp_ns for s, p in zip(poses, admitted, strict=True) if p is not None]
+
+
+mild = st.builds(
+    Pose,
+    st.sampled_from([1, 5, 5, 5, 5, 700 * MS, 0, -7]),
+    st.sampled_from([(0.0, 0.0, 1.0), (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (2 * RANGE_M, 0.0, 0.0)]),
+    st.sampled_from([UNIT, UNIT, (-0.1, 0.7, -0.1, -0.7), (0.0, 0.6, 0.0, -0.8), (0.0, -0.6, 0.0, 0.8)])
+    | st.sampled_from([(1e-9, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.01), (nan,) * 4]),
+)
+stream = st.lists(mild, max_size=60).map(
+    lambda rows: [p._replace(stamp_ns=sum(step for step, *_ in rows[: i + 1])) for i, p in enumerate(rows)]
+)
+
+
+@given(stream | st.lists(any_pose, max_size=80), st.integers(1, 12))
+def test_in_columns_the_same_passes_and_is_counted(poses: list[Pose], batch: int) -> None:
+    """Many at once, or none of them and nothing has happened: then they go one by one."""
+    one_by_one, gate = PoseGate(), PoseGate()
+    for first in range(0, len(poses), batch):
+        rows = poses[first : first + batch]
+        expected = [p for row in rows if (p := one_by_one.admit(row)) is not None]
+        columns: Iterable[Pose] | None = gate.admit_all(Poses.collect(rows))
+        if columns is None:
+            columns = [p for row in rows if (p := gate.admit(row)) is not None]
+        assert list(columns) == expected
+        assert gate.counts == one_by_one.counts
+        assert vars(gate) == {**vars(one_by_one), "_raw": gate._raw}
+        assert str(gate._raw) == str(one_by_one._raw)  # nan is not itself
+
+
+def test_sound_poses_pass_in_columns() -> None:
+    turn = np.linspace(0.0, 3.0, 50)
+    sign = np.where(np.arange(50) % 7 < 3, -1.0, 1.0)
+    quat = np.array([np.sin(turn), 0 * turn, 0 * turn, np.cos(turn)]).T * sign[:, None]
+    poses = Poses(5 * MS * np.arange(50), np.ones((50, 3)), quat)
+    gate = PoseGate()
+    gate.admit(next(iter(poses)))
+    columns = gate.admit_all(poses[1:])
+    assert columns is not None
+    kept, _ = pass_through(list(poses))
+    assert list(columns) == kept[1:]

@@ -17,6 +17,7 @@ from contact_tracker.geometry import ContactGeometry, Line, Plane
 from contact_tracker.labels import Contact
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording import (
+    PoseLog,
     list_sources,
     open_log,
     read_metadata,
@@ -218,6 +219,47 @@ def test_what_the_gate_drops_is_counted(tmp_path: Path) -> None:
     log = open_log(str(write_log(tmp_path / "b.mcap", [topic])))
     assert_same(Poses.collect(log), poses[np.delete(np.arange(50), [10, 20, 30])])
     assert log.counts == {"nonfinite": 1, "repeated_stamp": 1, "backward_stamp": 1, "undecodable": 2}
+
+
+def in_columns(path: str, **options: Any) -> tuple[Poses, PoseLog]:
+    log = open_log(path, **options)
+    return Poses.join([Poses.collect(()), *log.batches()]), log
+
+
+@pytest.mark.parametrize("batch", [1, 3, 16, 500])
+@pytest.mark.parametrize("mixed", [False, True])
+def test_columns_are_what_comes_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int, mixed: bool
+) -> None:
+    """Whatever is wrong with some of the messages, of either source."""
+    poses = smooth_poses(300)
+    sign = np.where(np.arange(300) % 50 > 40, -1.0, 1.0)[:, None]
+    rows = list(Poses(poses.stamp_ns, poses.position_m, sign * poses.quat_xyzw))
+    rows[20:23] = [rows[20]._replace(stamp_ns=row.stamp_ns) for row in rows[20:23]]  # held
+    rows[100] = rows[100]._replace(position_m=(float("nan"), 0.0, 0.0))
+    rows[120] = rows[120]._replace(stamp_ns=rows[119].stamp_ns)
+    rows[200:] = [row._replace(stamp_ns=row.stamp_ns - 10**9) for row in rows[200:]]  # the clock is set back
+    kind, start = "geometry_msgs/msg/PoseStamped", START_NS
+    mine = [(start + i, pose_stamped(*p, frame="map")) for i, p in enumerate(rows)]
+    others = [(start + 60 + i, pose_stamped(*p, frame="odom")) for i, p in enumerate(poses[:5])]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", kind, mine + mixed * others)]))
+    monkeypatch.setattr("contact_tracker.recording.log.BATCH", batch)
+    log = open_log(path, frame="map")
+    expected = Poses.collect(log)
+    found, other = in_columns(path, frame="map")
+    assert len(expected) > 250
+    assert list(found) == list(expected)
+    assert other.counts == log.counts
+    assert log.counts["clock_reset"] == 1
+
+
+def test_real_recordings_in_columns(shared_recordings: Path) -> None:
+    for name in ("physics/hard/hard_00", "cube_tosses/toss_010"):
+        path = str(shared_recordings / f"{name}.mcap")
+        log = open_log(path)
+        expected, (found, other) = Poses.collect(log), in_columns(path)
+        assert list(found) == list(expected)
+        assert other.counts == log.counts
 
 
 # --- several sources -------------------------------------------------------------------------------------

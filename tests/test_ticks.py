@@ -22,13 +22,14 @@ TICK_NS = round(MODEL.tick_s * 1e9)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def averaged(poses, model=MODEL):
-    """All ticks of a stream, and the state after each closing."""
-    first, *rest = poses
-    state, closed = ticks.begin(model, first), []
-    for pose in rest:
-        state, more = ticks.advance(state, pose, model)
-        closed += more
+def averaged(poses, model=MODEL, batch=None):
+    """All ticks of a stream, of which so many poses come at once."""
+    state, closed = ticks.begin(model, poses), []
+    for first in range(0, len(poses), batch or len(poses)):
+        left = poses[first : first + (batch or len(poses))]
+        while len(left):
+            state, more, left = ticks.advance(state, left, model)
+            closed += more
     state, last = ticks.close(state, model)
     return [*closed, last]
 
@@ -60,6 +61,26 @@ def _x_of(model, t):
     if model.family.ROWS == 1 and len(first) == 4:
         parts[0] = first[:3]
     return np.concatenate(parts)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=seeds, batch=st.sampled_from([1, 7, 20, 333]), rate_hz=st.sampled_from([8.0, 30.0, 200.0, 1000.0])
+)
+def test_ticks_are_the_same_whatever_comes_at_once(seed, batch, rate_hz):
+    """One by one or a chunk of the log at once: bit for bit, with spikes, held poses, drops and gaps."""
+    rng = np.random.default_rng(seed)
+    poses, _ = spiked(rng, moving(rng, 1200 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
+    source = np.maximum.accumulate(np.where(rng.random(len(poses)) > 0.1, np.arange(len(poses)), 0))
+    late = rng.choice([0, 10**9, 10**10], p=[0.996, 0.002, 0.002], size=len(poses)).cumsum()
+    poses = Poses(poses.stamp_ns + late, poses.position_m[source], poses.quat_xyzw[source])
+    poses = poses[np.flatnonzero(rng.random(len(poses)) > 0.1)]
+    whole, portions = averaged(poses), averaged(poses, batch=batch)
+    assert sum(tick.count + tick.outliers for tick in whole) > 0.7 * len(poses)
+    for a, b in zip(whole, portions, strict=True):
+        assert (a.start_ns, a.stamp_ns, a.count, a.outliers) == (b.start_ns, b.stamp_ns, b.count, b.outliers)
+        assert a.excess == b.excess
+        np.testing.assert_array_equal(a.zeta, b.zeta)
 
 
 def test_a_tick_is_the_mean_of_its_frames():
@@ -220,7 +241,7 @@ def test_turning_the_sign_of_quaternions_changes_nothing():
 
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
-    state = ticks.begin(MODEL, next(iter(moving(np.random.default_rng(0), 1.0, 30.0))))
+    state = ticks.begin(MODEL, moving(np.random.default_rng(0), 1.0, 30.0))
     position, rotation = ticks.tick_variances(state.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL)
     floor = MODEL.noise.floor_position_m**2
     assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)

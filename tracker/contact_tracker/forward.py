@@ -12,7 +12,7 @@ from contact_tracker.belief import Belief
 from contact_tracker.evidence import Window
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
-from contact_tracker.poses import Pose
+from contact_tracker.poses import Pose, batches
 from contact_tracker.state import TrackerState
 from contact_tracker.ticks import Tick
 from contact_tracker.tracker import FREE
@@ -61,14 +61,16 @@ def forward(
     progress : called now and then with the number of poses read so far.
     knowledge : what is known of the object and its surroundings.
     """
-    state = tracker.start(model, knowledge=knowledge)
-    for count, pose in enumerate(poses, start=1):
-        state, closed = tracker.gather(state, pose)
-        for tick in closed:
-            state, belief = tracker.observe(state, tick)
-            yield Seen(state, tick, belief)
-        if progress is not None and closed:
-            progress(count)
+    state, count = tracker.start(model, knowledge=knowledge), 0
+    for batch in batches(poses):
+        count, left = count + len(batch), batch
+        while len(left):
+            state, closed, left = tracker.gather_some(state, left)
+            for tick in closed:
+                state, belief = tracker.observe(state, tick)
+                yield Seen(state, tick, belief)
+            if progress is not None and closed:
+                progress(count - len(left))
     state, closed = tracker.gather_rest(state)
     for tick in closed:
         state, belief = tracker.observe(state, tick)

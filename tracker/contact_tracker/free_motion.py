@@ -7,8 +7,8 @@ constraint in this tick.
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from math import exp, sqrt
+from functools import cached_property, lru_cache
+from math import exp
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import predict, update
 from numpy.typing import NDArray
 
-from contact_tracker.quaternions import from_rotation_vectors, inverse, nearest, product, rotation_vectors
+from contact_tracker.quaternions import between, from_rotation_vectors, nearest, product, rotation_vectors
 
 Array = NDArray[np.float64]
 
@@ -34,72 +34,64 @@ LOG_BIAS: Final = 1.446
 TINY: Final = 1e-20
 _PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
 _EYE: Final = np.eye(3)
-_VALUE: Final = np.eye(3, 9)
-"""What of the state is measured."""
+_VALUE: Final = np.kron(np.eye(2), np.eye(1, 3))
+"""(2, 6): what of the states is measured."""
+_POWERS: Final = np.arange(3.0)
+_SHARES: Final = np.array([1.0, 1.0, 0.5])
+"""Of value, rate and acceleration in what is ahead, with the powers of time."""
+_REST: Final = np.zeros(6)
+_UNIT: Final = np.ones(2)
 
 
 @dataclass(frozen=True, eq=False)
-class Smooth3:
-    """Filter of one smooth vector in R^3: state x (9,) of value, rate and acceleration, covariance P (9, 9).
+class FreeMotion:
+    """Filters of two smooth vectors in R^3, the position (m) and the integrated rotation (rad).
 
-    Two predictions compete: that the vector moves on as the filter says, and that it stays at ``last``.
-    ``log_square`` (2,) and ``weight`` are running sums of the log squared error per axis of each, and of the
-    weights (in the log a jolt does not outshine the seconds of rest after it); ``latest`` (n, 2) are the last
-    few. Of the filter's errors, ``shape`` (3, 3) is the mean of their directions, with trace 1, ``direction``
-    the last one and ``echo`` the mean cosine from one to the next: how much of an error was to be expected.
+    ``x`` (2, 3, 3) are value, rate and acceleration of each by axis; ``covariance`` (6, 6) of the states of
+    both is that of any one axis, because all axes are measured alike. ``last`` (2, 3) are the values of the
+    last tick, at ``orientation`` (4,) ``xyzw``.
+
+    Two predictions compete: that a vector moves on as the filter says, and that it stays at ``last``.
+    ``log_square`` (2, 2) and ``weight`` are running sums of the log squared error per axis of each and of the
+    weights (in the log a jolt does not outshine the seconds of rest after it); ``latest`` (n, 2, 2) are the
+    few last. Of the filter's errors, ``shape`` (2, 3, 3) is the mean of their directions, with trace 1,
+    ``direction`` (2, 3) the last ones and ``echo`` (2,) the mean cosine from one to the next: how much of an
+    error was to be expected.
     """
 
     x: Array
     covariance: Array
     last: Array
+    orientation: Array
     log_square: Array
     weight: float
     latest: Array
     shape: Array
     direction: Array
-    echo: float
+    echo: Array
     ticks: int
 
-    @classmethod
-    def at(cls, value: Array) -> "Smooth3":
-        """At rest, as far as is known."""
-        spread = np.kron(np.diag(np.square(_PRIOR_SPREAD)), np.eye(3))
-        x = np.concatenate([value, np.zeros(6)])
-        return cls(x, spread, value, np.zeros(2), 0.0, np.zeros((0, 2)), np.eye(3) / 3.0, np.zeros(3), 0.0, 0)
-
-    @property
-    def spread(self) -> float:
-        """Mean squared error per axis of the better prediction; infinite before any was made."""
+    @cached_property
+    def spread(self) -> Array:
+        """Mean squared error per axis (2,) of the better prediction; infinite before any was made."""
         if not self.weight:
-            return float("inf")
-        return LOG_BIAS * exp(self.log_square.min() / self.weight)
+            return np.full(2, np.inf)
+        return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_square.T) / self.weight))
 
-    def excess(self, variance: float) -> float:
-        """Variance per axis, beyond the noise ``variance``, with which the vector moved in the last tick.
+    def excess(self, variance: Array) -> Array:
+        """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick.
 
         In the log it is the mean over the axes of the motion, less the echo: a constraint is worth what a
         typical axis would be worth, and only what each tick says anew (T18).
         """
         if not self.weight:
-            return 0.0
-        now = LOG_BIAS * exp(self.latest.mean(axis=0).min())
-        moving = min(self.spread, now) - STILL * variance
-        if moving <= 0.0:
-            return 0.0
-        axes = variance + moving * 3.0 * np.maximum(np.linalg.eigvalsh(self.shape), 0.0)
-        echo = max(self.echo, 0.0)
+            return np.zeros(2)
+        now = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
+        moving = np.maximum(np.minimum(self.spread, now) / variance - STILL, 0.0)
+        axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
+        echo = np.maximum(self.echo, 0.0)
         fresh = (1.0 - echo) / (1.0 + echo)
-        return variance * max(exp(fresh * np.log(axes / variance).mean()) - 1.0, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class FreeMotion:
-    """Filters of position (m) and integrated rotation (rad), and the last ``orientation`` (4,) ``xyzw``."""
-
-    position: Smooth3
-    turn: Smooth3
-    orientation: Array
-    turned: Array
+        return np.asarray(variance * (np.maximum(axes, 1.0) ** (fresh / 3.0) - 1.0))
 
 
 @dataclass(frozen=True)
@@ -111,42 +103,35 @@ class Excess:
 
 
 def begin(rotation: Array, position_m: Array) -> FreeMotion:
-    """Start at a first tick with rotation (3, 3), which may be a mean of rotations, and position (3,)."""
-    return FreeMotion(Smooth3.at(position_m), Smooth3.at(np.zeros(3)), nearest(rotation), np.zeros(3))
+    """Start at a first tick with rotation (3, 3), which may be a mean of rotations, and position (3,).
+
+    At rest, as far as is known.
+    """
+    x = np.zeros((2, 3, 3))
+    x[0, 0] = position_m
+    return FreeMotion(
+        x,
+        np.diag(np.square(_PRIOR_SPREAD * 2)),
+        last=x[:, 0],
+        orientation=nearest(rotation),
+        log_square=np.zeros((2, 2)),
+        weight=0.0,
+        latest=np.zeros((0, 2, 2)),
+        shape=np.array([_EYE, _EYE]) / 3.0,
+        direction=np.zeros((2, 3)),
+        echo=np.zeros(2),
+        ticks=0,
+    )
 
 
-def advance(
-    state: FreeMotion,
-    rotation: Array,
-    position_m: Array,
-    variances: tuple[float, float],
-    tick_s: float,
-    memory_s: float,
-) -> tuple[FreeMotion, Excess]:
-    """One tick on: the mean pose of the tick and its noise variances (m^2, rad^2) per axis."""
-    orientation = nearest(rotation)
-    turned = state.turned + rotation_vectors(product(inverse(state.orientation), orientation))
-    position = _advance(state.position, position_m, variances[0], tick_s, memory_s)
-    turn = _advance(state.turn, turned, variances[1], tick_s, memory_s)
-    excess = Excess(position.excess(variances[0]), turn.excess(variances[1]))
-    return FreeMotion(position, turn, orientation, turned), excess
-
-
-def predicted_position(state: FreeMotion, ahead_s: Array) -> Array:
-    """Positions (N, 3) that free motion leads to ``ahead_s`` (N,) after the last tick's middle."""
-    p, v, a = state.position.x.reshape(3, 3)
-    return np.asarray(p + v * ahead_s[:, None] + 0.5 * a * np.square(ahead_s)[:, None])
-
-
-def predicted_orientation(state: FreeMotion, ahead_s: Array) -> Array:
-    """Orientations (N, 4), ``xyzw``, that it leads to ``ahead_s`` (N,) after the last tick's middle."""
-    turn, rate, acceleration = state.turn.x.reshape(3, 3)
-    ahead = turn - state.turned + rate * ahead_s[:, None] + 0.5 * acceleration * np.square(ahead_s)[:, None]
-    return product(state.orientation, from_rotation_vectors(ahead))
+def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
+    """Positions (N, 3) and orientations (N, 4) ``ahead_s`` (N,) after the middle of the last tick."""
+    position, turn = ahead_s[:, None] ** _POWERS * _SHARES @ state.x
+    return position, product(state.orientation, from_rotation_vectors(turn - state.last[1]))
 
 
 class _Tick(NamedTuple):
-    """What one tick does to value, rate and acceleration (9,), ``jerk`` (9, 9) by a unit of white jerk."""
+    """What one tick does to the states (6,), ``jerk`` (6, 6) by a unit of white jerk."""
 
     onward: Array
     jerk: Array
@@ -157,35 +142,57 @@ class _Tick(NamedTuple):
 def _tick(tick_s: float) -> _Tick:
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
     jerk = Q_continuous_white_noise(3, tick_s, 1.0)
-    return _Tick(np.kron(rate, _EYE), np.kron(jerk, _EYE), float(jerk[0, 0]))
+    both = np.eye(2)
+    return _Tick(np.kron(both, rate), np.kron(both, jerk), float(jerk[0, 0]))
 
 
-def _advance(state: Smooth3, value: Array, variance: float, tick_s: float, memory_s: float) -> Smooth3:
-    tick = _tick(tick_s)
-    x, covariance = predict(state.x, state.covariance, F=tick.onward)
-    # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
-    carried = float(covariance[:3, :3].trace()) / 3.0
-    unexplained = max(state.spread - variance - carried, 0.0) if state.weight else variance
-    covariance = covariance + tick.jerk * (JERK_SHARE * unexplained / tick.jerk_of_value)
-    innovation = value - x[:3]
-    x, covariance = update(x, covariance, value, variance * _EYE, _VALUE)
+def advance(
+    state: FreeMotion,
+    rotation: Array,
+    position_m: Array,
+    variance: Array,
+    tick_s: float,
+    memory_s: float,
+) -> tuple[FreeMotion, Excess]:
+    """One tick on: the mean pose of the tick and its noise ``variance`` (2,) per axis (m^2, rad^2)."""
+    orientation = nearest(rotation)
+    value = np.array([position_m, state.last[1] + rotation_vectors(between(state.orientation, orientation))])
+    x, covariance, innovation = _filtered(state, value, variance, _tick(tick_s))
     ticks = state.ticks + 1
     if state.ticks < SETTLING_TICKS:
-        return replace(state, x=x, covariance=covariance, last=value, ticks=ticks)
-    stayed = value - state.last
-    squares = np.array([innovation @ innovation, stayed @ stayed])
+        state = replace(state, x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks)
+        return state, Excess(0.0, 0.0)
+    errors = np.array([innovation, value - state.last])
+    squares = (errors * errors).sum(axis=2).T
     log_square = np.log(squares / 3.0 + TINY)
     fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
-    direction = innovation / (sqrt(squares[0]) + TINY)
-    return Smooth3(
+    direction = innovation / (np.sqrt(squares[:, :1]) + TINY)
+    state = FreeMotion(
         x,
         covariance,
         last=value,
+        orientation=orientation,
         log_square=fade * state.log_square + log_square,
         weight=fade * state.weight + 1.0,
-        latest=np.concatenate([state.latest, log_square[None]])[-NOW_TICKS:],
-        shape=fade_shape * state.shape + (1.0 - fade_shape) * direction[:, None] * direction,
+        latest=np.concatenate([state.latest[1 - NOW_TICKS :], log_square[None]]),
+        shape=fade_shape * state.shape + (1.0 - fade_shape) * direction[:, :, None] * direction[:, None],
         direction=direction,
-        echo=fade_shape * state.echo + (1.0 - fade_shape) * float(direction @ state.direction),
+        echo=fade_shape * state.echo + (1.0 - fade_shape) * (direction * state.direction).sum(axis=1),
         ticks=ticks,
     )
+    excess = state.excess(variance)
+    return state, Excess(float(excess[0]), float(excess[1]))
+
+
+def _filtered(state: FreeMotion, value: Array, variance: Array, tick: _Tick) -> tuple[Array, Array, Array]:
+    """States (2, 3, 3) and covariance after the values (2, 3) of a tick, which were off by so much (2, 3)."""
+    x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=tick.onward)
+    x = x.reshape(2, 3, 3)
+    # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
+    carried = covariance.diagonal()[::3]
+    unexplained = np.maximum(state.spread - variance - carried, 0.0) if state.weight else variance
+    covariance = covariance + tick.jerk * (unexplained * (JERK_SHARE / tick.jerk_of_value)).repeat(3)
+    innovation = value - x[:, 0]
+    # the gain is what a measurement of 1 makes of 0
+    gain, covariance = update(_REST, covariance, _UNIT, variance * np.eye(2), _VALUE)
+    return x + gain.reshape(2, 3, 1) * innovation[:, None], covariance, innovation

@@ -30,7 +30,9 @@ from statistics import median
 from types import MappingProxyType
 from typing import Final
 
-from contact_tracker.poses import Pose
+import numpy as np
+
+from contact_tracker.poses import Pose, Poses
 
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05
@@ -89,6 +91,36 @@ class PoseGate:
         self._raw = pose
         self._last = Pose(stamp_ns, pose.position_m, quat_xyzw)
         return self._last
+
+    def admit_all(self, poses: Poses) -> Poses | None:
+        """The same of poses that need no closer look; None, and nothing has happened, if one of them does."""
+        last, raw = self._last, self._raw
+        if last is None or raw is None or self._offset_ns:
+            return None
+        position_m, quat, steps_ns = (
+            poses.position_m,
+            poses.quat_xyzw,
+            np.diff(poses.stamp_ns, prepend=last[0]),
+        )
+        with np.errstate(all="ignore"):
+            x, y, z, w = quat.T
+            norm = np.sqrt(x * x + y * y + z * z + w * w)
+            sound = (np.abs(position_m) <= RANGE_M).all() and (np.abs(norm - 1.0) <= ROUNDING).all()
+        if not sound or steps_ns.min() <= 0 or steps_ns.max() > GAP_NS:
+            return None
+        unit = quat / norm[:, None]
+        cosine = (unit * np.concatenate([[last.quat_xyzw], unit[:-1]])).sum(axis=1)
+        if (np.abs(cosine) < ROUNDING).any():  # half a turn: the sign depends on how the sum is rounded
+            return None
+        sign = np.where(cosine < 0.0, -1.0, 1.0).cumprod()
+        before = Poses.join([Poses.collect((raw,)), poses])
+        if held := len(before) - len(before.fresh):
+            self._counts["held"] += held
+        self._run = None
+        self._periods_ns.extend(steps_ns[-_PERIODS_KEPT:].tolist())
+        admitted = Poses(poses.stamp_ns, position_m, unit * sign[:, None])
+        (self._raw,), (self._last,) = poses[-1:], admitted[-1:]
+        return admitted
 
     def _unit(self, pose: Pose) -> tuple[float, float, float, float] | None:
         """The unit quaternion of a pose whose numbers are sound."""

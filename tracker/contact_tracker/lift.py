@@ -38,6 +38,30 @@ def lift(rotation: Array, position_m: Array) -> Array:
     )
 
 
+def mean_lift(rotation: Array, position_m: Array) -> Array:
+    """Mean (25,) of the lifts of N poses: rotation (N, 3, 3), position (N, 3).
+
+    All numbers but the position are sums of products of one of R with 1 or one of t.
+    """
+    count, rows = len(position_m), rotation.reshape(-1, 9)
+    r, t = rows.sum(axis=0) / count, position_m.sum(axis=0) / count
+    t_r = position_m.T @ rows / count  # means of t_k R_ij
+    return np.concatenate([r, t, t_r.ravel() @ _U_AND_TXR, [1.0]])
+
+
+def _u_and_txr() -> Array:
+    """(27, 12): what each t_k R_ij adds to u and to vec([t]x R)."""
+    u, txr = np.zeros((3, 3, 3, 3)), np.zeros((3, 3, 3, 9))
+    for k, j in np.ndindex(3, 3):
+        u[k, k, j, j] = 1.0
+        txr[k, (k + 1) % 3, j, 3 * ((k + 2) % 3) + j] = 1.0
+        txr[k, (k + 2) % 3, j, 3 * ((k + 1) % 3) + j] = -1.0
+    return np.concatenate([u, txr], axis=-1).reshape(27, 12)
+
+
+_U_AND_TXR: Final = _u_and_txr()
+
+
 def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:
     """Linear map C (25, 25) with ``lift(R, t') == C @ lift(R, t)``, ``t' = t - world_shift + R body_shift``.
 

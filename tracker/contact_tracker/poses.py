@@ -3,9 +3,10 @@
 ``T_world_body``: ``x_world = R x_body + t``. Quaternions are ``xyzw``. Stamps are integer nanoseconds.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import islice
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from contact_tracker.quaternions import matrices
 
 Array = NDArray[np.float64]
+
+BATCH: Final = 500
+"""Poses that are handed on at once, where nobody waits for each."""
 
 
 class Pose(NamedTuple):
@@ -40,6 +44,16 @@ class Poses:
             np.array([p.quat_xyzw for p in rows], float).reshape(-1, 4),
         )
 
+    @classmethod
+    def join(cls, parts: Sequence["Poses"]) -> "Poses":
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.stamp_ns for part in parts]),
+            np.concatenate([part.position_m for part in parts]),
+            np.concatenate([part.quat_xyzw for part in parts]),
+        )
+
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
@@ -51,15 +65,37 @@ class Poses:
     def __getitem__(self, rows: slice | NDArray[np.generic]) -> "Poses":
         return Poses(self.stamp_ns[rows], self.position_m[rows], self.quat_xyzw[rows])
 
+    def batches(self) -> Iterator["Poses"]:
+        """A few seconds at a time."""
+        return (self[first : first + BATCH] for first in range(0, len(self), BATCH))
+
     @property
-    def fresh(self) -> NDArray[np.bool_]:
-        """(N,) whether a pose differs from the one before; one that is held says nothing new."""
-        new = np.ones(len(self), bool)
-        new[1:] = (self.position_m[1:] != self.position_m[:-1]).any(axis=1)
-        new[1:] |= (self.quat_xyzw[1:] != self.quat_xyzw[:-1]).any(axis=1)
-        return new
+    def fresh(self) -> "Poses":
+        """Those that differ from the one before; one that is held says nothing new."""
+        same = (self.position_m[1:] == self.position_m[:-1]).all(axis=1)
+        if not same.any():
+            return self
+        same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
+        return self[np.append(True, ~same)]
 
     @property
     def rotation(self) -> Array:
         """Rotation matrices (N, 3, 3) of ``T_world_body``."""
         return matrices(self.quat_xyzw)
+
+
+@runtime_checkable
+class Batched(Protocol):
+    """A stream of poses that comes in columns."""
+
+    def batches(self) -> Iterator[Poses]: ...
+
+
+def batches(poses: Iterable[Pose]) -> Iterator[Poses]:
+    """A stream of poses in columns of many at once, in its order."""
+    if isinstance(poses, Batched):
+        yield from poses.batches()
+        return
+    stream = iter(poses)
+    while rows := list(islice(stream, BATCH)):
+        yield Poses.collect(rows)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
+_TINY: Final = 1e-300
+"""Divides like nothing where there is nothing to divide."""
 
 
 def _hamilton() -> Array:
@@ -29,6 +31,7 @@ _PRODUCT: Final = _hamilton()
 # x_world = q x_body q*: element [i, j, a, b] is the share of q_i q_j in the matrix element (a, b).
 _MATRIX: Final = np.einsum("ibm,mja,j->ijab", _PRODUCT[:, :3], _PRODUCT[:, :, :3], _CONJUGATE)
 _PRODUCT_ROWS: Final = _PRODUCT.reshape(16, 4)
+_BETWEEN_ROWS: Final = (_CONJUGATE[:, None, None] * _PRODUCT).reshape(16, 4)
 _MATRIX_ROWS: Final = _MATRIX.reshape(16, 9)
 _QUADRATIC: Final = (0.5 * (_MATRIX + _MATRIX.swapaxes(0, 1))).reshape(16, 9)
 
@@ -38,8 +41,9 @@ def product(first: Array, second: Array) -> Array:
     return np.asarray(_pairs(first, second) @ _PRODUCT_ROWS)
 
 
-def inverse(quat: Array) -> Array:
-    return np.asarray(quat * _CONJUGATE)
+def between(first: Array, second: Array) -> Array:
+    """Quaternions (..., 4) of the rotation, in the axes of ``first``, that leads from it to ``second``."""
+    return np.asarray(_pairs(first, second) @ _BETWEEN_ROWS)
 
 
 def matrices(quat: Array) -> Array:
@@ -51,18 +55,16 @@ def matrices(quat: Array) -> Array:
 def rotation_vectors(quat: Array) -> Array:
     """Rotation vectors (..., 3) of at most half a turn."""
     vector, cosine = quat[..., :3], quat[..., 3]
-    sine = np.sqrt(_dot(vector, vector))
-    twice = np.full_like(sine, 2.0)
-    scale = np.divide(2.0 * np.arctan2(sine, np.abs(cosine)), sine, out=twice, where=sine > 0.0)
-    return np.asarray(vector * np.copysign(scale, cosine)[..., None])
+    sine = np.sqrt(_dot(vector, vector)) + _TINY
+    scale = np.copysign(2.0 / sine, cosine) * np.arctan2(sine, np.abs(cosine))
+    return np.asarray(vector * scale[..., None])
 
 
 def from_rotation_vectors(vector: Array) -> Array:
     """Unit quaternions (..., 4) of rotation vectors (..., 3)."""
-    angle = np.sqrt(_dot(vector, vector))
-    half = np.full_like(angle, 0.5)
-    scale = np.divide(np.sin(0.5 * angle), angle, out=half, where=angle > 0.0)
-    return np.concatenate([vector * scale[..., None], np.cos(0.5 * angle)[..., None]], axis=-1)
+    half = 0.5 * np.sqrt(_dot(vector, vector)) + _TINY
+    scale = 0.5 * np.sin(half) / half
+    return np.concatenate([vector * scale[..., None], np.cos(half)[..., None]], axis=-1)
 
 
 def nearest(matrix: Array) -> Array:

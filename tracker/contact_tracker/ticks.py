@@ -1,19 +1,18 @@
 """From poses to ticks: short spans of time whose frames are averaged in the lift, outliers left out."""
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from contact_tracker import free_motion, noise
 from contact_tracker.free_motion import Excess, FreeMotion
-from contact_tracker.lift import R, T, lift
+from contact_tracker.lift import R, T, mean_lift
 from contact_tracker.model import Model
-from contact_tracker.noise import NoiseEstimate
-from contact_tracker.poses import Pose, Poses
-from contact_tracker.quaternions import inverse, product, rotation_vectors
+from contact_tracker.noise import Heard, NoiseEstimate
+from contact_tracker.poses import Poses
+from contact_tracker.quaternions import between, rotation_vectors
 
 Array = NDArray[np.float64]
 
@@ -38,72 +37,74 @@ class Tick:
     excess: Excess
 
 
-@dataclass(frozen=True, eq=False)
-class TickState:
+class TickState(NamedTuple):
     """Where the averaging stands: frames of the tick under way, and what earlier ones have taught."""
 
     origin_ns: int
     origin_m: Array
-    index: int
-    frames: tuple[Pose, ...]
+    number: int
+    frames: tuple[Poses, ...]
     noise: NoiseEstimate
+    heard: Heard
     motion: FreeMotion | None
 
 
-def begin(model: Model, first: Pose) -> TickState:
-    """The grid of ticks and the world's origin start at the first pose."""
+def begin(model: Model, poses: Poses) -> TickState:
+    """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
     estimate = noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    return TickState(first.stamp_ns, np.array(first.position_m), 0, (first,), estimate, None)
+    return TickState(int(poses.stamp_ns[0]), poses.position_m[0], 0, (), estimate, noise.NOTHING_HEARD, None)
 
 
-def advance(state: TickState, pose: Pose, model: Model) -> tuple[TickState, list[Tick]]:
-    """Take in one pose; returns the ticks that it closes (usually none or one, more after a gap)."""
+def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick], Poses]:
+    """Take in poses up to the first that closes a tick.
+
+    Returns
+    -------
+    The ticks that are closed, usually none or one, more after a gap; and the poses that are still to be taken
+    in.
+    """
     step_ns = round(model.tick_s * 1e9)
-    index = (pose.stamp_ns - state.origin_ns) // step_ns
-    if index == state.index:
-        frames = (*state.frames, pose)  # for each pose: not by the slower ``replace``
-        return TickState(state.origin_ns, state.origin_m, index, frames, state.noise, state.motion), []
+    inside = int(poses.stamp_ns.searchsorted(state.origin_ns + (state.number + 1) * step_ns))
+    if inside:
+        state = state._replace(frames=(*state.frames, poses[:inside]))
+    if inside == len(poses):
+        return state, [], poses[inside:]
+    stamp_ns = int(poses.stamp_ns[inside])
+    number = (stamp_ns - state.origin_ns) // step_ns
     state, tick = close(state, model)
-    missed = min(index - state.index, int(LONGEST_GAP_S / model.tick_s)) - 1
+    missed = min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1
     empty = replace(tick, count=0, outliers=0, excess=Excess(0.0, 0.0))
     stamps = [tick.stamp_ns + (i + 1) * step_ns for i in range(missed)]
     gaps = [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
-    if index - state.index - 1 > missed:  # the grid jumps over the rest of a long gap
-        state = replace(state, origin_ns=pose.stamp_ns - (state.index + 1 + missed) * step_ns)
-        index = state.index + 1 + missed
+    if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
+        state = state._replace(origin_ns=stamp_ns - (state.number + 1 + missed) * step_ns)
+        number = state.number + 1 + missed
     if missed:
-        state = replace(state, motion=None)
-    return replace(state, index=index, frames=(pose,)), [tick, *gaps]
+        state = state._replace(motion=None)
+    frames = (poses[inside : inside + 1],)
+    return state._replace(number=number, frames=frames), [tick, *gaps], poses[inside + 1 :]
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     """Finish the tick under way."""
-    frames = Poses.collect(state.frames)
-    fresh = frames.fresh
-    frames = frames if fresh.all() else frames[fresh]  # held poses say nothing new
-    estimate = noise.advance(
-        state.noise, frames, (model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    )
-    rotation, position = frames.rotation, frames.position_m - state.origin_m
-    good = _plausible(state, frames, rotation, position, estimate, model)
-    zeta = lift(rotation[good], position[good]).mean(axis=0)
-    count = int(good.sum())
-    variances = tick_variances(estimate, np.asarray(float(count)), model)
+    frames = Poses.join(state.frames)
+    start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
+    frames = frames.fresh  # held poses say nothing new
+    prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
+    heard, estimate = noise.advance(state.heard, state.noise, frames, prior)
+    good = _plausible(state, frames, estimate, model)
+    used = frames if good.all() else frames[good]
+    zeta = mean_lift(used.rotation, used.position_m - state.origin_m)
+    variance = np.array(tick_variances(estimate, np.array(float(len(used))), model))
     turn = zeta[R].reshape(3, 3)
     if state.motion is None:
         motion, excess = free_motion.begin(turn, zeta[T]), Excess(0.0, 0.0)
     else:
         motion, excess = free_motion.advance(
-            state.motion,
-            turn,
-            zeta[T],
-            (float(variances[0]), float(variances[1])),
-            model.tick_s,
-            model.motion.memory_s,
+            state.motion, turn, zeta[T], variance, model.tick_s, model.motion.memory_s
         )
-    stamp_ns = state.frames[-1].stamp_ns
-    tick = Tick(state.frames[0].stamp_ns, stamp_ns, zeta, count, len(frames) - count, excess)
-    return replace(state, frames=(), noise=estimate, motion=motion), tick
+    tick = Tick(start_ns, stamp_ns, zeta, len(used), len(frames) - len(used), excess)
+    return state._replace(frames=(), noise=estimate, heard=heard, motion=motion), tick
 
 
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple[Array, Array]:
@@ -123,55 +124,47 @@ def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
     return np.asarray(beyond / np.maximum(count, 1.0)[:, None, None])
 
 
-def _plausible(
-    state: TickState, frames: Poses, rotation: Array, position: Array, estimate: NoiseEstimate, model: Model
-) -> NDArray[np.bool_]:
+def _plausible(state: TickState, frames: Poses, estimate: NoiseEstimate, model: Model) -> NDArray[np.bool_]:
     """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far.
 
-    With all frames implausible the object has jumped: they are taken, and the filter follows.
+    While nothing is known of the motion: that stand out no more than by their steps. With all frames
+    implausible the object has jumped: they are taken, and the filter follows.
     """
-    everything = np.ones(len(frames), bool)
-    if state.motion is None or state.motion.position.weight == 0:
-        return _near_their_neighbours(rotation, position, estimate, model)
-    middle_s = (state.index - 0.5) * model.tick_s
-    ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - middle_s
-    off_position = position - free_motion.predicted_position(state.motion, ahead)
-    predicted = free_motion.predicted_orientation(state.motion, ahead)
-    off_rotation = rotation_vectors(product(inverse(predicted), frames.quat_xyzw))
-    good = everything
-    rows = (
-        (off_position, estimate.sigma_position_m, state.motion.position),
-        (off_rotation, estimate.sigma_rotation_rad, state.motion.turn),
-    )
-    for off, sigma, motion in rows:
-        moved = motion.spread
-        if len(frames) >= 3:  # frames stand beside their neighbours: little motion lies between them
-            between = (min(NEIGHBOURS, len(frames)) - 1) / len(frames)
-            off, moved = off - _local_median(off), moved * between**2
-        distance_sq = np.einsum("ij,ij->i", off, off)
-        good = good & (distance_sq < model.noise.outlier_sigmas**2 * (sigma**2 + moved))
-    return good if good.any() else everything
+    count, everything = len(frames), np.ones(len(frames), bool)
+    sigma_sq = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad]) ** 2
+    if state.motion is not None and state.motion.weight:
+        ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - (state.number - 0.5) * model.tick_s
+        at, facing = free_motion.predicted(state.motion, ahead)
+        off, spread = _off(frames, at + state.origin_m, facing), state.motion.spread
+        if count >= 3:  # frames stand beside their neighbours: little motion lies between them
+            off = off - _local_median(off)
+            spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
+        allowed_sq = sigma_sq + spread
+    elif count >= NEIGHBOURS:
+        off = _off(frames, frames.position_m[0], frames.quat_xyzw[0])
+        step_sq = np.median(_distance_sq(off[1:] - off[:-1]), axis=0)
+        off, allowed_sq = off - _local_median(off), np.maximum(sigma_sq, step_sq)
+    else:
+        return everything
+    good = (_distance_sq(off) < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
+    return np.asarray(good if good.any() else everything)
 
 
-def _near_their_neighbours(
-    rotation: Array, position: Array, estimate: NoiseEstimate, model: Model
-) -> NDArray[np.bool_]:
-    """While nothing is known of the motion: frames that stand out no more than by their steps."""
-    good = np.ones(len(position), bool)
-    if len(position) < NEIGHBOURS:
-        return good
-    turn = Rotation.from_matrix(rotation[0].T @ rotation).as_rotvec()
-    for rows, sigma in ((position, estimate.sigma_position_m), (turn, estimate.sigma_rotation_rad)):
-        distance = np.linalg.norm(rows - _local_median(rows), axis=1)
-        step = float(np.median(np.linalg.norm(np.diff(rows, axis=0), axis=1)))
-        good = good & (distance < model.noise.outlier_sigmas * max(sigma, step))
-    return good if good.any() else np.ones(len(position), bool)
+def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
+    """How far (N, 6) frames are from one or N poses: by position, and by the turn in the body's axes."""
+    turn = rotation_vectors(between(quat_xyzw, frames.quat_xyzw))
+    return np.concatenate([frames.position_m - position_m, turn], axis=1)
+
+
+def _distance_sq(off: Array) -> Array:
+    """Squared lengths (N, 2) of both halves of the rows (N, 6)."""
+    return np.asarray((off * off).reshape(-1, 2, 3).sum(axis=2))
 
 
 def _local_median(rows: Array) -> Array:
     """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
     width = min(NEIGHBOURS, len(rows) - 1 + len(rows) % 2)
     windows = np.array([rows[i : len(rows) - width + 1 + i] for i in range(width)])
-    medians = np.partition(windows, width // 2, axis=0)[width // 2]
-    centre = np.clip(np.arange(len(rows)) - width // 2, 0, len(medians) - 1)
-    return np.asarray(medians[centre])
+    windows.partition(width // 2, axis=0)
+    centre = np.arange(len(rows)) - width // 2
+    return np.asarray(windows[width // 2].take(centre, axis=0, mode="clip"))

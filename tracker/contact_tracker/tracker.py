@@ -20,11 +20,23 @@ from contact_tracker.lift import R, T
 from contact_tracker.memory import LEARN_TICKS, SURE, Memory
 from contact_tracker.model import Model
 from contact_tracker.outlook import outlook
-from contact_tracker.poses import Pose
+from contact_tracker.poses import Pose, Poses
 from contact_tracker.state import TrackerState, scales_of, start
 from contact_tracker.ticks import Tick
 
-__all__ = ["TrackerState", "answer", "finish", "gather", "observe", "remaining", "scales_of", "start", "step"]
+__all__ = [
+    "TrackerState",
+    "answer",
+    "finish",
+    "gather",
+    "gather_rest",
+    "gather_some",
+    "observe",
+    "remaining",
+    "scales_of",
+    "start",
+    "step",
+]
 
 Array = NDArray[np.float64]
 
@@ -57,10 +69,15 @@ def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
 
 def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     """Average poses into ticks; returns the ticks that this pose closes (several after a gap)."""
-    if state.averaging is None:
-        return replace(state, averaging=ticks.begin(state.model, pose)), []
-    averaging, closed = ticks.advance(state.averaging, pose, state.model)
-    return replace(state, averaging=averaging), closed
+    state, closed, _ = gather_some(state, Poses.collect((pose,)))
+    return state, closed
+
+
+def gather_some(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick], Poses]:
+    """The same of many poses at once, up to the first that closes a tick; returns the rest of them, too."""
+    averaging = ticks.begin(state.model, poses) if state.averaging is None else state.averaging
+    averaging, closed, left = ticks.advance(averaging, poses, state.model)
+    return replace(state, averaging=averaging), closed, left
 
 
 def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from contact_tracker import ticks
 from contact_tracker.model import Model, load_model
-from contact_tracker.poses import Pose
+from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log
 from speeds.figures import Figure, Setup, cpu_s
 
@@ -16,7 +16,7 @@ def measure(setup: Setup) -> list[Figure]:
 
 
 def _figures(log: Path, target: str, model: Model, runs: int) -> list[Figure]:
-    poses = list(open_log(str(log)))
+    poses = Poses.collect(open_log(str(log)))
     count = gather(poses, model)
     taken = cpu_s(lambda: gather(poses, model), runs)
     return [
@@ -25,10 +25,11 @@ def _figures(log: Path, target: str, model: Model, runs: int) -> list[Figure]:
     ]
 
 
-def gather(poses: list[Pose], model: Model) -> int:
+def gather(poses: Poses, model: Model) -> int:
     """How many ticks the poses close."""
-    state, count = ticks.begin(model, poses[0]), 0
-    for pose in poses[1:]:
-        state, closed = ticks.advance(state, pose, model)
-        count += len(closed)
+    state, count = ticks.begin(model, poses), 0
+    for left in poses.batches():
+        while len(left):
+            state, closed, left = ticks.advance(state, left, model)
+            count += len(closed)
     return count

@@ -26,16 +26,22 @@ def _figures(log: Path, runs: int) -> list[Figure]:
         for _ in open_log(str(log)):
             pass
 
+    def read_columns() -> None:
+        for _ in open_log(str(log)).batches():
+            pass
+
     def admit() -> None:
         gate = PoseGate()
         for pose in poses:
             gate.admit(pose)
 
-    bare, whole, gate = (cpu_s(work, runs) / len(poses) for work in (iterate, read, admit))
+    works = (iterate, read, read_columns, admit)
+    bare, whole, columns, gate = (cpu_s(work, runs) / len(poses) for work in works)
     return [
         Figure(f"{log.stem}: bare records", 1.0 / bare, "records/s"),
         Figure(f"{log.stem}: poses", 1.0 / whole, "poses/s"),
         Figure(f"{log.stem}: poses", 1e6 * whole, "us per pose", "<= 15"),
+        Figure(f"{log.stem}: poses in columns, as offline", 1e6 * columns, "us per pose"),
         Figure(f"{log.stem}: time over that of bare records", whole / bare, "x"),
         Figure(f"{log.stem}: gate alone", 1e6 * gate, "us per pose"),
     ]

@@ -12,7 +12,7 @@ from contact_tracker import ticks
 from contact_tracker.evidence import Window
 from contact_tracker.labels import STATES
 from contact_tracker.model import Model
-from contact_tracker.poses import Pose
+from contact_tracker.poses import Pose, batches
 from contact_tracker.ticks import Tick, TickState
 from contact_tracker.truth import Truth
 
@@ -44,13 +44,12 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
     state: TickState | None = None
     closed: list[Tick] = []
     activity: list[float] = []
-    for pose in poses:
-        if state is None:
-            state = ticks.begin(model, pose)
-            continue
-        state, done = ticks.advance(state, pose, model)
-        closed += done
-        activity += [_activity(tick, state, model) for tick in done]
+    for left in batches(poses):
+        state = ticks.begin(model, left) if state is None else state
+        while len(left):
+            state, done, left = ticks.advance(state, left, model)
+            closed += done
+            activity += [_activity(tick, state, model) for tick in done]
     if state is None:
         return None
     if state.frames:

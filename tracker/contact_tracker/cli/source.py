@@ -8,7 +8,7 @@ from typing import Final
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import say, warn
 from contact_tracker.errors import NoPoses
-from contact_tracker.poses import Pose
+from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording import PoseLog
 
 _LONGEST_WAIT_S: Final = 1e6
@@ -48,6 +48,27 @@ class Source:
             self.used += 1
             self.last_ns = pose.stamp_ns
             yield pose
+        self._used_some(seen)
+
+    def batches(self) -> Iterator[Poses]:
+        """The same in columns, for those who wait for no single pose."""
+        seen = False
+        for poses in filter(len, self._log.batches()):
+            if not seen:
+                seen, self.origin_ns = True, int(poses.stamp_ns[0])
+            since_ns = poses.stamp_ns - self.origin_ns
+            ended = self._end_ns is not None and since_ns[-1] >= self._end_ns
+            first, end = since_ns.searchsorted([self._start_ns, self._end_ns if ended else since_ns[-1] + 1])
+            if first < end:
+                stamps_ns = poses.stamp_ns[first:end].tolist()
+                self.first_ns, self.last_ns = self.first_ns if self.used else stamps_ns[0], stamps_ns[-1]
+                self.used += len(stamps_ns)
+                yield poses[first:end]
+            if ended:
+                break
+        self._used_some(seen)
+
+    def _used_some(self, seen: bool) -> None:
         if not self.used:
             where = "in the interval that --start and --duration leave" if seen else "that can be used"
             raise NoPoses(f"{self._name}: no pose {where}{self._noted()}")

@@ -108,9 +108,10 @@ class RecordLoop:
                 if opcode == Opcode.CHUNK:
                     data = inflate(records.Chunk.read(payload_stream(payload)))
                     for inner, first, last in split(data):
-                        yield from self._item(inner, data, first, last)
-                else:
-                    yield from self._item(opcode, payload, 0, len(payload))
+                        if (item := self._item(inner, data, first, last)) is not None:
+                            yield item
+                elif (item := self._item(opcode, payload, 0, len(payload))) is not None:
+                    yield item
             except PARSE_ERRORS as error:
                 self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
         if self._orphans:
@@ -160,26 +161,28 @@ class RecordLoop:
         elif self.end is not End.STOPPED and damage:
             self.damage.add(f"{damage} ({stream.error})" if stream.error else damage)
 
-    def _item(self, opcode: int, data: bytes, first: int, last: int) -> Iterator[Item]:
+    def _item(self, opcode: int, data: bytes, first: int, last: int) -> Item | None:
         if opcode == Opcode.MESSAGE:
             channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, first)
             try:
                 channel = self._channels[channel_id]
             except KeyError:
                 self._orphans += 1
-                return
-            if channel is not None:
-                yield RawMessage(channel, log_time_ns, data[first + MESSAGE_HEAD.size : last])
-        elif opcode == Opcode.SCHEMA:
+                return None
+            if channel is None:
+                return None
+            return RawMessage(channel, log_time_ns, data[first + MESSAGE_HEAD.size : last])
+        if opcode == Opcode.ATTACHMENT:
+            return attachment_of(data[first:last])
+        if opcode == Opcode.METADATA:
+            metadata = records.Metadata.read(payload_stream(data[first:last]))
+            return Metadata(metadata.name, metadata.metadata)
+        if opcode == Opcode.SCHEMA:
             schema = records.Schema.read(payload_stream(data[first:last]))
             self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             self._add_channel(records.Channel.read(payload_stream(data[first:last])))
-        elif opcode == Opcode.ATTACHMENT:
-            yield attachment_of(data[first:last])
-        elif opcode == Opcode.METADATA:
-            metadata = records.Metadata.read(payload_stream(data[first:last]))
-            yield Metadata(metadata.name, metadata.metadata)
+        return None
 
     def _add_channel(self, record: records.Channel) -> None:
         channel = channel_of(record, self._schemas)

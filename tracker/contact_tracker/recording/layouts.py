@@ -7,11 +7,13 @@ there for a test. Messages that no layout fits are left to the library.
 """
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from contact_tracker.poses import Pose
+import numpy as np
+
+from contact_tracker.poses import Pose, Poses
 
 _ENCAPSULATION: Final = 4
 _STAMP: Final = 8
@@ -32,6 +34,14 @@ class Observation(NamedTuple):
     frame_id: str
     child_frame_id: str
     pose: Pose
+
+
+class ObservedColumns(NamedTuple):
+    """The same of many poses of one source."""
+
+    frame_id: str
+    child_frame_id: str
+    poses: Poses
 
 
 class _Type(NamedTuple):
@@ -73,6 +83,37 @@ class _Layout(NamedTuple):
         pose = Pose(sec * 1_000_000_000 + nanosec, (px, py, pz), (x, y, z, w))
         return Observation(self.frame_id, self.child_frame_id, pose)
 
+    def read_all(self, messages: Sequence[bytes]) -> ObservedColumns | None:
+        """The poses of messages, if all are as expected; all have the size of the layout."""
+        rows = np.frombuffer(b"".join(messages), self.columns)
+        for name, expected in (("head", self.head), ("names", self.names)):
+            if (rows[name] != np.frombuffer(expected, np.uint8)).any():
+                return None
+        stamp_ns = rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
+        numbers = rows["numbers"].astype(float)
+        return ObservedColumns(
+            self.frame_id, self.child_frame_id, Poses(stamp_ns, numbers[:, :3], numbers[:, 3:])
+        )
+
+    @property
+    def columns(self) -> np.dtype[np.void]:
+        """What is where, as ``values`` has it."""
+        order, sec = self.values.format[0], "i" if "i" in self.values.format else "u"
+        return np.dtype(
+            {
+                "names": ["head", "sec", "nanosec", "names", "numbers"],
+                "formats": [
+                    ("u1", (self.stamp_at,)),
+                    f"{order}{sec}4",
+                    f"{order}u4",
+                    ("u1", (len(self.names),)),
+                    (f"{order}f8", (7,)),
+                ],
+                "offsets": [0, self.stamp_at, self.stamp_at + 4, self.names_at, self.names_end],
+                "itemsize": self.values.size,
+            }
+        )
+
 
 class Layouts:
     """The layouts met on one channel, by the size of the message."""
@@ -89,6 +130,14 @@ class Layouts:
             if observation is not None:
                 return observation
         return None
+
+    def read_all(self, messages: Sequence[bytes]) -> ObservedColumns | None:
+        """The poses in messages, if one layout fits all of them."""
+        size, *others = {len(data) for data in messages}
+        if others:
+            return None
+        found = (layout.read_all(messages) for layout in self._by_size.get(size, ()))
+        return next((columns for columns in found if columns is not None), None)
 
     def learn(self, data: bytes, decode: Callable[[bytes], list[Observation]]) -> None:
         """Look for the layout of a message that ``decode`` has read; it is asked for test messages."""

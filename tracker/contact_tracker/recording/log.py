@@ -3,14 +3,14 @@
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from types import MappingProxyType
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.gate import PoseGate
-from contact_tracker.poses import Pose
+from contact_tracker.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
-from contact_tracker.recording.items import Item, RawMessage, channel_of
+from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
 from contact_tracker.recording.reading import Reading, parts_of, summary_of
 from contact_tracker.recording.ros import RosDecoder, Undecodable
 from contact_tracker.recording.sources import (
@@ -53,6 +53,7 @@ class PoseLog:
         self._decoder = decoder
         self._use_log_time = use_log_time
         self._count_others = count_others
+        self._items = items
         self._poses = self._read(items)
 
     @property
@@ -69,6 +70,29 @@ class PoseLog:
     def close(self) -> None:
         """Let go of the file before the end is reached."""
         self._poses.close()
+        self._items = iter(())
+
+    def batches(self) -> Iterator[Poses]:
+        """The same in columns, of many messages at once: for those who wait for none of them."""
+        items = (item for item in self._items if isinstance(item, RawMessage))
+        while messages := list(islice(items, BATCH)):
+            poses = self._columns(messages)
+            yield Poses.collect(self._read(iter(messages))) if poses is None else poses
+
+    def _columns(self, messages: list[RawMessage]) -> Poses | None:
+        """The poses of messages that need no closer look; None if one of them does."""
+        channel = messages[0].channel
+        if self._use_log_time or any(message.channel is not channel for message in messages):
+            return None
+        observed = self._decoder.observe_all(messages)
+        if observed is None or not self._is_meant(channel, *observed[:2]):
+            return None
+        return self._gate.admit_all(observed.poses)
+
+    def _is_meant(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
+        source = self.source
+        found = (channel.topic, channel.type, frame_id, child_frame_id)
+        return found == (source.topic, source.type, source.frame_id, source.child_frame_id)
 
     def _read(self, items: Iterator[Item]) -> Generator[Pose]:
         source, counts, admit = self.source, self._counts, self._gate.admit

@@ -1,6 +1,6 @@
 """From ROS 2 messages to observed poses: where each message type keeps stamp, frames and pose."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
 from io import StringIO
 from types import MappingProxyType
@@ -17,7 +17,7 @@ from contact_tracker.recording.items import (
     RawMessage,
     inflate_zstd,
 )
-from contact_tracker.recording.layouts import Layouts, Observation
+from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 
 MESSAGE_LIMIT: Final = 2**22
 
@@ -63,6 +63,11 @@ class RosDecoder:
         with suppress(Undecodable):
             self._known.learn(message.data, lambda data: self._observe(message._replace(data=data)))
         return observations
+
+    def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
+        """The poses in messages of one channel, if they are of one source and of a layout that is known."""
+        known = self._layouts.get(messages[0].channel)
+        return None if known is None else known.read_all([message.data for message in messages])
 
     def _observe(self, message: RawMessage) -> list[Observation]:
         """The same by the library's decoder."""
