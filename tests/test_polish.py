@@ -5,6 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from benchmarks.stretches import NOISES, find_simulated, stretch_geometry
@@ -17,7 +19,7 @@ from contact_tracker.geometry import Plane
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
 from contact_tracker.model import load_model
-from contact_tracker.polish import polish
+from contact_tracker.polish import FIRST_ECHO, Errors, learnt, new_in, polish
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.state import scales_of
@@ -57,6 +59,42 @@ def test_covariances_follow_the_residuals_where_the_model_expects_worse():
     noise = NOISES["robot"]._replace(seconds=3.0)
     deviations = [d for seed in range(6) for d in find_simulated(Contact.EF, noise, seed).deviation]
     assert 0.4 < np.mean([d.squared / d.freedom for d in deviations]) < 2.5
+
+
+@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EE], ids=str)
+def test_covariances_know_of_errors_that_last(contact, monkeypatch):
+    """A contact that gives way by some hundredths of a millimetre does so for many ticks. Whatever of that
+    looks like geometry is lost; but who takes each tick's error for a new one claims much more."""
+    gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, gives_m=30e-6, lasts_s=0.5)
+
+    def normalised():
+        deviations = [d for seed in range(SEEDS) for d in find_simulated(contact, gives, seed).deviation]
+        return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
+
+    known = normalised()
+    monkeypatch.setattr("contact_tracker.polish.MOST_ECHO", 0.0)
+    assert 0.5 < known < 2.5
+    assert known < 0.6 * normalised()
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 0.7))
+def test_size_and_echo_of_errors_are_learned_from_residuals(seed, echo):
+    """Of residuals with and without what a fit of a line and a wave has taken of them."""
+    rng, count = np.random.default_rng(seed), 400
+    index = np.cumsum(rng.integers(1, 3, count))
+    new = rng.normal(size=(1, count))
+    errors = new.copy()
+    for tick in range(1, count):
+        left = echo ** (index[tick] - index[tick - 1])
+        errors[:, tick] = left * errors[:, tick - 1] + np.sqrt(1.0 - left**2) * new[:, tick]
+    np.testing.assert_allclose(new_in(errors, np.full(1, echo), index), new, atol=1e-9)
+    shapes = np.stack([np.ones(count), index / 400.0, np.sin(index / 5.0), np.cos(index / 5.0)], axis=1)
+    left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
+    start = Errors(np.ones(1), np.full(1, FIRST_ECHO))
+    for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
+        found = learnt(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
+        assert abs(found.echo - echo) < 0.35
+        assert 0.4 < 4.0 * found.weight < 2.5
 
 
 def test_frames_of_what_came_before_do_not_bend_the_geometry():

@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from contact_tracker import hypotheses, ticks, tracker
 from contact_tracker.belief import Segment
@@ -13,7 +14,7 @@ from contact_tracker.evaluation.bound import cramer_rao, errors
 from contact_tracker.evaluation.elements import Deviation
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.evidence import Window
-from contact_tracker.geometry import ContactGeometry
+from contact_tracker.geometry import ContactGeometry, Line, Plane
 from contact_tracker.labels import Contact
 from contact_tracker.model import load_model
 from contact_tracker.polish import polish
@@ -26,12 +27,15 @@ Array = NDArray[np.float64]
 
 
 class Noise(NamedTuple):
-    """White noise of single poses, and for how long a contact is seen."""
+    """White noise of single poses, for how long a contact is seen, and how much it gives way: an error of
+    ``gives_m`` (standard deviation) along its normal, of which 1/e is left after ``lasts_s``."""
 
     rate_hz: float
     sigma_m: float
     sigma_deg: float
     seconds: float
+    gives_m: float = 0.0
+    lasts_s: float = 1.0
 
 
 NOISES: Final = {
@@ -40,6 +44,10 @@ NOISES: Final = {
     "robot": Noise(1000.0, 0.05e-3, 0.02, 4.0),
     "vision": Noise(30.0, 1.5e-3, 0.7, 12.0),
 }
+
+
+BEFORE: Final = 10_000
+"""Poses after which an error that lasts has forgotten how it began."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +74,33 @@ def find_simulated(contact: Contact, noise: Noise, seed: int) -> Found:
     assert true is not None
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
     bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
-    found = stretch_geometry(measured.poses, contact)
+    found = stretch_geometry(_giving(measured.poses, true, noise, seed), contact)
     whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
     judged = geometry_errors(true_poses, measured.truth, [whole])
     return Found(errors(found, true, true_poses), bound, tuple(row.deviation for row in judged.rows))
+
+
+def _giving(poses: Poses, true: ContactGeometry, noise: Noise, seed: int) -> Poses:
+    """The poses where the contact gives way as ``noise`` says."""
+    if not noise.gives_m:
+        return poses
+    rng, left = np.random.default_rng(seed), np.exp(-1.0 / (noise.rate_hz * noise.lasts_s))
+    away_m = lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], rng.normal(size=len(poses) + BEFORE))[BEFORE:]
+    along = _normals(true, poses.rotation)
+    return replace(poses, position_m=poses.position_m + noise.gives_m * away_m[:, None] * along)
+
+
+def _normals(true: ContactGeometry, rotation: Array) -> Array:
+    """The common normal of both elements in the world, (N, 3)."""
+    match true.object, true.environment:
+        case _, Plane(normal):
+            return np.tile(normal, (len(rotation), 1))
+        case Plane(normal), _:
+            return rotation @ normal
+        case Line(first), Line(second):
+            across = np.cross(rotation @ first, second)
+            return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+    raise TypeError("no contact")
 
 
 def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:

@@ -3,11 +3,12 @@
 A running fit sees its ticks through moments: rows weighted by their mean noise, ticks by their motion
 (docs/theory.md, T13). That finds the minimum in microseconds, but neither quite the best estimate nor quite
 its accuracy. Here each tick counts as its own noise says (T16), rest as well, that noise follows the
-geometry, and the size of each row's noise is that of its residuals (docs/theory.md, T26).
+geometry, and how large each row's noise is, and how long it lasts, is told by its residuals (docs/theory.md,
+T26).
 """
 
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +20,33 @@ from contact_tracker.fit import Prior
 
 Array = NDArray[np.float64]
 
-ROUNDS: Final = 2
+ROUNDS: Final = 3
 """Of fitting, and of learning the noise from what the fit leaves."""
 STEPS: Final = 20
 TOLERANCE_NATS: Final = 1e-4
 PRIOR_TICKS: Final = 1.0
 """Weight of the noise as it was believed against that of the residuals."""
+LEARNING_STEPS: Final = 15
+"""Of expectation-maximisation; they cost little beside a fit."""
+FIRST_ECHO: Final = 0.5
+MOST_ECHO: Final = 0.95
 FEW_TICKS: Final = 15
 STRANGE_SIGMAS: Final = 2.5
 """A tick at an end of the stretch is left out if it is so far off, unless there are only ``FEW_TICKS``."""
 LEAST_SCALE: Final = 1e-6
+LEAST_SHARE: Final = 1e-12
 LEAST_CURVATURE: Final = 1e-9
 LEAST_DAMPING: Final = 1e-9
 _STEP: Final = 1e-6
 """Of finite differences, in radians and metres."""
+
+
+class Errors(NamedTuple):
+    """What the residuals (K, ...) say of their errors: ``weight`` (K,), how much smaller than believed they
+    are, and ``echo`` (K,), how much of a tick's is left in the next."""
+
+    weight: Array
+    echo: Array
 
 
 def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -47,39 +61,45 @@ def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> B
     and with ``moments`` and ``row_weight`` of the weights that the ticks have here. Where no step improves on
     it, x stays what it was.
     """
-    polished = _settle(bank, model, window, scales)
+    polished, errors = _settle(bank, model, window, scales)
     if len(window) < FEW_TICKS:
         return polished
-    begins, ends = _belong(polished, model, window, scales)[[0, -1]]
+    begins, ends = _belong(polished, errors, model, window, scales)[[0, -1]]
     inner = window.cut(0 if begins else 1, None if ends else -1)
-    return polished if begins and ends else _settle(polished, model, inner, scales)
+    return polished if begins and ends else _settle(polished, model, inner, scales)[0]
 
 
-def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """``polish`` with all ticks of the window."""
+def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> tuple[Bank, Errors]:
+    """``polish`` with all ticks of the window, and what is left."""
     family = model.family
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)
-    x, weight = bank.x, np.ones(family.ROWS)
+    x, errors = bank.x, Errors(np.ones(family.ROWS), np.full(family.ROWS, FIRST_ECHO))
     for _ in range(ROUNDS):
-        x = _maximise(model, x, weight, anchors, window, prior)
-        weight = _row_weight(_whitened(model, x, window)[0], family.PARAMETERS / family.ROWS)
-    jacobian = _linearised(model, x, anchors, window)[1]
+        x = _maximise(model, x, errors, anchors, window, prior)
+        whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+        held = tangent.T @ prior.precision[0] @ tangent
+        errors = learnt(errors, whitened, jacobian, held, window.index)
+    jacobian = new_in(jacobian, errors.echo, window.index)
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
-    return replace(
+    # to what does not echo, the sensor's own noise, a tick beside its neighbours is worth more
+    alone = (1.0 + errors.echo**2) / (1.0 - errors.echo**2)
+    polished = replace(
         bank,
         x=x,
-        hessian=np.einsum("ktp,k,ktq->kpq", jacobian, weight, jacobian)[None],
+        hessian=np.einsum("ktp,k,ktq->kpq", jacobian, errors.weight, jacobian)[None],
         moments=np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)[None],
-        row_weight=weight * np.mean(position / _noise(model, x, window)[1], axis=2),
+        row_weight=errors.weight * alone * np.mean(position / _noise(model, x, window)[1], axis=2),
     )
+    return polished, errors
 
 
-def _belong(polished: Bank, model: ContactModel, window: Window, scales: Scales) -> NDArray[np.bool_]:
+def _belong(
+    polished: Bank, errors: Errors, model: ContactModel, window: Window, scales: Scales
+) -> NDArray[np.bool_]:
     """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
-    anchors = anchors_of(polished, model)
+    anchors, weight = anchors_of(polished, model), errors.weight
     whitened, jacobian, tangent = _linearised(model, polished.x, anchors, window)
-    weight = _row_weight(whitened, model.family.PARAMETERS / model.family.ROWS)
     held = tangent.T @ prior_of(polished, model, anchors, scales.reach_m).precision[0] @ tangent
     # what the stretch has not shown at all has no leverage
     covariance = np.linalg.pinv(polished.hessian[0].sum(axis=0) + held, hermitian=True)
@@ -89,20 +109,25 @@ def _belong(polished: Bank, model: ContactModel, window: Window, scales: Scales)
 
 
 def _maximise(
-    model: ContactModel, x: Array, weight: Array, anchors: Array, window: Window, prior: Prior
+    model: ContactModel, x: Array, errors: Errors, anchors: Array, window: Window, prior: Prior
 ) -> Array:
-    """Levenberg-Marquardt on the weighted squares of all whitened residuals, from x (1, S)."""
+    """Levenberg-Marquardt on the weighted squares of what is new in all residuals, from x (1, S)."""
+    weight, echo = errors
+
+    def new(x: Array) -> tuple[Array, Array, Array]:
+        whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+        return new_in(whitened, echo, window.index), new_in(jacobian, echo, window.index), tangent
 
     def cost(x: Array) -> float:
-        squares = weight @ np.sum(_whitened(model, x, window)[0] ** 2, axis=1)
-        return float(0.5 * squares + prior.cost(x)[0])
+        squares = np.sum(new_in(_whitened(model, x, window)[0], echo, window.index) ** 2, axis=1)
+        return float(0.5 * weight @ squares + prior.cost(x)[0])
 
     damping, now = 1e-6, cost(x)
-    whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+    residual, jacobian, tangent = new(x)
     for _ in range(STEPS):
         pull = tangent.T @ prior.precision[0]
         weighted = weight[:, None, None] * jacobian
-        gradient = np.einsum("ktp,kt->p", weighted, whitened) + tangent.T @ prior.gradient(x)[0]
+        gradient = np.einsum("ktp,kt->p", weighted, residual) + tangent.T @ prior.gradient(x)[0]
         curvature = np.einsum("ktp,ktq->pq", weighted, jacobian) + pull @ tangent
         ridge = damping * np.diag(curvature) + LEAST_CURVATURE
         step = -np.linalg.solve(curvature + np.diag(ridge), gradient)
@@ -110,12 +135,44 @@ def _maximise(
         proposed = cost(proposal)
         if proposed < now:
             x, now, damping = proposal, proposed, max(0.1 * damping, LEAST_DAMPING)
-            whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+            residual, jacobian, tangent = new(x)
         else:
             damping *= 100.0
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x
+
+
+def learnt(errors: Errors, whitened: Array, jacobian: Array, held: Array, index: NDArray[np.int64]) -> Errors:
+    """What whitened residuals (K, W) at a minimum say of their errors, by expectation-maximisation.
+
+    The errors are not the residuals: the fit has taken from them what looks like geometry. ``jacobian``
+    (K, W, P) and ``held`` (P, P), the information of the prior, say how much. Where few ticks are left over,
+    the belief stands.
+    """
+    weight, echo = errors
+    count, follows = whitened.shape[1], np.diff(index) == 1
+    for _ in range(LEARNING_STEPS):
+        new = new_in(jacobian, echo, index)
+        told, ways = np.linalg.eigh(np.einsum("ktp,k,ktq->pq", new, weight, new) + held)
+        shown = told > LEAST_SHARE * told[-1]
+        taken = jacobian @ (ways[:, shown] / np.sqrt(told[shown]))
+        # over the last axis, products of these sum up to what is expected of products of errors
+        error = np.concatenate([whitened[..., None], taken], axis=2)
+        square = np.sum(error**2, axis=(1, 2)) / count
+        product = np.einsum("ktp,ktp,t->k", error[:, 1:], error[:, :-1], follows) / max(follows.sum(), 1)
+        echo = np.clip(product / np.maximum(square, LEAST_SCALE), 0.0, MOST_ECHO)
+        variance = np.maximum(np.sum(new_in(error, echo, index) ** 2, axis=(1, 2)) / count, LEAST_SCALE)
+        weight = variance ** (-count / (count + PRIOR_TICKS))
+    return Errors(weight, echo)
+
+
+def new_in(rows: Array, echo: Array, index: NDArray[np.int64]) -> Array:
+    """What is new in each tick of rows (K, W, ...), in units of what that usually is."""
+    left = echo[:, None] ** np.diff(index)
+    left = left.reshape(*left.shape, *(1,) * (rows.ndim - 2))
+    later = (rows[:, 1:] - left * rows[:, :-1]) / np.sqrt(1.0 - left**2)
+    return np.concatenate([rows[:, :1], later], axis=1)
 
 
 def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:
@@ -139,13 +196,3 @@ def _linearised(model: ContactModel, x: Array, anchors: Array, window: Window) -
     half = len(steps)
     jacobian: Array = (seen[1 : half + 1] - seen[half + 1 :]) / (2.0 * _STEP)
     return seen[0], np.moveaxis(jacobian, 0, -1), tangent
-
-
-def _row_weight(whitened: Array, fitted: float) -> Array:
-    """How much less than believed the noise of each row is, (K,): of its whitened residuals (K, W).
-
-    ``fitted`` degrees of freedom of each row went into the fit; where few are left, the belief stands.
-    """
-    free = max(whitened.shape[1] - fitted, 0.0)
-    square = np.sum(whitened**2, axis=1) / max(free, 1.0)
-    return np.asarray(np.maximum(square, LEAST_SCALE) ** (-free / (free + PRIOR_TICKS)))
