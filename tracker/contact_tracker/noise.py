@@ -34,8 +34,8 @@ REGULAR: Final = 1.5
 THOROUGH: Final = 15
 """Steps of Tyler's iteration that start from a ball; one is enough from where the last one has led."""
 UNTOLD: Final = 0.05
-"""The noise is told again once this share of the differences is new: they move it by less than a third of
-what so many differences leave unknown."""
+"""The noise is told again once this share of the differences is new: they move it by a quarter of what
+so many differences leave unknown."""
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
 _SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))

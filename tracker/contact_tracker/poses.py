@@ -38,11 +38,10 @@ class Poses:
     @classmethod
     def collect(cls, poses: Iterable[Pose]) -> "Poses":
         rows = list(poses)
-        return cls(
-            np.array([p.stamp_ns for p in rows], np.int64),
-            np.array([p.position_m for p in rows], float).reshape(-1, 3),
-            np.array([p.quat_xyzw for p in rows], float).reshape(-1, 4),
-        )
+        if not rows:
+            return NO_POSES
+        stamp_ns, position_m, quat_xyzw = zip(*rows, strict=True)
+        return cls(np.array(stamp_ns, np.int64), np.array(position_m, float), np.array(quat_xyzw, float))
 
     @classmethod
     def join(cls, parts: Sequence["Poses"]) -> "Poses":
@@ -82,6 +81,9 @@ class Poses:
     def rotation(self) -> Array:
         """Rotation matrices (N, 3, 3) of ``T_world_body``."""
         return matrices(self.quat_xyzw)
+
+
+NO_POSES: Final = Poses(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
 
 
 @runtime_checkable

@@ -11,7 +11,7 @@ from contact_tracker.free_motion import Excess, FreeMotion
 from contact_tracker.lift import R, T, mean_lift
 from contact_tracker.model import Model
 from contact_tracker.noise import Heard, NoiseEstimate
-from contact_tracker.poses import Poses
+from contact_tracker.poses import NO_POSES, Poses
 from contact_tracker.quaternions import between, rotation_vectors
 
 Array = NDArray[np.float64]
@@ -52,11 +52,12 @@ class TickState(NamedTuple):
 def begin(model: Model, poses: Poses) -> TickState:
     """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
     estimate = noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    return TickState(int(poses.stamp_ns[0]), poses.position_m[0], 0, (), estimate, noise.NOTHING_HEARD, None)
+    origin_m = poses.position_m[0].copy()
+    return TickState(int(poses.stamp_ns[0]), origin_m, 0, (), estimate, noise.NOTHING_HEARD, None)
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick], Poses]:
-    """Take in poses up to the first that closes a tick.
+    """Take in poses, of which there are some, up to the first that closes a tick.
 
     Returns
     -------
@@ -64,11 +65,12 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     in.
     """
     step_ns = round(model.tick_s * 1e9)
-    inside = int(poses.stamp_ns.searchsorted(state.origin_ns + (state.number + 1) * step_ns))
+    end_ns = state.origin_ns + (state.number + 1) * step_ns
+    if poses.stamp_ns[-1] < end_ns:
+        return state._replace(frames=(*state.frames, poses)), [], NO_POSES
+    inside = int(poses.stamp_ns.searchsorted(end_ns))
     if inside:
         state = state._replace(frames=(*state.frames, poses[:inside]))
-    if inside == len(poses):
-        return state, [], poses[inside:]
     stamp_ns = int(poses.stamp_ns[inside])
     number = (stamp_ns - state.origin_ns) // step_ns
     state, tick = close(state, model)

@@ -41,7 +41,7 @@ def _figures(log: Path, runs: int) -> list[Figure]:
         Figure(f"{log.stem}: bare records", 1.0 / bare, "records/s"),
         Figure(f"{log.stem}: poses", 1.0 / whole, "poses/s"),
         Figure(f"{log.stem}: poses", 1e6 * whole, "us per pose", "<= 15"),
-        Figure(f"{log.stem}: poses in columns, as offline", 1e6 * columns, "us per pose"),
+        Figure(f"{log.stem}: in columns, as offline", 1e6 * columns, "us per pose"),
         Figure(f"{log.stem}: time over that of bare records", whole / bare, "x"),
         Figure(f"{log.stem}: gate alone", 1e6 * gate, "us per pose"),
     ]
