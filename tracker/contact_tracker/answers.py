@@ -11,6 +11,7 @@ from contact_tracker.bank import Bank
 from contact_tracker.beginnings import named
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry import ContactGeometry
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.readout import geometry_of
 from contact_tracker.state import TrackerState, scales_of
@@ -57,21 +58,20 @@ def looking_back(state: TrackerState, row: int) -> Belief:
 
 
 def believe(state: TrackerState, stamp_ns: int) -> Belief:
-    """What the weights say: posterior of the states, and the best hypothesis of the most probable one."""
+    """What the weights say: posterior of the states, and the best hypothesis of the most probable one.
+
+    Where it touches is told by ``touching``.
+    """
     probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
     probability = separability.tempered(probability, state.model.certainty.sureness)
     label = STATES[int(np.argmax(probability))]
     residual = np.array([_residual(living) for living in state.banks])
     tick_ns = round(state.model.tick_s * 1e9)
-    onset_ns, geometry = state.free_since_ns, None
+    onset_ns = state.free_since_ns
     onset = state.ticks - 1 - (stamp_ns - onset_ns) // tick_ns
     if label is not Contact.FREE:
-        living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
+        living = state.banks[label.column]
         row = int(np.argmax(living.joint))
-        assert state.averaging is not None
-        scales, origin_m = scales_of(state.model), state.averaging.origin_m
-        pair = assumptions(state.knowledge, contact)[living.pair[row]]
-        geometry = named(geometry_of(living, row, contact, scales, state.window, origin_m), pair)
         onset_ns, onset = int(living.onset_ns[row]), int(living.onset[row])
     rivals = separability.rivals_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
     since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
@@ -80,7 +80,19 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
     purpose = separability.restricted(idle, since, state.model.tick_s)
     probability = separability.shared(probability, label, inseparable, purpose)
-    return Belief(stamp_ns, label, probability, onset_ns, geometry, residual, inseparable, purpose)
+    return Belief(stamp_ns, label, probability, onset_ns, None, residual, inseparable, purpose)
+
+
+def touching(state: TrackerState, label: Contact) -> ContactGeometry | None:
+    """Where the best hypothesis of ``label`` touches."""
+    if label is Contact.FREE:
+        return None
+    living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
+    row = int(np.argmax(living.joint))
+    assert state.averaging is not None
+    scales, origin_m = scales_of(state.model), state.averaging.origin_m
+    pair = assumptions(state.knowledge, contact)[living.pair[row]]
+    return named(geometry_of(living, row, contact, scales, state.window, origin_m), pair)
 
 
 def _residual(living: Bank) -> float:

@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 
 def inherited(past: Array, log_left: Array, log_transition: Array) -> Array:
     """Past (N, L, N) of what begins in each state, from that of what is left in each: (N, L, N)."""
+    if not past.shape[1]:
+        return past
     log_weight = log_left[:, None] + log_transition
     weight = np.exp(log_weight - log_weight.max(axis=0))
     return np.asarray(np.einsum("ij,ils->jls", weight / weight.sum(axis=0), past))
@@ -28,7 +30,7 @@ def grown(past: Array, state: int) -> Array:
 
 def mixed(past: Array, log_weight: Array) -> Array:
     """One past (L, N) from those (H, L, N) of hypotheses, by their log weights (H,); zero without any."""
-    if not len(past):
+    if not past.size:
         return np.zeros(past.shape[1:])
     weight = np.exp(log_weight - log_weight.max())
     return np.asarray(np.einsum("h,hls->ls", weight / weight.sum(), past))

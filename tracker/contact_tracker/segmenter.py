@@ -84,14 +84,15 @@ def pieces(
     knowledge: Knowledge = NOTHING,
     executor: Executor | None = None,
     watch: Callable[[Seen], None] | None = None,
+    geometry: bool = True,
 ) -> Iterator[Segmentation]:
     """What ``segment`` finds, piece by piece and in bounded memory.
 
     Each piece holds the segments that were concluded since the one before with their beliefs, and what was
-    filtered since then: that is ahead of the beliefs.
+    filtered since then: that is ahead of the beliefs, and without ``geometry`` has none, which takes less time.
     """
     segmenter = Segmenter(executor)
-    for seen in forward(poses, model, progress, knowledge):
+    for seen in forward(poses, model, progress, knowledge, geometry):
         segmenter.note(seen)
         if watch is not None:
             watch(seen)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import bank, fixed_lag, hypotheses, ticks
-from contact_tracker.answers import answer, believe, remaining
+from contact_tracker.answers import answer, believe, remaining, touching
 from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import R, T
-from contact_tracker.memory import LEARN_TICKS, SURE, Memory
+from contact_tracker.memory import LEARN_TICKS, SURE
 from contact_tracker.model import Model
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose, Poses
@@ -88,8 +88,29 @@ def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
     return replace(state, averaging=averaging), [tick]
 
 
-def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
-    """Take in one tick: the window moves on, hypotheses begin, grow and are weighed."""
+def observe(state: TrackerState, tick: Tick, geometry: bool = True) -> tuple[TrackerState, Belief]:
+    """Take in one tick; without ``geometry`` the belief has none, which takes less time."""
+    state = _weigh(state, tick)
+    belief = believe(state, tick.stamp_ns)
+    learns = _learns(state, belief)
+    where = touching(state, belief.contact) if geometry or learns else None
+    if learns and where is not None:
+        assert state.averaging is not None
+        position_m = state.window.zeta[-1, T] + state.averaging.origin_m
+        state = replace(state, memory=state.memory.learn(where, belief.onset_ns, position_m))
+    belief = replace(belief, geometry=where if geometry else None)
+    length = state.past.shape[1]
+    return replace(state, recent=(*state.recent, belief)[-length:]) if length else state, belief
+
+
+def _learns(state: TrackerState, belief: Belief) -> bool:
+    """Elements that are certain enough are remembered, and looked at again now and then."""
+    known = state.ticks % LEARN_TICKS and state.memory.knows(belief.onset_ns)
+    return belief.probability.max() >= SURE and belief.contact is not Contact.FREE and not known
+
+
+def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
+    """The window moves on, hypotheses begin, grow and are weighed."""
     model, scales = state.model, scales_of(state.model)
     banks = _settle_oldest(state, scales)
     window, frames = _append(state, tick)
@@ -116,7 +137,7 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
     best = max(float(entry[FREE]), *(float(b.joint.max(initial=-np.inf)) for b in grown))
     pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in grown), fixed_lag.grown(past[FREE], FREE)]
     kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
-    state = replace(
+    return replace(
         state,
         window=window,
         frames=frames,
@@ -131,21 +152,6 @@ def observe(state: TrackerState, tick: Tick) -> tuple[TrackerState, Belief]:
         entry=entry,
         past=np.array(pasts),
     )
-    belief = believe(state, tick.stamp_ns)
-    state = replace(state, memory=_learnt(state, belief))
-    length = state.past.shape[1]
-    return replace(state, recent=(*state.recent, belief)[-length:] if length else ()), belief
-
-
-def _learnt(state: TrackerState, belief: Belief) -> Memory:
-    """Elements that are certain enough are remembered."""
-    if belief.geometry is None or belief.probability.max() < SURE:
-        return state.memory
-    if state.ticks % LEARN_TICKS and state.memory.knows(belief.onset_ns):
-        return state.memory
-    assert state.averaging is not None
-    position_m = state.window.zeta[-1, T] + state.averaging.origin_m
-    return state.memory.learn(belief.geometry, belief.onset_ns, position_m)
 
 
 def _window_ticks(model: Model) -> int:

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
             yield piece
 
     with progress("segment", "poses") as set_done, workers(args.processes) as executor:
-        found = counted(pieces(source, model, set_done, knowledge, executor))
+        found = counted(pieces(source, model, set_done, knowledge, executor, geometry=False))
         if args.output is None:
             segments = [one for piece in found for one in piece.segments]
         else:
