@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.calibration.contact_errors import learn_contact_errors
 from contact_tracker.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
 from contact_tracker.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
 from contact_tracker.calibration.observed import Observed
@@ -15,7 +16,7 @@ from contact_tracker.errors import UsageError
 from contact_tracker.evidence import Window
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
-from contact_tracker.model import Model, limits, load_model
+from contact_tracker.model import Model, Seen, limits, load_model
 from touching import touching
 
 MODEL = load_model()
@@ -87,6 +88,22 @@ def test_a_floor_is_learned_alone_and_told_by_contact():
     assert all(f.value == pytest.approx(0.2e-3, rel=0.2) for f in told)
 
 
+def test_an_error_that_one_contact_has_is_learned_of_that_contact():
+    keys = ["noise.contact_position_m", "noise.contact_rotation_rad"]
+    loose = [s for seed in range(3) for s in contact_stretches(Contact.EF, 0.6e-3, 4e-3, seed=seed)]
+    stretches = loose + [s for s in of_all_contacts(0.05e-3, 0.5e-3) if s.column != Contact.EF.column]
+    start = with_value(with_floors(0.05e-3, 0.5e-3), keys[0], (1e-3, *(0.0,) * 6))  # forgotten
+    noise = learn_contact_errors(start, stretches, keys).noise
+    own = noise.contact_position_m[Contact.EF.column], noise.contact_rotation_rad[Contact.EF.column]
+    assert own == pytest.approx((0.6e-3, 4e-3), rel=0.2)
+    assert sum(noise.contact_position_m) == own[0]
+    assert sum(noise.contact_rotation_rad) == own[1]
+    # with it, the floor of all is that of the others
+    position, rotation = floors_of(replace(MODEL, noise=noise), stretches)
+    assert (position, rotation) == pytest.approx((0.05e-3, 0.5e-3), rel=0.3)
+    assert learn_contact_errors(start, loose[:0], keys).noise.contact_position_m == (0.0,) * 7
+
+
 def test_too_little_contact_leaves_the_floor_as_it_was():
     few = contact_stretches(Contact.VF, 0.2e-3, 1e-3, ticks=40)
     for stretches in ([], few):
@@ -148,13 +165,14 @@ def test_the_table_names_parameters_of_the_model():
     assert len({learned.key for learned in LEARNED}) == len(LEARNED)
     for learned in LEARNED:
         value = value_of(MODEL, learned.key)
-        assert is_dataclass(value) if learned.how is How.COUNTS else isinstance(value, float)
+        kind = {How.COUNTS: Seen, How.CONTACTS: tuple}.get(learned.how, float)
+        assert isinstance(value, kind)
         assert with_value(MODEL, learned.key, value) == MODEL
     assert with_value(MODEL, "tick_s", 0.2).tick_s == 0.2
 
 
 def test_parameters_are_chosen_by_key_or_by_table():
-    assert {learned.how for learned in select([])} == set(How) - {How.SEARCH}
+    assert {learned.how for learned in select([])} == set(How) - {How.SEARCH, How.CONTACTS}
     keys = [learned.key for learned in select(["transitions", "geometry.reach_m"])]
     assert keys == ["transitions.seen", "geometry.reach_m"]
     tables = {f.name for f in fields(Model) if is_dataclass(f.type)}

@@ -5,12 +5,18 @@ import tomllib
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contact_tracker import tracker
+from contact_tracker.calibration.writing import model_text
 from contact_tracker.errors import ModelError, UsageError
+from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.model import Model, load_model, preset_names
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
 DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
@@ -256,3 +262,49 @@ def test_any_text_is_a_model_or_an_error_in_one_line(tmp_path_factory, text):
     path.write_text(text, encoding="utf-8", errors="replace")
     with pytest.raises(ModelError):
         load_model(str(path))
+
+
+# --- errors of single contacts -----------------------------------------------------------------------------
+
+
+def with_errors(**tables):
+    return replace(load_model(), noise=replace(load_model().noise, **tables))
+
+
+def test_errors_of_contacts_may_be_left_out_and_are_read_again(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(changed("noise", "contact_position_m", {"v-f": 0.001})), encoding="utf-8")
+    loose = load_model(str(path))
+    assert loose == with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.001, 0.0, 0.0, 0.0))
+    path.write_text(model_text(loose), encoding="utf-8")
+    assert load_model(str(path)) == loose
+
+
+def test_free_motion_has_no_error_of_contact(tmp_path):
+    error = refused(tmp_path, toml(changed("noise", "contact_rotation_rad", {"free": 0.001})))
+    assert error.key == "noise.contact_rotation_rad.free"
+
+
+def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
+    poses = simulate(Scenario((Phase(Contact.VF, 1.0),)), 0).poses
+    plain, same, loose = (
+        banks_of(poses, model)
+        for model in (
+            load_model(),
+            with_errors(contact_position_m=(0.0,) * 7),
+            with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)),
+        )
+    )
+    for contact, a, b, c in zip(CONTACTS, plain, same, loose, strict=True):
+        np.testing.assert_array_equal(a.log_likelihood, b.log_likelihood)
+        if contact is Contact.VF:
+            assert c.log_likelihood.max() < a.log_likelihood.max() - 1.0
+        else:
+            np.testing.assert_allclose(a.log_likelihood, c.log_likelihood, atol=1e-6)
+
+
+def banks_of(poses, model):
+    state = tracker.start(model)
+    for pose in poses:
+        state, _ = tracker.step(state, pose)
+    return state.banks

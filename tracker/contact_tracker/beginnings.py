@@ -9,7 +9,7 @@ from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.bank import Begins, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given, given
-from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane
+from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
 
@@ -84,7 +84,7 @@ def named(geometry: ContactGeometry, known: Assumption) -> ContactGeometry:
 def _named(element: Element, known: Known | None, faces: bool) -> Element:
     """With the name; where faces slide on each other (``faces``) only the user knows how far out they are."""
     if known is None:
-        return element
+        return canonical(element)
     if faces and isinstance(element, Plane) and isinstance(known.element, Plane):
         assert element.covariance is not None
         assert known.element.covariance is not None

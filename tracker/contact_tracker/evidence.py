@@ -89,6 +89,10 @@ class Window:
         uneven = None if self.uneven is None else self.uneven[rows]
         return Window(self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], uneven)
 
+    def with_error(self, beyond: tuple[float, float]) -> "Window":
+        """The window with noise variances (m^2, rad^2) larger by ``beyond`` in all ticks."""
+        return replace(self, variance=self.variance + beyond) if any(beyond) else self
+
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":
         """Windows one after the other."""

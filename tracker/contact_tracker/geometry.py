@@ -6,7 +6,7 @@ name where the element is none of those that the user knows.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -142,3 +142,15 @@ def _numbers(values: Array) -> list[float | None]:
 def _number(value: float) -> float | None:
     """JSON has no NaN: an unknown standard deviation is null."""
     return float(value) if np.isfinite(value) else None
+
+
+def canonical(element: Element) -> Element:
+    """Of ``(n, h)`` and ``(-n, -h)``, of ``d`` and ``-d``, the one whose largest component is positive."""
+    match element:
+        case Plane(normal, offset_m) if normal[np.argmax(np.abs(normal))] < 0.0:
+            return replace(element, normal=-normal, offset_m=-offset_m)  # the covariance is the same
+        case Line(direction, _, covariance) if direction[np.argmax(np.abs(direction))] < 0.0:
+            flip = np.repeat([-1.0, 1.0], 3)
+            moved = None if covariance is None else flip[:, None] * covariance * flip
+            return replace(element, direction=-direction, covariance=moved)
+    return element

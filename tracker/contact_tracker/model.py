@@ -3,7 +3,7 @@
 import math
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -14,6 +14,7 @@ from contact_tracker.labels import STATES, Contact
 
 ByState = tuple[float, ...]
 """A number for each of the seven states; in the file a table of their names, without those that are zero."""
+ZERO: Final[ByState] = (0.0,) * len(STATES)
 ByChange = tuple[ByState, ...]
 """Numbers (7, 7), from row to column; in the file a table of tables."""
 
@@ -28,6 +29,13 @@ class Noise:
     """Deviation of real contacts from ideal geometry, which no averaging removes."""
     floor_rotation_rad: float
     outlier_sigmas: float
+    contact_position_m: ByState = ZERO
+    """Of each contact, beyond the floor of all."""
+    contact_rotation_rad: ByState = ZERO
+
+    def beyond_floor(self, column: int) -> tuple[float, float]:
+        """Variances (m^2, rad^2) that a contact has beyond the floor."""
+        return self.contact_position_m[column] ** 2, self.contact_rotation_rad[column] ** 2
 
 
 @dataclass(frozen=True)
@@ -143,6 +151,9 @@ def load_model(name_or_path: str = "default") -> Model:
     model: Model = _build(Model, table, "")
     if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
         raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
+    for name in ("contact_position_m", "contact_rotation_rad"):
+        if getattr(model.noise, name)[Contact.FREE.column]:
+            raise ModelError(f"noise.{name}.free", "free motion is no contact")
     if model.transitions.seen.changes[Contact.FREE.column][Contact.FREE.column]:
         raise ModelError("transitions.seen.changes.free.free", "free motion does not change into itself")
     return model
@@ -183,11 +194,14 @@ def _build(kind: Any, table: Any, prefix: str) -> Any:
     if not isinstance(table, dict):
         raise ModelError(prefix or "model", "must be a table")
     known = {f.name: f.type for f in fields(kind)}
+    optional = {f.name for f in fields(kind) if f.default is not MISSING}
     for key in table:
         if key not in known:
             raise ModelError(f"{prefix}{key}", f"unknown; known are {', '.join(known)}")
     values = {}
     for key, wanted in known.items():
+        if key not in table and key in optional:
+            continue
         if key not in table:
             raise ModelError(f"{prefix}{key}", "missing")
         values[key] = _value(wanted, table[key], f"{prefix}{key}")
@@ -208,7 +222,7 @@ def _value(wanted: Any, value: Any, key: str) -> Any:
     if wanted == ByState:
         return _by_state(value, key, _count, 0.0)
     if wanted == ByChange:
-        return _by_state(value, key, partial(_by_state, entry=_count, absent=0.0), (0.0,) * len(STATES))
+        return _by_state(value, key, partial(_by_state, entry=_count, absent=0.0), ZERO)
     return _build(wanted, value, f"{key}.")
 
 

@@ -89,7 +89,7 @@ def pieces(
     """What ``segment`` finds, piece by piece and in bounded memory.
 
     Each piece holds the segments that were concluded since the one before with their beliefs, and what was
-    filtered since then: that is ahead of the beliefs, and without ``geometry`` has none, which takes less time.
+    filtered since then: that is ahead of the beliefs. Without ``geometry`` it has none, which takes less time.
     """
     segmenter = Segmenter(executor)
     for seen in forward(poses, model, progress, knowledge, geometry):

@@ -67,6 +67,7 @@ def tell(stretch: Stretch) -> Told:
     if label is Contact.FREE:
         return Told(None, inseparable, restricted)
     contact = CONTACT_MODELS[label.column]
+    window = window.with_error(model.noise.beyond_floor(label.column))
     fitted = polish(fits[label.column], contact, window, scales)
     pair = assumptions(knowledge, contact)[fitted.pair[0]]
     geometry = named(geometry_of(fitted, 0, contact, scales, window, origin_m), pair)
@@ -77,7 +78,8 @@ def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
     """The best hypothesis of a contact about a whole stretch, if there can be one."""
     anchors = contact.anchors(window.zeta[:, T].mean(axis=0))
     begins = beginnings(stretch.knowledge, Memory(), 0.0, contact, anchors, stretch.origin_m)
-    return hypotheses.fit_stretch(contact, window, scales_of(stretch.model), begins)
+    own = window.with_error(stretch.model.noise.beyond_floor(contact.contact.column))
+    return hypotheses.fit_stretch(contact, own, scales_of(stretch.model), begins)
 
 
 def _most_moving(window: Window) -> Window:

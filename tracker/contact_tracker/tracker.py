@@ -131,7 +131,8 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         )
         numbers += begins[column].many
         more = more.having(past=fixed_lag.grown(more.past, column))
-        grown.append(hypotheses.advance(more, contact, window, scales, float(stay[column])))
+        own = window.with_error(model.noise.beyond_floor(column))
+        grown.append(hypotheses.advance(more, contact, own, scales, float(stay[column])))
     log_left = np.array([*(b.log_weight for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
     best = max(float(entry[FREE]), *(float(b.joint.max(initial=-np.inf)) for b in grown))
@@ -161,8 +162,11 @@ def _window_ticks(model: Model) -> int:
 def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
     """Sum up what the window is about to lose, and forget hypotheses' share in it."""
     surplus = len(state.window) + 1 - _window_ticks(state.model)
-    pairs = zip(state.banks, CONTACT_MODELS, strict=True)
-    return tuple(hypotheses.settle(b, contact, state.window, scales, surplus) for b, contact in pairs)
+    noise, window = state.model.noise, state.window
+    return tuple(
+        hypotheses.settle(b, contact, window.with_error(noise.beyond_floor(column)), scales, surplus)
+        for column, (b, contact) in enumerate(zip(state.banks, CONTACT_MODELS, strict=True))
+    )
 
 
 def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:

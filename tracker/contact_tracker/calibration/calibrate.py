@@ -65,7 +65,7 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
     NoTruth
         The log-loss is to be searched, and there is no truth.
     """
-    fit = plan.wants(How.RESIDUALS)
+    fit = plan.wants(How.RESIDUALS) or plan.wants(How.CONTACTS)
     studies = run(look, [(source, plan.start, plan.folds > 0, fit) for source in plan.sources])
     if plan.wants(How.SEARCH) and not any(study.has_truth for study in studies):
         raise NoTruth("a search is for the least log-loss: that needs recordings with truth")

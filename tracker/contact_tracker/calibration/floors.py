@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from contact_tracker.calibration.learned import with_value
+from contact_tracker.calibration.learned import value_of, with_value
 from contact_tracker.calibration.stretches import CLIP, Residuals, Stretch, refined
 from contact_tracker.labels import CONTACTS
 from contact_tracker.model import Model
@@ -82,13 +82,24 @@ def _of(model: Model, seen: Sequence[Residuals], key: str) -> float | None:
     """One floor, given the other."""
     if _size(seen, key) < FEWEST:
         return None
+    whitened_sq = _whitened_sq(model, seen, key)
+    return _root(lambda floor: float(np.mean(whitened_sq(floor))) - _MEAN)
+
+
+def _whitened_sq(model: Model, seen: Sequence[Residuals], key: str) -> Callable[[float], Array]:
+    """Clipped whitened squares of all residuals that a floor is of, by its value."""
     rows = [_angles(r) if key == ROTATION else _distances(r, model.noise.floor_rotation_rad) for r in seen]
     square, variance, free = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return lambda floor: np.minimum(square / (free * (variance + floor**2)), CLIP**2)
 
-    def excess(floor: float) -> float:
-        return float(np.mean(np.minimum(square / (free * (variance + floor**2)), CLIP**2))) - _MEAN
 
-    return _root(excess)
+def doubt(model: Model, stretches: Sequence[Stretch], key: str) -> float:
+    """By how many standard errors residuals are larger than the floors of ``model`` say; 0 of too few."""
+    seen = [refined(s, model, FIRST_STEPS)[1] for s in stretches]
+    if _size(seen, key) < FEWEST:
+        return 0.0
+    found = _whitened_sq(model, seen, key)(float(value_of(model, key)))
+    return float((found.mean() - _MEAN) / (found.std() / np.sqrt(len(found)) + LEAST))
 
 
 def _root(excess: Callable[[float], float]) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from contact_tracker.calibration.contact_errors import learn_contact_errors
 from contact_tracker.calibration.counts import learn_transitions
 from contact_tracker.calibration.floors import Floor, learn_floors
 from contact_tracker.calibration.learned import How, Learned, rounded, value_of, with_value
@@ -35,11 +36,12 @@ def learn(
     for key in keys[How.STREAM]:
         name = key.rpartition(".")[2]
         model = with_value(model, key, float(np.exp(np.mean([np.log(vars(s)[name]) for s in studies]))))
+    stretches = [stretch for study in studies for stretch in study.stretches]
     if keys[How.RESIDUALS]:
-        stretches = [stretch for study in studies for stretch in study.stretches]
         model, floors = learn_floors(model, stretches, keys[How.RESIDUALS])
     for key in (*keys[How.STREAM], *keys[How.RESIDUALS]):
         model = with_value(model, key, rounded(value_of(model, key)))
+    model = learn_contact_errors(model, stretches, keys[How.CONTACTS])
     if keys[How.COUNTS]:
         learning = learn_transitions(model, [study.chain for study in studies])
         model, rounds = learning.model, learning.log_posterior

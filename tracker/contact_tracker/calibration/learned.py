@@ -14,6 +14,7 @@ class How(StrEnum):
 
     STREAM = "the sensor noise of the streams"
     RESIDUALS = "residuals of contacts"
+    CONTACTS = "residuals of each contact"
     COUNTS = "states that follow each other"
     SEARCH = "search for the least log-loss"
 
@@ -25,12 +26,19 @@ class Learned:
     key: str
     how: How
 
+    @property
+    def if_named(self) -> bool:
+        """Whether it is learned only where it is asked for."""
+        return self.how in (How.SEARCH, How.CONTACTS)
+
 
 LEARNED: Final = (
     Learned("noise.sigma_position_m", How.STREAM),
     Learned("noise.sigma_rotation_rad", How.STREAM),
     Learned("noise.floor_position_m", How.RESIDUALS),
     Learned("noise.floor_rotation_rad", How.RESIDUALS),
+    Learned("noise.contact_position_m", How.CONTACTS),
+    Learned("noise.contact_rotation_rad", How.CONTACTS),
     Learned("transitions.seen", How.COUNTS),
     Learned("motion.body_radius_m", How.SEARCH),
     Learned("motion.foreknowledge", How.SEARCH),
@@ -42,7 +50,7 @@ LEARNED: Final = (
 
 
 def select(only: Sequence[str]) -> tuple[Learned, ...]:
-    """What is named in ``only`` by key or by table; without names, all that needs no search.
+    """What is named in ``only`` by key or by table; without names, all that need not be named.
 
     Raises
     ------
@@ -54,7 +62,7 @@ def select(only: Sequence[str]) -> tuple[Learned, ...]:
             known = ", ".join(learned.key for learned in LEARNED)
             raise UsageError(f"{name} is not learned; what is: {known}, or their tables")
     if not only:
-        return tuple(learned for learned in LEARNED if learned.how is not How.SEARCH)
+        return tuple(learned for learned in LEARNED if not learned.if_named)
     return tuple(learned for learned in LEARNED if any(_names(name, learned) for name in only))
 
 

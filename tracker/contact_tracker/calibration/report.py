@@ -12,12 +12,14 @@ from contact_tracker.calibration.learned import How, Learned, value_of
 from contact_tracker.evaluation.evaluate import Evaluation
 from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.labels import STATES
-from contact_tracker.model import Model, Transitions
+from contact_tracker.labels import CONTACTS, STATES
+from contact_tracker.model import Model, Noise, Transitions
 from contact_tracker.transitions import initial, leave_per_s, split
 
 FLOOR_NOTE: Final = """\
 What contacts leave beyond the sensor's noise, if each had a floor of its own; - where too little was seen."""
+ERROR_NOTE: Final = """\
+What each contact has of its own beyond the floor of all (m, rad), in quadrature."""
 RATE_NOTE: Final = """\
 Seen: seconds in motion and changes out of each state; rates per second of motion. Begins: probability of
 the state in which a recording begins."""
@@ -34,6 +36,8 @@ def to_text(calibration: Calibration) -> str:
     blocks = [_source(calibration), _scalars(calibration, start, model)]
     if calibration.lesson.floors:
         blocks += [_floors(calibration.lesson.floors), FLOOR_NOTE]
+    if calibration.plan.wants(How.CONTACTS):
+        blocks += [_errors(model.noise), ERROR_NOTE]
     if calibration.plan.wants(How.COUNTS):
         blocks += [_rates(start.transitions, model.transitions), RATE_NOTE]
         blocks += [_split(model.transitions), SPLIT_NOTE]
@@ -63,7 +67,7 @@ def _scalars(calibration: Calibration, start: Model, model: Model) -> str:
             _from(calibration, learned),
         ]
         for learned in calibration.plan.wanted
-        if learned.how is not How.COUNTS
+        if learned.how not in (How.COUNTS, How.CONTACTS)
     ]
     prior = model.transitions.prior_changes
     text = f"prior of the transitions: the lattice, as much as {prior:g} changes out of each state"
@@ -86,6 +90,14 @@ def _floors(floors: tuple[Floor, ...]) -> str:
         [f.key, f.contacts, "-" if f.value is None else _short(f.value), str(f.residuals)] for f in floors
     ]
     return table(["floor", "contacts", "value", "residuals"], rows, left=2)
+
+
+def _errors(noise: Noise) -> str:
+    rows = [
+        [contact.value, _short(noise.contact_position_m[column]), _short(noise.contact_rotation_rad[column])]
+        for column, contact in enumerate(CONTACTS)
+    ]
+    return table(["contact", "contact_position_m", "contact_rotation_rad"], rows)
 
 
 def _rates(before: Transitions, after: Transitions) -> str:

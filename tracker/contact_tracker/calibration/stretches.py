@@ -41,8 +41,9 @@ class Stretch:
 
 
 class Residuals(NamedTuple):
-    """Of one stretch: ``residual`` (K, T), angles first and one distance last; the sensor's ``variance``
-    (T, 2); ``lever_sq`` (T,); ``free`` (K, T), the share of its variance that the fit leaves each residual.
+    """Of one stretch: ``residual`` (K, T), angles first and one distance last; the ``variance`` (T, 2) of
+    sensor and contact without the floor; ``lever_sq`` (T,); ``free`` (K, T), the share of its variance that
+    the fit leaves each residual.
     """
 
     residual: Array
@@ -60,7 +61,7 @@ def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretc
         if column < len(CONTACTS) and len(moving) >= SHORTEST_TICKS:
             window = replace(observed.window.pick(moving), index=np.arange(len(moving)))
             contact, scales = CONTACT_MODELS[column], scales_of(model)
-            noisy = replace(window, variance=window.variance + _floors_sq(model))
+            noisy = window.with_error(_floors_sq(model)).with_error(model.noise.beyond_floor(column))
             fitted = hypotheses.fit_stretch(contact, noisy, scales)
             stretches.append(Stretch(column, window, fitted.x[0]))
     return stretches
@@ -73,7 +74,8 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
     pull = contact.family.SPREAD / model.geometry.reach_m**2
     place = contact.family.place(anchors)
     x = stretch.x
-    noisy = replace(stretch.window, variance=stretch.window.variance + _floors_sq(model))
+    own = stretch.window.with_error(model.noise.beyond_floor(stretch.column))
+    noisy = own.with_error(_floors_sq(model))
 
     def measured(many: Array) -> tuple[Array, Array, Array]:
         seen = contact.measure(many, stretch.window.zeta)
@@ -95,7 +97,7 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
         information = np.einsum("pkt,qkt,kt->pq", slope, slope, 1.0 / noise)
         covariance = np.linalg.inv(information + tangent.T @ (pull[:, None] * tangent))
         free = 1.0 - np.einsum("pkt,pq,qkt->kt", slope, covariance, slope) / noise
-        found = Residuals(residual, stretch.window.variance, lever_sq, np.clip(free, 0.05, 1.0))
+        found = Residuals(residual, own.variance, lever_sq, np.clip(free, 0.05, 1.0))
         gradient = np.einsum("pkt,kt->p", slope, residual / noise) + tangent.T @ (pull * (x - place))
         ahead_x = contact.family.normalise(x - tangent @ (covariance @ gradient), anchors)
         if not cost(ahead_x) < cost(x):
@@ -104,5 +106,5 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
     return replace(stretch, x=x), found
 
 
-def _floors_sq(model: Model) -> Array:
-    return np.array([model.noise.floor_position_m, model.noise.floor_rotation_rad]) ** 2
+def _floors_sq(model: Model) -> tuple[float, float]:
+    return model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2

@@ -52,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="KEY",
-        help="learn only these parameters or tables (default: all that need no search; a search takes hours)",
+        help="learn only these parameters or tables (default: all but a few; a search takes hours)",
     )
     parser.add_argument(
         "--folds",

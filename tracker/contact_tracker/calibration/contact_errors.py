@@ -1,0 +1,34 @@
+"""How far each contact is from an ideal one beyond the floor of all."""
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import Final
+
+from contact_tracker.calibration.floors import POSITION, ROTATION, doubt, learn_floors
+from contact_tracker.calibration.learned import rounded, value_of, with_value
+from contact_tracker.calibration.stretches import Stretch
+from contact_tracker.labels import CONTACTS
+from contact_tracker.model import ZERO, Model
+
+FLOOR_OF: Final = {"noise.contact_position_m": POSITION, "noise.contact_rotation_rad": ROTATION}
+SHOWN: Final = 5.0
+"""Standard errors by which residuals must be larger than the floor of all says: neighbours are alike."""
+
+
+def learn_contact_errors(model: Model, stretches: Sequence[Stretch], keys: Sequence[str]) -> Model:
+    """The errors ``keys`` of each contact: what the floor that it would have alone has beyond that of all.
+
+    Contacts that leave too few residuals, or none that the floor of all does not explain, have none.
+    """
+    bare = model
+    for key in keys:
+        bare = with_value(bare, key, ZERO)
+    mine = [[s for s in stretches if s.column == column] for column in range(len(CONTACTS))]
+    alone = [learn_floors(bare, some, [FLOOR_OF[key] for key in keys])[0] for some in mine]
+    for key in keys:
+        floor = FLOOR_OF[key]
+        own = [value_of(one, floor) ** 2 - value_of(model, floor) ** 2 for one in alone]
+        shown = [doubt(bare, some, floor) > SHOWN for some in mine]
+        errors = [rounded(sqrt(max(o, 0.0))) if s else 0.0 for o, s in zip(own, shown, strict=True)]
+        model = with_value(model, key, (*errors, 0.0))
+    return model
