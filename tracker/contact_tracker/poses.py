@@ -3,7 +3,7 @@
 ``T_world_body``: ``x_world = R x_body + t``. Quaternions are ``xyzw``. Stamps are integer nanoseconds.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -38,6 +38,16 @@ class Poses:
             np.array([p.stamp_ns for p in rows], np.int64),
             np.array([p.position_m for p in rows], float).reshape(-1, 3),
             np.array([p.quat_xyzw for p in rows], float).reshape(-1, 4),
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence["Poses"]) -> "Poses":
+        """Poses one after the other, copied."""
+        parts = parts or [cls.collect([])]
+        return cls(
+            np.concatenate([part.stamp_ns for part in parts]),
+            np.concatenate([part.position_m for part in parts]),
+            np.concatenate([part.quat_xyzw for part in parts]),
         )
 
     def __len__(self) -> int:
