@@ -44,7 +44,7 @@ LAYERS = (
     ("ticks", "transitions", "encounter", "beginnings"),
     ("state", "answers", "fixed_lag", "outlook"),
     ("tracker", "windows"),
-    ("forward", "telling", "closed"),
+    ("forward", "telling", "closed", "passing"),
     ("segmenter",),
     ("whole_file",),
     ("recording", "simulate", "evaluation", "known"),

@@ -327,10 +327,17 @@ def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
     assert line.startswith("contact-tracker: error: cannot write")
 
 
+def heed_interrupts() -> None:
+    """In the child: a shell's background jobs, such as these tests may be, ignore them and hand that on."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_ctrl_c_is_130_with_a_summary(log: Path) -> None:
     command = [*PROGRAM, "live", str(log), "--json", "--rate", "0.5"]
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True) as process:
+    with subprocess.Popen(
+        command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed_interrupts
+    ) as process:
         assert process.stdout is not None
         assert json.loads(process.stdout.readline())
         process.send_signal(signal.SIGINT)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.belief import Belief, Segment
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m, nearest
-from contact_tracker.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker.evaluation.evaluate import Evaluation, Judge, evaluate
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.report import Report
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
@@ -234,6 +234,10 @@ def test_truth_with_the_wrong_elements_is_refused() -> None:
 
 
 def evaluation(seed: int = 0, right: float = 0.8) -> Evaluation:
+    return evaluate(*recorded(seed, right))
+
+
+def recorded(seed: int, right: float) -> tuple[Poses, Truth, Segmentation]:
     """A recording of all states, its beliefs wrong now and then, its geometry off by a millimetre or so."""
     rng = np.random.default_rng(seed)
     poses, ticks = wander(rng, 700), range(9, 700, 10)
@@ -249,7 +253,38 @@ def evaluation(seed: int = 0, right: float = 0.8) -> Evaluation:
         place = nearest(true[c].environment, poses.position_m[100 * i : 100 * i + 100].mean(axis=0))
         near = scattered(c.value[2], true[c].environment, place, rng)
         segments.append(segment(c, 100 * i, 100 * i + 99, ContactGeometry(true[c].object, near)))
-    return evaluate(poses, truth, Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs)))
+    return poses, truth, Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs))
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.integers(1, 6))
+def test_what_comes_in_pieces_is_judged_as_one(seed: int, pieces: int) -> None:
+    poses, truth, whole = recorded(seed, 0.8)
+    rng, judge = np.random.default_rng(seed), Judge(truth)
+    read = seen = told = 0
+    for last in sorted(rng.integers(0, len(CONTACTS), pieces)):
+        concluded = whole.segments[told : last + 1]
+        until_ns = whole.segments[last].end_ns
+        ahead = int(np.searchsorted(poses.stamp_ns, until_ns)) + int(rng.integers(1, 150))
+        judge.poses(poses[read : max(ahead, read)])
+        ticks = slice(*np.searchsorted(whole.stamp_ns, [seen, until_ns + 1]))
+        judge.piece(Segmentation(concluded, whole.beliefs[ticks], whole.filtered[ticks]))
+        read, seen, told = max(ahead, read), until_ns + 1, max(told, last + 1)
+    judge.poses(poses[read:])
+    rest = slice(int(np.searchsorted(whole.stamp_ns, seen)), None)
+    judge.piece(Segmentation(whole.segments[told:], whole.beliefs[rest], whole.filtered[rest]))
+    once, again = evaluate(poses, truth, whole), judge.finish()
+    assert str(again.geometry) == str(once.geometry)
+    for name, figure in vars(once.offline).items():
+        assert np.array_equal(vars(again.offline)[name], figure, equal_nan=True)
+        assert np.array_equal(vars(again.online)[name], vars(once.online)[name], equal_nan=True)
+    assert once.geometry.found_segments == len(CONTACTS)
+
+
+def test_wrong_elements_in_the_truth_are_refused_before_anything_is_judged() -> None:
+    truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, np.random.default_rng(0))),))
+    with pytest.raises(NoTruth, match="not those of e-e"):
+        Judge(truth)
 
 
 def test_online_is_judged_by_what_was_reported_in_time() -> None:

@@ -14,8 +14,8 @@ from identifiability_tables import Class, Judged, Mistake, classes, to_text
 from resampling import Phases
 
 from contact_tracker.belief import Segment
-from contact_tracker.evaluation.metrics import tally
 from contact_tracker.evaluation.scoring import Subset, scoring
+from contact_tracker.evaluation.tallying import tally
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.segmentation import Beliefs
 from contact_tracker.truth import Truth, TruthInterval

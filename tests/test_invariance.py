@@ -17,7 +17,7 @@ from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 
 MODEL = load_model()
-TICK_NS = round(MODEL.tick_s * 1e9)
+TICK_NS = MODEL.tick_ns
 NEAR_A_CHANGE_NS = 3 * TICK_NS
 """So near to a change of contact the probabilities may differ: the change may fall a tick later."""
 FIRST_TICKS = 8

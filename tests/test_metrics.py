@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from contact_tracker.evaluation.metrics import Tally, quantile, tally
+from contact_tracker.evaluation.metrics import Tally, quantile
 from contact_tracker.evaluation.scoring import (
     UNSCORED,
     Scoring,
@@ -18,6 +18,7 @@ from contact_tracker.evaluation.scoring import (
     tick_containing,
     tick_in_force,
 )
+from contact_tracker.evaluation.tallying import tally
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.truth import Truth, TruthInterval
 

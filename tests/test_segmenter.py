@@ -124,7 +124,7 @@ def again_and_again(times):
     ticks, names = len(ticks_seen()), 1 + ticks_seen()[-1].state.numbers
     for number in range(times):
         for seen in ticks_seen():
-            before, before_ns = number * ticks, number * ticks * round(MODEL.tick_s * 1e9)
+            before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
             alive, tick, change = seen.alive, seen.tick, seen.state.change
             if number:  # nothing lasts from one to the next
                 change = change if seen is not ticks_seen()[0] else ticks_seen()[1].state.change

@@ -1,14 +1,20 @@
 """The speed benchmark measures what it says: long logs are what they claim, targets are compared."""
 
+from pathlib import Path
+
+import hours
 import numpy as np
 import pytest
 import speed
+from speeds.command import Ran
 from speeds.figures import Figure, length
 from speeds.long_logs import write_long_log
 
+from contact_tracker.labels import Contact
 from contact_tracker.poses import Poses
-from contact_tracker.recording import open_log, write_recording
-from logs import smooth_poses
+from contact_tracker.recording import open_log, read_truth, write_recording
+from contact_tracker.truth import Truth, TruthInterval
+from logs import START_NS, smooth_poses
 
 
 @pytest.fixture
@@ -28,6 +34,36 @@ def test_a_long_log_plays_forth_and_back_at_the_rate_of_the_short_one(log, tmp_p
     row = np.abs((np.arange(300) + 59) % 118 - 59)
     np.testing.assert_array_equal(long.position_m, short.position_m[row])
     np.testing.assert_array_equal(long.quat_xyzw, short.quat_xyzw[row])
+
+
+def test_the_truth_goes_on_tour_with_the_poses(tmp_path):
+    spans = (("f-f", 0, 200_000_000), ("free", 200_000_001, 590_000_000))
+    truth = Truth(tuple(TruthInterval(START_NS + a, START_NS + b, Contact(label)) for label, a, b in spans))
+    poses = smooth_poses(60, rate_hz=100.0)
+    write_recording(str(tmp_path / "short.mcap"), poses, truth, {})
+    long = write_long_log(tmp_path / "short.mcap", 3.0, tmp_path / "long.mcap")
+    toured = read_truth(str(long)).intervals
+    held = [
+        toured[i].contact.value for i in Truth(toured).at(START_NS + np.array([1, 5, 8, 11, 13, 17]) * 10**8)
+    ]
+    assert held == ["f-f", "free", "free", "f-f", "f-f", "free"]
+    assert toured[-1].end_ns >= START_NS + 3 * 10**9
+
+
+def test_whole_commands_are_measured_at_each_length(log, capsys, monkeypatch):
+    ran = {1: Ran(1.5, 100.0), 2: Ran(2.5, 150.0)}
+    told = []
+
+    def run(*arguments):
+        told.append(arguments)
+        return Ran(0.5, 90.0) if "--duration" in arguments else ran[int(Path(arguments[-1]).stem[0])]
+
+    monkeypatch.setattr("speeds.commands.run", run)
+    assert hours.main(["--only", "live", "--lengths", "1", "2", "--log", str(log)]) == 0
+    _, short, long = capsys.readouterr().out.splitlines()
+    assert short.split() == ["live", "1", "s", "1.5", "50.00", "100"]
+    assert long.split() == ["live", "2", "s", "2.5", "50.00", "1.00", "150", "1.50"]
+    assert [arguments[0] for arguments in told] == ["live"] * 4
 
 
 def test_the_table_says_what_was_measured_and_whether_it_is_enough(log, capsys):

@@ -4,7 +4,9 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,8 @@ from contact_tracker.belief import Belief, Segment
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.labels import CONTACTS, STATES, Contact
-from contact_tracker.poses import Poses
+from contact_tracker.passing import Pieces
+from contact_tracker.poses import Pose, Poses
 from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.truth import Truth
 from contact_tracker.viewer import canvas, shapes
@@ -29,9 +32,8 @@ from contact_tracker.viewer.hull import hull, vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.offline import write_rrd
 from contact_tracker.viewer.palette import COLOUR
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw, viewpoint
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Ground, draw, viewpoint
 from contact_tracker.viewer.sinks import to_file, to_viewer
-from contact_tracker.windows import WindowCurves
 
 ORIGIN_NS = 1_700_000_000_000_000_000
 TICK_NS = 100_000_000
@@ -88,10 +90,14 @@ def truth() -> Truth:
     return Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
 
 
-@pytest.fixture(scope="module")
-def curves(poses: Poses) -> WindowCurves:
-    stamp_ns = poses.stamp_ns[499::10]
-    return WindowCurves(stamp_ns, np.ones((len(stamp_ns), 6)), np.ones((len(stamp_ns), 6), bool))
+def told(*pieces: Segmentation) -> Pieces:
+    """Reads all poses and finds what is known beforehand."""
+
+    def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
+        deque(poses, maxlen=0)
+        yield from pieces
+
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -100,10 +106,9 @@ def written(
     poses: Poses,
     segmentation: Segmentation,
     truth: Truth,
-    curves: WindowCurves,
 ) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "all.rrd"
-    write_rrd(path, poses, segmentation, truth, curves, CUBE_M)
+    write_rrd(path, poses, told(segmentation), truth, CUBE_M, paper=True)
     return path
 
 
@@ -126,14 +131,14 @@ def total(path: Path, entity: str) -> int:
     return sum(chunk.num_rows for chunk in chunks(path, entity))
 
 
-def test_every_view_has_its_rows(written: Path, curves: WindowCurves) -> None:
+def test_every_view_has_its_rows(written: Path) -> None:
     expected = {
         canvas.BODY: POSES,
         canvas.TRAIL: TICKS,
         canvas.P_SMOOTHED: TICKS,
         canvas.P_FILTERED: TICKS,
         canvas.RESIDUAL: TICKS,
-        canvas.PAPER: len(curves.stamp_ns),
+        canvas.PAPER: len(range(500, POSES + 1, 10)),
         canvas.SMOOTHED: len(PHASES),
         canvas.FILTERED: len(PHASES),
         canvas.TRUTH: 3,  # f-f, unknown, e-f: the second e-f is no change
@@ -205,6 +210,44 @@ def test_events_say_when_how_sure_and_where(written: Path) -> None:
     assert all("p 0.90" in text for text in texts)
 
 
+def in_pieces(poses: Iterable[Pose], whole: Segmentation) -> Iterator[Segmentation]:
+    """A piece per phase, the moment that half of the next one has been read: what is filtered is ahead."""
+    stream, end = iter(poses), 0
+    for number, segment in enumerate(whole.segments):
+        last = number == len(whole.segments) - 1
+        until_ns = whole.beliefs.stamp_ns[-1] if last else segment.end_ns + 15 * TICK_NS
+        for pose in stream:
+            if pose.stamp_ns >= until_ns and not last:
+                break
+        seen = int(np.searchsorted(whole.filtered.stamp_ns, until_ns, side="right"))
+        concluded = slice(*np.searchsorted(whole.stamp_ns, [segment.start_ns, segment.end_ns + 1]))
+        yield Segmentation((segment,), whole.beliefs[concluded], whole.filtered[end:seen])
+        yield Segmentation()  # nothing new
+        end = seen
+
+
+def test_a_recording_in_pieces_is_drawn_as_one(
+    tmp_path: Path, written: Path, poses: Poses, segmentation: Segmentation, truth: Truth
+) -> None:
+    path = tmp_path / "pieces.rrd"
+    write_rrd(path, poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True)
+    assert contents(path) == contents(written)
+    assert len(RrdReader(path).blueprints()) == 1
+
+
+def contents(path: Path) -> dict[tuple[str, str], list[Any]]:
+    """All rows by entity and component, as text (nan equals nan), but when they were written."""
+    found: dict[tuple[str, str], list[Any]] = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        times = batch.column(canvas.TIMELINE) if not chunk.is_static else [None] * batch.num_rows
+        for name in batch.schema.names:
+            if ":" in name:
+                values = zip(map(str, times), map(str, batch.column(name).to_pylist()), strict=True)
+                found.setdefault((chunk.entity_path, name), []).extend(values)
+    return {key: sorted(rows) for key, rows in found.items() if key[0] != "/__properties"}
+
+
 def test_the_blueprint_is_in_the_file(written: Path) -> None:
     reader = RrdReader(written)
     (recording,), (blueprint,) = reader.recordings(), reader.blueprints()
@@ -223,7 +266,7 @@ def test_without_truth_curves_and_hull_the_rest_is_there(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     path = tmp_path / "less.rrd"
-    write_rrd(path, poses, segmentation)
+    write_rrd(path, poses, told(segmentation))
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
     assert total(path, canvas.BODY) == POSES
     assert not chunks(path, f"{canvas.BODY}/hull", static=True)
@@ -233,7 +276,7 @@ def test_a_single_pose_and_tick_is_a_recording(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
-    write_rrd(tmp_path / "one.rrd", poses[:1], one)
+    write_rrd(tmp_path / "one.rrd", poses[:1], told(one))
     assert total(tmp_path / "one.rrd", canvas.BODY) == 1
 
 
@@ -242,7 +285,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, poses: Poses, segmen
     path.write_text("old")
     crooked = Poses(poses.stamp_ns, poses.position_m[:, :2], poses.quat_xyzw)
     with pytest.raises(ValueError):  # noqa: PT011 - of numpy or rerun, by version
-        write_rrd(path, crooked, segmentation)
+        write_rrd(path, crooked, told(segmentation))
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -251,7 +294,7 @@ def test_a_folder_that_is_not_there_is_an_os_error(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     with pytest.raises(FileNotFoundError):
-        write_rrd(tmp_path / "nowhere" / "x.rrd", poses, segmentation)
+        write_rrd(tmp_path / "nowhere" / "x.rrd", poses, told(segmentation))
 
 
 def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
@@ -406,13 +449,24 @@ def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
     assert disc[:, 0].min() < 0.5 < 0.8 < disc[:, 0].max(), "it covers the way from 0.5 to 0.8 m"
 
 
-def test_the_view_is_upright_on_the_floor(poses: Poses, segmentation: Segmentation) -> None:
-    upside_down = ContactGeometry(Plane(-Z, 0.0), Plane(-Z, 0.1))
-    segment = Segment(ORIGIN_NS, ORIGIN_NS + 10**10, Contact.FF, 1.0, upside_down)
-    view = viewpoint(poses, Segmentation((segment,), segmentation.beliefs), UNKNOWN_EXTENT)
+def test_the_view_is_upright_on_the_floor(poses: Poses) -> None:
+    view = viewpoint(poses, Plane(-Z, 0.1), UNKNOWN_EXTENT)
     assert view.up == pytest.approx(Z), "the body is above the plane z = -0.1 whichever way its normal points"
     sight = view.target_m - view.eye_m
     assert abs(sight[0]) < 1e-6 < abs(sight[1]), "along y: the motion along x is seen from the side"
+
+
+def test_the_ground_is_what_was_touched_longest_in_any_piece() -> None:
+    def touched(end_ns: int, contact: Contact) -> Segment:
+        return Segment(0, end_ns, contact, 1.0, GEOMETRY[contact])
+
+    beside = ContactGeometry(Point(Z), Plane(X, 0.0))
+    ground = Ground().or_longer([touched(5, Contact.FREE), touched(3, Contact.FF), touched(2, Contact.VF)])
+    assert ground == (FLOOR, 3)
+    assert (
+        ground.or_longer([]) == ground.or_longer([replace(touched(3, Contact.VF), geometry=beside)]) == ground
+    )
+    assert ground.or_longer([replace(touched(4, Contact.VF), geometry=beside)]).plane is beside.environment
 
 
 def test_a_cube_has_twelve_edges() -> None:

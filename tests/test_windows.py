@@ -102,7 +102,7 @@ def test_at_rest_every_contact_fits():
 def test_long_recordings_in_pieces_give_the_same(monkeypatch):
     poses = recording(Contact.EF, Contact.VF)
     whole = curves(poses, 100, 25)
-    monkeypatch.setattr("contact_tracker.windows._CHUNK_FRAMES", 75)
+    monkeypatch.setattr("contact_tracker.windows.CHUNK_FRAMES", 75)
     pieces = curves(poses, 100, 25)
     np.testing.assert_array_equal(pieces.stamp_ns, whole.stamp_ns)
     np.testing.assert_allclose(pieces.minimum, whole.minimum, rtol=0.05)

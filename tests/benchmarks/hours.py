@@ -1,94 +1,75 @@
-"""What the second half of ``segment`` takes for hours: Viterbi, smoothing and beliefs, without pass and fits.
+"""What whole commands take for a minute, ten minutes, hours: CPU time per tick and peak memory.
 
-    python tests/benchmarks/hours.py LOG --hours 10
+    python tests/benchmarks/hours.py
+    python tests/benchmarks/hours.py --only live --lengths 60 600 3600 36000
 
-The online pass over LOG is fed to it over and over, and elements are not fitted: neither knows how long a
-recording is. Printed after each tenth: hours, CPU time and memory.
+The poses of a log, played forth and back for so many seconds, are a log on disk; each command reads it in a
+process of its own, whose peak is that of everything in it. ``x`` is the figure of the line above, times what.
 """
 
 import argparse
-import resource
-import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
-from dataclasses import replace
-from typing import Any, NamedTuple, cast
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
 
-from contact_tracker.forward import Alive, Seen, forward
-from contact_tracker.model import load_model
-from contact_tracker.recording import open_log
-from contact_tracker.segmenter import Segmenter
-from contact_tracker.state import TrackerState, start
-from contact_tracker.telling import Told
-from contact_tracker.ticks import Tick
+from speeds.commands import IDLE, Measured, lengths
+from speeds.figures import Setup, length
 
-
-class Replayed(NamedTuple):
-    """What a segmenter reads of ``Seen``."""
-
-    state: TrackerState
-    tick: Tick
-    belief: Any
-    alive: Alive
+ROOT: Final = Path(__file__).resolve().parents[2]
+ROWS: Final = ("segment", "view", "live", "evaluate")
+TICK_S: Final = 0.05
+"""Of the presets: 20 ticks per second."""
+HEADER: Final = f"{'command':10}{'log':>8}{'CPU s':>9}{'ms per tick':>13}{'x':>7}{'peak MB':>9}{'x':>7}"
 
 
-class NoFits(Executor):
-    """Tells nothing, at once."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        future: Future[Any] = Future()
-        future.set_result(Told(None, (), 0.0))
-        return future
-
-
-def recorded(path: str) -> list[Replayed]:
-    """The online pass; of the states only what does not grow."""
-    once, model = [], load_model("default")
-    nothing = start(model).window
-    for seen in forward(open_log(path), model):
-        state = replace(seen.state, banks=(), window=nothing)
-        once.append(Replayed(state, seen.tick, seen.belief, seen.alive))
-    return once
+def command(row: str, scratch: Path) -> tuple[str, ...]:
+    """The command line but for the log."""
+    match row:
+        case "segment":
+            return "segment", "-o", str(scratch / "out.csv")
+        case "view":
+            return "view", "--save", str(scratch / "out.rrd")
+    return (row,)
 
 
-def repeated(once: list[Replayed], ticks: int) -> Iterator[Seen]:
-    """``once`` over and over, each time later."""
-    tick_ns = round(once[0].state.model.tick_s * 1e9)
-    for number in range(ticks):
-        row = number % len(once)
-        seen, later = once[row], number - row
-        later_ns = later * tick_ns
-        state = replace(seen.state, change=once[max(row, 1)].state.change)
-        start_ns, stamp_ns = seen.tick.start_ns + later_ns, seen.tick.stamp_ns + later_ns
-        onset_ns = seen.belief.onset_ns + later_ns
-        belief = replace(seen.belief, stamp_ns=stamp_ns, onset_ns=onset_ns)
-        tick = replace(seen.tick, start_ns=start_ns, stamp_ns=stamp_ns)
-        alive = seen.alive._replace(onset=seen.alive.onset + later)
-        yield cast(Seen, Replayed(state, tick, belief, alive))
+def lines(row: str, setup: Setup) -> Iterator[str]:
+    """One for each length."""
+    before: Measured | None = None
+    idle = () if row == "evaluate" else IDLE  # it judges whole recordings only
+    for measured in lengths(setup, command(row, setup.scratch), idle):
+        growth, larger = " " * 7, " " * 7
+        if before is not None:
+            growth = f"{measured.cost / before.cost:7.2f}"
+            larger = f"{measured.peak_mb / before.peak_mb:7.2f}"
+        per_tick = f"{1e3 * measured.cost * TICK_S:13.2f}{growth}"
+        taken = f"{row:10}{length(measured.seconds):>8}{measured.cpu_s:9.1f}"
+        yield f"{taken}{per_tick}{measured.peak_mb:9.0f}{larger}"
+        before = measured
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("log")
-    parser.add_argument("--hours", type=float, default=10.0)
-    args = parser.parse_args()
-    once, segmenter, segments = recorded(args.log), Segmenter(NoFits()), 0
-    ticks = round(args.hours * 3600.0 / once[0].state.model.tick_s)
-    begin_s = time.process_time()
-    for number, seen in enumerate(repeated(once, ticks), start=1):
-        segmenter.note(seen)
-        if segmenter.due:
-            segments += len(segmenter.conclude().segments)
-        if number % (ticks // 10) == 0:
-            peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-            cpu_s = time.process_time() - begin_s
-            print(f"{number / ticks * args.hours:6.2f} h  {cpu_s:7.1f} s  peak {peak_mb:4.0f} MB", flush=True)
-    segments += len(segmenter.finish().segments)
-    taken_ms = 1e3 * (time.process_time() - begin_s) / ticks
-    print(f"{ticks} ticks, {segments} segments, {taken_ms:.2f} ms of CPU time per tick")
+    log = ROOT / "recordings" / "paper_experiment.mcap"
+    parser.add_argument("--only", nargs="+", choices=ROWS, default=ROWS, metavar="NAME", help=" ".join(ROWS))
+    parser.add_argument("--lengths", nargs="+", type=int, default=(60, 600, 3600), metavar="S")
+    parser.add_argument("--log", type=Path, default=log, metavar="MCAP", help="with truth, for evaluate")
+    parser.add_argument("--runs", type=int, default=1, help="of logs that are shorter than ten minutes")
+    args = parser.parse_args(argv)
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+    with tempfile.TemporaryDirectory() as scratch:
+        setup = Setup(args.log, args.log, "default", args.runs, tuple(args.lengths), Path(scratch))
+        print(HEADER, flush=True)
+        for row in args.only:
+            for line in lines(row, setup):
+                print(line, flush=True)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

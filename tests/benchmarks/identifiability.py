@@ -29,7 +29,7 @@ from scores import OFFLINE, Method
 from tqdm import tqdm
 
 from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
-from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
+from contact_tracker.evaluation.scoring import Columns, Scoring, Subset, scoring
 from contact_tracker.labels import STATES
 from contact_tracker.model import Model, load_model
 from contact_tracker.noise import estimate_noise
@@ -105,7 +105,7 @@ def compare(
     return Judged(name, confusion_s, tuple(mistakes))
 
 
-def _confusion(truth: Ints, label: Ints, weight: Array) -> Array:
+def _confusion(truth: Columns, label: Ints, weight: Array) -> Array:
     """Seconds (7, 7) by truth and label; no label is wrong, and counts as free unless that is true."""
     confusion = np.zeros((len(STATES), len(STATES)))
     scored = weight > 0

@@ -38,7 +38,7 @@ class Phases:
 
     @classmethod
     def of(cls, scored: Scoring, tick: Ints, label: Ints, probability: Array) -> "Phases":
-        """The phases of a recording: each time one state lasts. Arguments as of ``metrics.tally``."""
+        """The phases of a recording: each time one state lasts. Arguments as of ``tallying.tally``."""
         every = np.cumsum(np.append(0, np.diff(scored.truth) != 0))
         taken = scored.subsets[Subset.ALL]
         phase = np.unique(every[taken], return_inverse=True)[1]

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from resampling import Phases
 
-from contact_tracker.evaluation.metrics import Tally, tally
+from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.evaluation.scoring import Scoring, Subset
+from contact_tracker.evaluation.tallying import tally
 from contact_tracker.labels import STATES
 
 Array = NDArray[np.float64]

@@ -120,6 +120,11 @@ class Model:
     certainty: Certainty
     search: Search
 
+    @property
+    def tick_ns(self) -> int:
+        """As long as ``tick_s``."""
+        return round(self.tick_s * 1e9)
+
 
 _RANGES: Final = {
     "tick_s": (1e-3, 10.0),

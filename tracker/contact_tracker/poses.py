@@ -53,6 +53,16 @@ class Poses:
             np.concatenate([part.quat_xyzw for part in parts]),
         )
 
+    @classmethod
+    def join(cls, parts: Sequence["Poses"]) -> "Poses":
+        """Poses one after the other, copied."""
+        parts = parts or [cls.collect([])]
+        return cls(
+            np.concatenate([part.stamp_ns for part in parts]),
+            np.concatenate([part.position_m for part in parts]),
+            np.concatenate([part.quat_xyzw for part in parts]),
+        )
+
     def __len__(self) -> int:
         return len(self.stamp_ns)
 

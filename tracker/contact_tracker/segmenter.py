@@ -74,7 +74,7 @@ def segment(
     -------
     Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
     """
-    return Segmentation.join(list(pieces(poses, model, progress, knowledge, executor, watch)))
+    return Segmentation.join(list(pieces(poses, model, progress, knowledge, executor, watch, geometry=True)))
 
 
 def pieces(
@@ -84,12 +84,12 @@ def pieces(
     knowledge: Knowledge = NOTHING,
     executor: Executor | None = None,
     watch: Callable[[Seen], None] | None = None,
-    geometry: bool = True,
+    geometry: bool = False,
 ) -> Iterator[Segmentation]:
     """What ``segment`` finds, piece by piece and in bounded memory.
 
     Each piece holds the segments that were concluded since the one before with their beliefs, and what was
-    filtered since then: that is ahead of the beliefs. Without ``geometry`` it has none, which takes less time.
+    filtered since then: that is ahead of the beliefs, and has ``geometry`` only if asked for.
     """
     segmenter = Segmenter(executor)
     for seen in forward(poses, model, progress, knowledge, geometry):

@@ -1,6 +1,6 @@
 """The paper's fixed-window curves (its Fig. 5): minima of its own objective functions along a recording."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from math import gcd
@@ -22,7 +22,8 @@ Index = NDArray[np.int64]
 
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
 _COARSE: Final = (1e-4, 30)  # relative gain at which to stop, and iterations at most
-_CHUNK_FRAMES: Final = 20_000
+CHUNK_FRAMES: Final = 20_000
+"""Windows are minimised together whose first poses lie in so many: long recordings go in pieces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,15 @@ class WindowCurves:
     stamp_ns: Index
     minimum: Array
     converged: NDArray[np.bool_]
+
+    @classmethod
+    def join(cls, parts: Sequence["WindowCurves"]) -> "WindowCurves":
+        """Windows one after the other."""
+        return cls(
+            np.concatenate([np.zeros(0, np.int64), *(part.stamp_ns for part in parts)]),
+            np.concatenate([np.zeros((0, 6)), *(part.minimum for part in parts)]),
+            np.concatenate([np.zeros((0, 6), bool), *(part.converged for part in parts)]),
+        )
 
     @property
     def normalised(self) -> Array:
@@ -58,18 +68,58 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
 
     A recording shorter than a window has no windows. The result is the same for the same poses.
     """
-    if frames < 1 or step < 1:
-        raise ValueError("a window needs at least one frame and a step of at least one")
-    first = np.arange(0, max(len(poses) - frames + 1, 0), step)
-    minimum, converged = np.zeros((len(first), 6)), np.ones((len(first), 6), bool)
-    if len(first):
-        rotation, position = poses.rotation, poses.position_m - poses.position_m.mean(axis=0)
-        for windows in _chunks(len(first), step):
-            frame = slice(first[windows][0], first[windows][-1] + frames)
-            for column, model in enumerate(CONTACT_MODELS):
-                found = minimise_windows(model, rotation[frame], position[frame], frames, step)
-                minimum[windows, column], converged[windows, column] = found.value, found.converged
-    return WindowCurves(poses.stamp_ns[first + frames - 1], minimum, converged)
+    growing = Curves(frames, step, poses.position_m.mean(axis=0) if len(poses) else None)
+    growing.extend(poses)
+    return growing.finish()
+
+
+class Curves:
+    """The same of poses that come block by block, in bounded memory but for the result.
+
+    Parameters
+    ----------
+    origin_m : (3,) of the world; by default amid the first ``CHUNK_FRAMES`` positions.
+    """
+
+    def __init__(self, frames: int = 500, step: int = 10, origin_m: Array | None = None) -> None:
+        if frames < 1 or step < 1:
+            raise ValueError("a window needs at least one frame and a step of at least one")
+        self._frames, self._step, self._origin_m = frames, step, origin_m
+        self._windows = max(CHUNK_FRAMES // step, 1)  # that are minimised together
+        self._waiting: list[Poses] = []
+        self._found: list[WindowCurves] = []
+
+    def extend(self, poses: Poses) -> None:
+        """Later poses."""
+        self._waiting.append(poses)
+        enough = (self._windows - 1) * self._step + self._frames
+        if sum(map(len, self._waiting)) >= enough:
+            whole = Poses.join(self._waiting)
+            while len(whole) >= enough:
+                self._minimise(whole[:enough])
+                whole = whole[self._windows * self._step :]
+            self._waiting = [whole]
+
+    def finish(self) -> WindowCurves:
+        """Of all poses."""
+        rest = Poses.join(self._waiting)
+        self._waiting.clear()
+        windows = (len(rest) - self._frames) // self._step + 1
+        if windows > 0:
+            self._minimise(rest[: (windows - 1) * self._step + self._frames])
+        return WindowCurves.join(self._found)
+
+    def _minimise(self, poses: Poses) -> None:
+        """A chunk that begins and ends with a window."""
+        if self._origin_m is None:
+            self._origin_m = poses.position_m.mean(axis=0)
+        stamp_ns = poses.stamp_ns[self._frames - 1 :: self._step].copy()
+        found = WindowCurves(stamp_ns, np.zeros((len(stamp_ns), 6)), np.ones((len(stamp_ns), 6), bool))
+        rotation, position = poses.rotation, poses.position_m - self._origin_m
+        for column, model in enumerate(CONTACT_MODELS):
+            best = minimise_windows(model, rotation, position, self._frames, self._step)
+            found.minimum[:, column], found.converged[:, column] = best.value, best.converged
+        self._found.append(found)
 
 
 def minimise_windows(
@@ -87,13 +137,6 @@ def minimise_windows(
         source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
         best = best.better(minimise_batched(model.contact, k, best.x[source], best.y[source], *_COARSE))
     return minimise_batched(model.contact, k, best.x, best.y)
-
-
-def _chunks(count: int, step: int) -> Iterator[slice]:
-    """Long recordings go in pieces, for the memory's sake."""
-    size = max(_CHUNK_FRAMES // step, 1)
-    for start in range(0, count, size):
-        yield slice(start, min(start + size, count))
 
 
 def _window_sums(a: Array, frames: int, step: int) -> Array:

@@ -1,15 +1,20 @@
-"""A log of any length: the poses of a recording played forth and back, so that the motion never jumps."""
+"""A log of any length: the poses of a recording played forth and back, so that the motion never jumps.
 
+Imports nothing of the tracker: who measures the memory of others stays small.
+"""
+
+import json
 import struct
 from collections.abc import Iterator
 from itertools import chain, cycle, islice
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
 TYPE: Final = "geometry_msgs/msg/PoseStamped"
+TRUTH: Final = "truth.json"
 STAMP: Final = struct.Struct("<iI")
 _STAMP_AT: Final = 4
 """Of a little-endian CDR message that begins with a header: after the encapsulation."""
@@ -18,10 +23,13 @@ _STAMP_AT: Final = 4
 def write_long_log(source: Path, seconds: float, path: Path) -> Path:
     """Write ``seconds`` of the one PoseStamped topic of ``source`` to ``path``, at its own rate.
 
-    Nothing but the stamps changes, so that memory stays small here, and the log compresses as logs do.
+    Nothing but the stamps changes, so that memory stays small here, and the log compresses as logs do. Where
+    ``source`` says what really holds, the log does.
     """
     with source.open("rb") as file:
-        records = [r for r in make_reader(file).iter_messages() if r[0] is not None and r[0].name == TYPE]
+        reader = make_reader(file)
+        records = [r for r in reader.iter_messages() if r[0] is not None and r[0].name == TYPE]
+        truth = [json.loads(a.data) for a in reader.iter_attachments() if a.name == TRUTH]
     schema, channel, _ = records[0]
     assert schema is not None
     stamps = [message.log_time for _, _, message in records]
@@ -36,6 +44,9 @@ def write_long_log(source: Path, seconds: float, path: Path) -> Path:
             stamp_ns = stamps[0] + number * period_ns
             stamped = data[:_STAMP_AT] + STAMP.pack(*divmod(stamp_ns, 10**9)) + data[_STAMP_AT + STAMP.size :]
             writer.add_message(channel_id, stamp_ns, stamped, stamp_ns)
+        for intervals in truth:
+            told = json.dumps(list(_toured(intervals, stamps[0], stamps[-1], stamps[0] + count * period_ns)))
+            writer.add_attachment(0, 0, TRUTH, "application/json", told.encode())
         writer.finish()  # type: ignore[no-untyped-call]
     return path
 
@@ -43,3 +54,14 @@ def write_long_log(source: Path, seconds: float, path: Path) -> Path:
 def _forth_and_back(messages: list[bytes], count: int) -> Iterator[bytes]:
     """The first ``count`` messages of an endless tour; at the ends none comes twice in a row."""
     return islice(cycle(chain(messages, messages[-2:0:-1])), count)
+
+
+def _toured(intervals: list[Any], first_ns: int, last_ns: int, end_ns: int) -> Iterator[Any]:
+    """What really holds on that tour, until ``end_ns``."""
+    for begin_ns in range(first_ns, end_ns, 2 * (last_ns - first_ns)):
+        for one in intervals:
+            forth = begin_ns - first_ns
+            yield one | {"start_ns": one["start_ns"] + forth, "end_ns": one["end_ns"] + forth}
+        for one in reversed(intervals):
+            back = begin_ns + 2 * last_ns - first_ns
+            yield one | {"start_ns": back - one["end_ns"], "end_ns": back - one["start_ns"]}

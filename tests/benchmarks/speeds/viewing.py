@@ -1,14 +1,16 @@
 """Writing for the viewer: frames per second, streamed with each belief and as a whole recording."""
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable
 from itertools import islice, pairwise
 from typing import Final
 
 from contact_tracker import tracker
 from contact_tracker.belief import Belief
 from contact_tracker.model import load_model
-from contact_tracker.poses import Pose, Poses
+from contact_tracker.poses import Pose
 from contact_tracker.recording import open_log, read_metadata
+from contact_tracker.segmentation import Segmentation
 from contact_tracker.segmenter import segment
 from contact_tracker.viewer.hull import vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
@@ -36,8 +38,12 @@ def measure(setup: Setup) -> list[Figure]:
                 if belief is not None:
                     viewer.belief(belief)
 
+    def segmented(poses: Iterable[Pose]) -> list[Segmentation]:
+        deque(poses, maxlen=0)
+        return [segmentation]
+
     def write() -> None:
-        write_rrd(path, Poses.collect(poses), segmentation, vertices_m=vertices)
+        write_rrd(path, poses, segmented, vertices_m=vertices)
 
     def rate(work: Callable[[], None]) -> float:
         return len(poses) / cpu_s(work, setup.runs)

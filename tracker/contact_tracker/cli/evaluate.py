@@ -61,18 +61,18 @@ def run(args: argparse.Namespace) -> int:
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "Knowledge"
 ) -> "tuple[Evaluation, str | None]":
-    from contact_tracker.evaluation.evaluate import evaluate
-    from contact_tracker.poses import Poses
+    from contact_tracker.evaluation.evaluate import Judge
+    from contact_tracker.passing import watched
     from contact_tracker.recording import open_log, read_truth
-    from contact_tracker.segmenter import segment
+    from contact_tracker.segmenter import pieces
 
     truth = read_truth(name)
     if truth is None:
         raise NoTruth(f"{name}: no truth in it, neither truth.json nor /contact/truth")
-    log = open_log(name, args.topic, args.frame)
-    poses = Poses.collect(log)
-    if not len(poses):
-        raise NoPoses(f"{name}: no pose that can be used")
+    log, judge = open_log(name, args.topic, args.frame), Judge(truth)
     with progress(name, "poses") as set_done:
-        found = segment(poses, model, set_done, knowledge)
-    return evaluate(poses, truth, found), log.damage
+        for piece in watched(log, lambda poses: pieces(poses, model, set_done, knowledge), judge.poses):
+            judge.piece(piece)
+    if not judge.frames:
+        raise NoPoses(f"{name}: no pose that can be used")
+    return judge.finish(), log.damage

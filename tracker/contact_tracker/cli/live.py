@@ -81,7 +81,8 @@ def run(args: argparse.Namespace) -> int:
         observe(tracker.gather_rest(state))
         for belief in tracker.remaining(state):
             say(belief)
-    code = source.finish(state.outliers)
+    source.outliers = state.outliers
+    code = source.finish()
     return INTERRUPTED if interrupted else code
 
 

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -49,23 +49,15 @@ def run(args: argparse.Namespace) -> int:
 
     model, knowledge = load_model(args.model), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
-    outliers = 0
-
-    def counted(found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
-        nonlocal outliers
-        for piece in found:
-            outliers += piece.outliers
-            yield piece
-
     with progress("segment", "poses") as set_done, workers(args.processes) as executor:
-        found = counted(pieces(source, model, set_done, knowledge, executor, geometry=False))
+        found = source.counted(pieces(source, model, set_done, knowledge, executor))
         if args.output is None:
             segments = [one for piece in found for one in piece.segments]
         else:
             _write(found, args.output)
     if args.output is None:
         _print(segments, source.origin_ns)
-    return source.finish(outliers)
+    return source.finish()
 
 
 def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:

@@ -3,13 +3,16 @@
 import argparse
 import time
 from collections.abc import Iterable, Iterator
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import say, warn
 from contact_tracker.errors import NoPoses
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording import PoseLog
+
+if TYPE_CHECKING:
+    from contact_tracker.segmentation import Segmentation
 
 _LONGEST_WAIT_S: Final = 1e6
 """More than a system may be asked to sleep for at once."""
@@ -31,6 +34,7 @@ class Source:
         self.first_ns = 0
         self.last_ns = 0
         self.used = 0
+        self.outliers = 0
 
     def __iter__(self) -> Iterator[Pose]:
         """The poses of the interval; raises NoPoses at the end where there were none."""
@@ -73,17 +77,23 @@ class Source:
             where = "in the interval that --start and --duration leave" if seen else "that can be used"
             raise NoPoses(f"{self._name}: no pose {where}{self._noted()}")
 
-    def finish(self, outliers: int) -> int:
+    def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
+        """``found`` piece by piece, and the outliers in it."""
+        for piece in found:
+            self.outliers += piece.outliers
+            yield piece
+
+    def finish(self) -> int:
         """Say what was read and what was not used of it; returns the exit code."""
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
-        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted(outliers)}")
+        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if self._log.damage is None:
             return DONE
         warn(f"{self._name}: {self._log.damage}")
         return DAMAGED
 
-    def _noted(self, outliers: int = 0) -> str:
-        kinds = {**self._log.counts, "outlier": outliers}
+    def _noted(self) -> str:
+        kinds = {**self._log.counts, "outlier": self.outliers}
         counts = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
         return f"; noted: {counts}" if counts else ""
 

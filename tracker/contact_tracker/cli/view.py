@@ -1,11 +1,16 @@
 """``contact-tracker view``: everything about a recording in the rerun viewer."""
 
 import argparse
-from typing import Final
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress
+
+if TYPE_CHECKING:
+    from contact_tracker.poses import Pose
+    from contact_tracker.segmentation import Segmentation
 
 HELP: Final = "see a recording in the rerun viewer"
 DESCRIPTION: Final = """\
@@ -30,22 +35,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.cli.source import Source
     from contact_tracker.model import load_model
-    from contact_tracker.poses import Poses
     from contact_tracker.recording import open_log, read_metadata, read_truth
-    from contact_tracker.segmenter import segment
+    from contact_tracker.segmenter import pieces
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.offline import open_viewer, write_rrd
-    from contact_tracker.windows import curves
 
     model, knowledge = load_model(args.model), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
-    poses = Poses.collect(source)
+    truth, vertices_m = read_truth(args.log), vertices_from_metadata(read_metadata(args.log))
     with progress("segment", "poses") as set_done:
-        found = segment(poses, model, set_done, knowledge)
-    vertices_m = vertices_from_metadata(read_metadata(args.log))
-    shown = (poses, found, read_truth(args.log), curves(poses), vertices_m)
-    if args.save is None:
-        open_viewer(*shown)
-    else:
-        write_rrd(args.save, *shown)
-    return source.finish(found.outliers)
+
+        def found(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
+            return source.counted(pieces(poses, model, set_done, knowledge))
+
+        if args.save is None:
+            open_viewer(source, found, truth, vertices_m, paper=True)
+        else:
+            write_rrd(args.save, source, found, truth, vertices_m, paper=True)
+    return source.finish()

@@ -1,15 +1,26 @@
 """One recording judged: what ``evaluate`` and the benchmark compute."""
 
+from array import array
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from contact_tracker.belief import Segment
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
-from contact_tracker.evaluation.metrics import Ints, Tally, tally
+from contact_tracker.evaluation.metrics import Ints, Tally
 from contact_tracker.evaluation.scoring import Scoring, scoring, tick_containing, tick_in_force
+from contact_tracker.evaluation.tallying import tally
+from contact_tracker.passing import Waiting
 from contact_tracker.poses import Poses
 from contact_tracker.segmentation import Beliefs, Segmentation
-from contact_tracker.truth import Truth
+from contact_tracker.truth import Truth, TruthInterval
+
+_TOLD: Final = np.dtype([("stamp_ns", np.int64), ("contact", np.int8), ("probability", np.float64, 7)])
+Told = NDArray[np.void]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +50,104 @@ def evaluate(poses: Poses, truth: Truth, segmentation: Segmentation) -> Evaluati
     NoTruth
         The truth's elements are not of the kinds that its contact has.
     """
-    scored = scoring(poses.stamp_ns, truth)
-    offline = tick_containing(poses.stamp_ns, segmentation.beliefs.stamp_ns)
-    online = tick_in_force(poses.stamp_ns, segmentation.filtered.stamp_ns)
-    return Evaluation(
-        _tally(scored, offline, segmentation.beliefs),
-        _tally(scored, online, segmentation.filtered),
-        geometry_errors(poses, truth, segmentation.segments),
-    )
+    judge = Judge(truth)
+    judge.poses(poses)
+    judge.piece(segmentation)
+    return judge.finish()
 
 
-def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs) -> Tally:
-    return tally(scored, tick, beliefs.rows["contact"].astype(np.int64), beliefs.probability)
+class Judge:
+    """Judges a recording piece by piece. Of each pose it keeps 8 bytes, of each tick 130.
+
+    The geometry is compared as soon as the segments of a true contact are concluded. Where that lasts for
+    more poses than ``passing.LIMIT``, some of them stand for all.
+
+    Raises
+    ------
+    NoTruth
+        The truth's elements are not of the kinds that its contact has.
+    """
+
+    def __init__(self, truth: Truth) -> None:
+        self._truth = truth
+        self._stamp_ns = array("q")
+        self._offline: list[Told] = []
+        self._online: list[Told] = []
+        self._geometry = geometry_errors(Poses.collect([]), truth, ())
+        self._true = deque(_groups(truth))
+        self._segments: list[Segment] = []  # those that may lie in what is not yet compared
+        self._waiting = Waiting()  # as well
+
+    @property
+    def frames(self) -> int:
+        """How many poses there were."""
+        return len(self._stamp_ns)
+
+    def poses(self, poses: Poses) -> None:
+        """The next poses, before the piece that is about them."""
+        self._stamp_ns.frombytes(poses.stamp_ns.tobytes())
+        self._waiting.extend(poses)
+
+    def piece(self, found: Segmentation) -> None:
+        """What was concluded next."""
+        self._offline.append(_told(found.beliefs))
+        self._online.append(_told(found.filtered))
+        if found.segments:
+            self._segments += found.segments
+            self._compare(found.segments[-1].end_ns)
+
+    def finish(self) -> Evaluation:
+        """Of the whole; there must have been poses."""
+        while self._true:
+            self._compare_next()
+        stamp_ns = np.frombuffer(self._stamp_ns, np.int64)
+        scored = scoring(stamp_ns, self._truth)
+        offline, online = _taken(self._offline), _taken(self._online)
+        return Evaluation(
+            _tally(scored, tick_containing(stamp_ns, offline["stamp_ns"]), offline),
+            _tally(scored, tick_in_force(stamp_ns, online["stamp_ns"]), online),
+            self._geometry,
+        )
+
+    def _compare(self, until_ns: int) -> None:
+        while self._true and max(i.end_ns for i in self._true[0]) < until_ns:
+            self._compare_next()
+        since_ns = self._true[0][0].start_ns if self._true else until_ns
+        self._segments = [segment for segment in self._segments if segment.end_ns >= since_ns]
+        self._waiting.drop(int(np.searchsorted(self._waiting.poses.stamp_ns, since_ns)))
+
+    def _compare_next(self) -> None:
+        truth = Truth(self._true.popleft())
+        self._geometry += geometry_errors(self._waiting.poses, truth, self._segments)
+
+
+def _groups(truth: Truth) -> Iterator[tuple[TruthInterval, ...]]:
+    """Intervals that may be one true segment, each group for itself: of one contact, one after the other."""
+    group: list[TruthInterval] = []
+    for interval in truth.intervals:
+        if group and (interval.geometry is None or interval.contact is not group[-1].contact):
+            yield tuple(group)
+            group = []
+        if interval.geometry is not None:
+            group.append(interval)
+    if group:
+        yield tuple(group)
+
+
+def _told(beliefs: Beliefs) -> Told:
+    """What is judged of them."""
+    told = np.empty(len(beliefs), _TOLD)
+    for name in _TOLD.names or ():
+        told[name] = beliefs.rows[name]
+    return told
+
+
+def _taken(parts: list[Told]) -> Told:
+    """All of them in one, and no longer in parts."""
+    whole = np.concatenate([np.empty(0, _TOLD), *parts])
+    parts.clear()
+    return whole
+
+
+def _tally(scored: Scoring, tick: Ints, told: Told) -> Tally:
+    return tally(scored, tick, told["contact"], told["probability"])

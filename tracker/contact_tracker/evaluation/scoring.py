@@ -4,6 +4,7 @@ Nothing here knows what was believed. A frame weighs the time until the next one
 neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import pairwise
@@ -12,11 +13,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.truth import Truth
+from contact_tracker.truth import Truth, TruthInterval
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+Columns = NDArray[np.int8]
 
 LONGEST_FRAME_NS: Final = 100_000_000
 NEAR_CHANGE_NS: Final = 250_000_000
@@ -57,24 +59,40 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """What is scored of N frames.
+    """What is scored of N frames, in 14 bytes for each.
 
     Parameters
     ----------
-    stamp_ns : (N,) strictly increasing.
-    end_ns : (N,) when the frame ends: the next frame's stamp; the last one is as long as the one before.
-    seconds : (N,) weight.
+    edges_ns : (N + 1,) their stamps, strictly increasing, and the end of the last, as long as the one before.
     truth : (N,) column of the true state, ``UNSCORED`` where there is none.
     subsets : (5, N) which frames each ``Subset`` takes.
     changes : the true changes in order.
     """
 
-    stamp_ns: Ints
-    end_ns: Ints
-    seconds: Array
-    truth: Ints
+    edges_ns: Ints
+    truth: Columns
     subsets: Bools
     changes: tuple[Change, ...]
+
+    @property
+    def stamp_ns(self) -> Ints:
+        """(N,)"""
+        return self.edges_ns[:-1]
+
+    @property
+    def end_ns(self) -> Ints:
+        """When each frame (N,) ends: the next frame's stamp."""
+        return self.edges_ns[1:]
+
+    @property
+    def seconds(self) -> Array:
+        """Weight (N,) of each frame."""
+        return np.asarray(np.minimum(self.end_ns - self.stamp_ns, LONGEST_FRAME_NS) * 1e-9)
+
+    def part(self, frames: slice) -> "Scoring":
+        """Only some consecutive frames, without any changes."""
+        edges_ns = self.edges_ns[frames.start : frames.stop + 1]
+        return Scoring(edges_ns, self.truth[frames], self.subsets[:, frames], ())
 
     def within(self, subset: Subset) -> "Scoring":
         """Only the frames of ``subset``, and the changes after which they come."""
@@ -85,37 +103,30 @@ class Scoring:
 
 def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     """Lay ``truth`` over the frames at ``stamp_ns`` (N,); frames outside all intervals are not scored."""
-    intervals = truth.intervals
-    index = truth.at(stamp_ns)
-    ends = np.array([i.end_ns for i in intervals], np.int64)
-    columns = np.array([UNSCORED if i.contact is None else i.contact.column for i in intervals], np.int64)
-    moved = np.logical_or.accumulate(np.array([i.motion != "rest" for i in intervals], bool))
-    ambiguous = np.array([i.singular for i in intervals], bool) | ~moved
-
-    inside = index >= 0
-    inside[inside] = stamp_ns[inside] <= ends[index[inside]]
-    column = np.full(len(stamp_ns), UNSCORED, np.int64)
-    column[inside] = columns[index[inside]]
-    end_ns = _frame_ends(stamp_ns)
-    runs = _runs(stamp_ns, column)
-
-    scored = column != UNSCORED
+    column = np.full(len(stamp_ns), UNSCORED, np.int8)
     subsets = np.zeros((len(Subset), len(stamp_ns)), bool)
-    subsets[Subset.ALL] = scored
-    subsets[Subset.CLEAR] = scored & ~_near_change(stamp_ns, column, runs)
-    subsets[Subset.AMBIGUOUS, inside] = ambiguous[index[inside]]
-    subsets[Subset.AMBIGUOUS] &= scored
-    subsets[Subset.IDENTIFIABLE] = scored & ~subsets[Subset.AMBIGUOUS]
-    subsets[Subset.MOVED, inside] = moved[index[inside]]
-    subsets[Subset.MOVED] &= scored
-    seconds = np.minimum(end_ns - stamp_ns, LONGEST_FRAME_NS) * 1e-9
-    return Scoring(stamp_ns, end_ns, seconds, column, subsets, _changes(stamp_ns, end_ns, column, runs))
+    moved = False
+    for interval, frames in _frames(stamp_ns, truth):
+        moved |= interval.motion != "rest"
+        if interval.contact is not None:
+            column[frames] = interval.contact.column
+            subsets[Subset.MOVED, frames] = moved
+            subsets[Subset.AMBIGUOUS, frames] = interval.singular or not moved
+    subsets[Subset.ALL] = column != UNSCORED
+    subsets[Subset.IDENTIFIABLE] = subsets[Subset.ALL] & ~subsets[Subset.AMBIGUOUS]
+    subsets[Subset.CLEAR] = subsets[Subset.ALL]
+    runs = _runs(stamp_ns, column)
+    for near in _near_changes(stamp_ns, column, runs):
+        subsets[Subset.CLEAR, near] = False
+    edges_ns = _edges(stamp_ns)
+    return Scoring(edges_ns, column, subsets, _changes(edges_ns, column, runs))
 
 
 def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
     """Offline: for each frame the tick that contains it, the first not before it; -1 after the last tick."""
     tick = np.searchsorted(tick_ns, frame_ns, side="left")
-    return np.where(tick == len(tick_ns), -1, tick)
+    tick[tick == len(tick_ns)] = -1
+    return tick
 
 
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
@@ -123,37 +134,51 @@ def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
     return np.searchsorted(tick_ns, frame_ns, side="right") - 1
 
 
-def _frame_ends(stamp_ns: Ints) -> Ints:
-    if len(stamp_ns) < 2:
-        return stamp_ns
-    return np.append(stamp_ns[1:], 2 * stamp_ns[-1] - stamp_ns[-2])
+def _edges(stamp_ns: Ints) -> Ints:
+    last = 2 * stamp_ns[-1:] - stamp_ns[-2:-1] if len(stamp_ns) > 1 else stamp_ns
+    return np.append(stamp_ns, last)
 
 
-def _runs(stamp_ns: Ints, column: Ints) -> list[tuple[int, int]]:
+def _frames(stamp_ns: Ints, truth: Truth) -> Iterator[tuple[TruthInterval, slice]]:
+    """The frames in each interval: of two that overlap, those of the later one are its own."""
+    first = np.searchsorted(stamp_ns, [i.start_ns for i in truth.intervals])
+    end = np.searchsorted(stamp_ns, [i.end_ns for i in truth.intervals], side="right")
+    later = np.append(first[1:], len(stamp_ns))
+    for interval, begins, ends in zip(truth.intervals, first, np.minimum(end, later), strict=True):
+        yield interval, slice(begins, ends)
+
+
+def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:
     """First and last frame of each phase: one state, its scored frames never more than 0.3 s apart."""
-    scored = np.flatnonzero(column != UNSCORED)
-    if len(scored) == 0:
+    if len(stamp_ns) == 0:
         return []
-    differs = np.diff(column[scored]) != 0
-    apart = np.diff(stamp_ns[scored]) > SHORTEST_PHASE_NS
-    split = np.flatnonzero(differs | apart)
-    first, last = scored[np.append(0, split + 1)], scored[np.append(split, -1)]
-    return list(zip(first.tolist(), last.tolist(), strict=True))
+    split = np.flatnonzero((np.diff(column) != 0) | (np.diff(stamp_ns) > SHORTEST_PHASE_NS))
+    runs: list[tuple[int, int]] = []
+    for first, last in zip([0, *(split + 1).tolist()], [*split.tolist(), len(stamp_ns) - 1], strict=True):
+        if column[first] == UNSCORED:
+            continue
+        begin, before = runs[-1] if runs else (first, None)
+        goes_on = before is not None and column[before] == column[first]
+        if goes_on and stamp_ns[first] - stamp_ns[before] <= SHORTEST_PHASE_NS:
+            runs[-1] = begin, last
+        else:
+            runs.append((first, last))
+    return runs
 
 
-def _near_change(stamp_ns: Ints, column: Ints, runs: list[tuple[int, int]]) -> Bools:
-    near = np.zeros(len(stamp_ns), bool)
+def _near_changes(stamp_ns: Ints, column: Columns, runs: list[tuple[int, int]]) -> Iterator[slice]:
     for (_, last), (onset, _) in pairwise(runs):
         if column[last] != column[onset]:
             from_ns, until_ns = stamp_ns[last + 1] - NEAR_CHANGE_NS, stamp_ns[onset] + NEAR_CHANGE_NS
-            near[np.searchsorted(stamp_ns, from_ns) : np.searchsorted(stamp_ns, until_ns, side="right")] = (
-                True
+            yield slice(
+                int(np.searchsorted(stamp_ns, from_ns)),
+                int(np.searchsorted(stamp_ns, until_ns, side="right")),
             )
-    return near
 
 
-def _changes(stamp_ns: Ints, end_ns: Ints, column: Ints, runs: list[tuple[int, int]]) -> tuple[Change, ...]:
+def _changes(edges_ns: Ints, column: Columns, runs: list[tuple[int, int]]) -> tuple[Change, ...]:
     """The changes whose time is known: both phases long enough, not more than 0.3 s between them."""
+    stamp_ns, end_ns = edges_ns[:-1], edges_ns[1:]
     return tuple(
         Change(begin, last + 1, onset, final + 1, int(column[onset]))
         for (begin, last), (onset, final) in pairwise(runs)

@@ -13,15 +13,9 @@ TRAIL_S = 4.0
 LIVE_S = 10.0
 
 
-def offline(viewpoint: Viewpoint, paper: bool) -> rrb.Blueprint:
+def offline(viewpoint: Viewpoint | None, paper: bool) -> rrb.Blueprint:
     """The whole recording at once; ``paper``: with the fixed-window curves."""
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
-    eye = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=viewpoint.eye_m,
-        look_target=viewpoint.target_m,
-        eye_up=viewpoint.up,
-    )
     smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, top=1.05, legend=True)
     filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, top=1.05)
     minima = [_plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", everything, top=3.0)]
@@ -32,6 +26,7 @@ def offline(viewpoint: Viewpoint, paper: bool) -> rrb.Blueprint:
     over_time = rrb.Vertical(
         _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[10, 14, 10, 10]
     )
+    eye = None if viewpoint is None else _eye(viewpoint)
     return _blueprint(_space(eye), over_time, rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE))
 
 
@@ -67,6 +62,15 @@ def _blueprint(space: rrb.View, over_time: rrb.Container, panel: rrb.TimePanel) 
         rrb.SelectionPanel(state="collapsed"),
         panel,
         auto_views=False,
+    )
+
+
+def _eye(viewpoint: Viewpoint) -> rrb.EyeControls3D:
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=viewpoint.eye_m,
+        look_target=viewpoint.target_m,
+        eye_up=viewpoint.up,
     )
 
 

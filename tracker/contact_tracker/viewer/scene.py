@@ -1,13 +1,14 @@
 """Where things stand: which part of an endless plane or line is worth drawing, and from where to look."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from contact_tracker.belief import Segment
 from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
 from contact_tracker.poses import Poses
-from contact_tracker.segmentation import Segmentation
 from contact_tracker.viewer.shapes import Mesh, body, uncertainty
 
 _ENOUGH_POSES: Final = 200
@@ -35,6 +36,22 @@ class Drawing(NamedTuple):
 
     meshes: tuple[Mesh, Mesh, Mesh, Mesh]
     label_m: Array
+
+
+class Ground(NamedTuple):
+    """The surroundings' plane that was touched longest, and for how long."""
+
+    plane: Plane | None = None
+    touched_ns: int = -1
+
+    def or_longer(self, segments: Iterable[Segment]) -> "Ground":
+        """What it is after these segments; the first of equals."""
+        touched = (
+            Ground(s.geometry.environment, s.end_ns - s.start_ns)
+            for s in segments
+            if s.geometry is not None and isinstance(s.geometry.environment, Plane)
+        )
+        return max([self, *touched], key=lambda ground: ground.touched_ns)
 
 
 class Viewpoint(NamedTuple):
@@ -91,12 +108,12 @@ def _centre(element: Element, partner: Array) -> Array:
     return centre
 
 
-def viewpoint(poses: Poses, segmentation: Segmentation, extent: Extent) -> Viewpoint:
-    """Look from the side on the whole motion, upright on the plane that was touched longest."""
+def viewpoint(poses: Poses, plane: Plane | None, extent: Extent) -> Viewpoint:
+    """Look from the side on the whole motion, upright on a ``plane`` of the surroundings."""
     centres = poses.rotation @ extent.centre_m + poses.position_m
     target = np.median(centres, axis=0)
     spread = centres - target
-    up = _up(segmentation, target)
+    up = _up(plane, target)
     level = spread - np.outer(spread @ up, up)
     narrow = np.linalg.svd(np.vstack([level, 1e-6 * _level_axes(up)]), full_matrices=False)[2][1]
     distance = 1.8 * (extent.radius_m + float(np.quantile(np.linalg.norm(spread, axis=1), 0.95)))
@@ -107,15 +124,9 @@ def _level_axes(up: Array) -> Array:
     return np.eye(3) - np.outer(up, up)
 
 
-def _up(segmentation: Segmentation, target: Array) -> Array:
-    """The normal of the surroundings' plane that was touched longest, towards the object; else z."""
-    touched = [
-        (s.end_ns - s.start_ns, s.geometry.environment)
-        for s in segmentation.segments
-        if s.geometry is not None and isinstance(s.geometry.environment, Plane)
-    ]
-    if not touched:
+def _up(plane: Plane | None, target: Array) -> Array:
+    """The normal of the plane towards the object; else z."""
+    if plane is None:
         return np.array([0.0, 0.0, 1.0])
-    plane = max(touched, key=lambda pair: pair[0])[1]
     up: Array = plane.normal * (1.0 if target @ plane.normal >= plane.offset_m else -1.0)
     return up

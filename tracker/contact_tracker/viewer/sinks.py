@@ -22,13 +22,14 @@ _ANSWER_S: Final = 2.0
 _SETTINGS: Final = b"\x04"
 _PREFACE: Final = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + _SETTINGS + bytes(5)
 
-Sink = Callable[[rr.RecordingStream, rrb.Blueprint], None]
+Sink = Callable[[rr.RecordingStream, rrb.Blueprint | None], None]
+"""Takes all that is drawn from then on; the blueprint may follow."""
 
 
 def to_file(path: Path) -> Sink:
-    """A sink that writes ``path``, the blueprint in it."""
+    """A sink that writes ``path``, the blueprint in it, piece by piece."""
 
-    def write(recording: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
+    def write(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         path.touch()  # rerun's own error would not be an OSError
         recording.save(path, default_blueprint=blueprint)
 
@@ -38,7 +39,7 @@ def to_file(path: Path) -> Sink:
 def to_viewer(port: int = PORT) -> Sink:
     """A sink that shows it in the viewer at ``port``; a viewer is started where nothing listens there."""
 
-    def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
+    def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         speaks = _answers(port)
         if speaks is None:
             _start(port)

@@ -1,0 +1,94 @@
+"""What the second half of ``segment`` takes for hours: Viterbi, smoothing and beliefs, without pass and fits.
+
+    python tests/benchmarks/concluding.py LOG --hours 10
+
+The online pass over LOG is fed to it over and over, and elements are not fitted: neither knows how long a
+recording is. Printed after each tenth: hours, CPU time and memory.
+"""
+
+import argparse
+import resource
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from typing import Any, NamedTuple, cast
+
+from contact_tracker.forward import Alive, Seen, forward
+from contact_tracker.model import load_model
+from contact_tracker.recording import open_log
+from contact_tracker.segmenter import Segmenter
+from contact_tracker.state import TrackerState, start
+from contact_tracker.telling import Told
+from contact_tracker.ticks import Tick
+
+
+class Replayed(NamedTuple):
+    """What a segmenter reads of ``Seen``."""
+
+    state: TrackerState
+    tick: Tick
+    belief: Any
+    alive: Alive
+
+
+class NoFits(Executor):
+    """Tells nothing, at once."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        future: Future[Any] = Future()
+        future.set_result(Told(None, (), 0.0))
+        return future
+
+
+def recorded(path: str) -> list[Replayed]:
+    """The online pass; of the states only what does not grow."""
+    once, model = [], load_model("default")
+    nothing = start(model).window
+    for seen in forward(open_log(path), model):
+        state = replace(seen.state, banks=(), window=nothing)
+        once.append(Replayed(state, seen.tick, seen.belief, seen.alive))
+    return once
+
+
+def repeated(once: list[Replayed], ticks: int) -> Iterator[Seen]:
+    """``once`` over and over, each time later."""
+    tick_ns = once[0].state.model.tick_ns
+    for number in range(ticks):
+        row = number % len(once)
+        seen, later = once[row], number - row
+        later_ns = later * tick_ns
+        state = replace(seen.state, change=once[max(row, 1)].state.change)
+        start_ns, stamp_ns = seen.tick.start_ns + later_ns, seen.tick.stamp_ns + later_ns
+        onset_ns = seen.belief.onset_ns + later_ns
+        belief = replace(seen.belief, stamp_ns=stamp_ns, onset_ns=onset_ns)
+        tick = replace(seen.tick, start_ns=start_ns, stamp_ns=stamp_ns)
+        alive = seen.alive._replace(onset=seen.alive.onset + later)
+        yield cast(Seen, Replayed(state, tick, belief, alive))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("log")
+    parser.add_argument("--hours", type=float, default=10.0)
+    args = parser.parse_args()
+    once, segmenter, segments = recorded(args.log), Segmenter(NoFits()), 0
+    ticks = round(args.hours * 3600.0 / once[0].state.model.tick_s)
+    begin_s = time.process_time()
+    for number, seen in enumerate(repeated(once, ticks), start=1):
+        segmenter.note(seen)
+        if segmenter.due:
+            segments += len(segmenter.conclude().segments)
+        if number % (ticks // 10) == 0:
+            peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+            cpu_s = time.process_time() - begin_s
+            print(f"{number / ticks * args.hours:6.2f} h  {cpu_s:7.1f} s  peak {peak_mb:4.0f} MB", flush=True)
+    segments += len(segmenter.finish().segments)
+    taken_ms = 1e3 * (time.process_time() - begin_s) / ticks
+    print(f"{ticks} ticks, {segments} segments, {taken_ms:.2f} ms of CPU time per tick")
+
+
+if __name__ == "__main__":
+    main()
