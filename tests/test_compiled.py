@@ -189,7 +189,7 @@ def test_a_bank_grows_and_learns_alike(model, steps):
         grown = both(grow, bank, model, window)
         assert_same_columns(*grown, GROWS, 1e-12)
         count = np.full(len(bank), steps)
-        assert_same_columns(*both(learn, grown[0], model, window, SCALES, count), LEARNT, 1e-6)
+        assert_same_columns(*both(learn, grown[0], model, window, SCALES, count), LEARNT, 3e-5)
 
 
 def assert_same_columns(numpy, kernel, names, rel):

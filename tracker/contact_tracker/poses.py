@@ -45,16 +45,6 @@ class Poses:
 
     @classmethod
     def join(cls, parts: Sequence["Poses"]) -> "Poses":
-        if len(parts) == 1:
-            return parts[0]
-        return cls(
-            np.concatenate([part.stamp_ns for part in parts]),
-            np.concatenate([part.position_m for part in parts]),
-            np.concatenate([part.quat_xyzw for part in parts]),
-        )
-
-    @classmethod
-    def join(cls, parts: Sequence["Poses"]) -> "Poses":
         """Poses one after the other, copied."""
         parts = parts or [cls.collect([])]
         return cls(
