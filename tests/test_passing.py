@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker.passing import BLOCK, Waiting, watched
@@ -37,6 +37,7 @@ def test_a_piece_comes_after_the_poses_that_were_read_for_it() -> None:
     assert found == list(counts)
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(0, 40), max_size=30), st.integers(2, 30))
 def test_what_waits_is_evenly_thinned_and_never_more_than_the_limit(blocks: list[int], limit: int) -> None:
     waiting, count = Waiting(limit), 0

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rerun.chunk import Chunk, RrdReader
 
@@ -379,6 +379,7 @@ DIRECTIONS = (
 SEEDS = st.integers(0, 2**32 - 1)
 
 
+@settings(deadline=None)
 @given(normal=DIRECTIONS, seed=SEEDS)
 def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarray, seed: int) -> None:
     plane = Plane(normal, 0.3, spread(4, seed))
@@ -390,6 +391,7 @@ def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarr
     assert np.allclose(np.abs(height), 2.0 * sd, rtol=1e-3, atol=1e-6)
 
 
+@settings(deadline=None)
 @given(direction=DIRECTIONS, seed=SEEDS)
 def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarray, seed: int) -> None:
     line = Line(direction, np.array([0.1, -0.2, 0.3]), spread(6, seed))
@@ -404,6 +406,7 @@ def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarr
         assert (basis @ off) @ inverse @ (basis @ off) == pytest.approx(4.0, rel=0.05)
 
 
+@settings(deadline=None)
 @given(seed=SEEDS)
 def test_the_ellipsoid_about_a_point_is_at_two_standard_deviations(seed: int) -> None:
     point = Point(np.array([0.1, -0.2, 0.3]), spread(3, seed) + 1e-8 * np.eye(3))

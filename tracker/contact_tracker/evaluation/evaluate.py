@@ -100,8 +100,8 @@ class Judge:
         """Of the whole; there must have been poses."""
         while self._true:
             self._compare_next()
-        stamp_ns = np.frombuffer(self._stamp_ns, np.int64)
-        scored = scoring(stamp_ns, self._truth)
+        scored = scoring(np.frombuffer(self._stamp_ns, np.int64), self._truth)
+        self._stamp_ns, stamp_ns = array("q"), scored.stamp_ns  # not twice
         offline, online = _taken(self._offline), _taken(self._online)
         return Evaluation(
             _tally(scored, tick_containing(stamp_ns, offline["stamp_ns"]), offline),

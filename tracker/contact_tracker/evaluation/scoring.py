@@ -131,7 +131,9 @@ def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
 
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
     """Online: for each frame the latest tick reported by then; -1 before the first report."""
-    return np.searchsorted(tick_ns, frame_ns, side="right") - 1
+    tick = np.searchsorted(tick_ns, frame_ns, side="right")
+    tick -= 1
+    return tick
 
 
 def _edges(stamp_ns: Ints) -> Ints:

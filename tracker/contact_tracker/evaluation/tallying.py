@@ -14,7 +14,7 @@ SURE: Final = 0.9
 SMALLEST_PROBABILITY: Final = 1e-12
 """A probability below this counts as this in the log-loss, which would be infinite otherwise."""
 NO_ANSWER: Final = -1
-_TOGETHER: Final = 100_000
+_TOGETHER: Final = 20_000
 
 
 def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tally:
