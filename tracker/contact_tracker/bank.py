@@ -19,7 +19,7 @@ Bools = NDArray[np.bool_]
 
 PATIENCE: Final = 16
 """Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
-YOUNG: Final = 16
+YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
 
