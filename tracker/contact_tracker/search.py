@@ -22,7 +22,7 @@ EVERY: Final = 3
 """Searches wait for each other, so that one batch of this many ticks does for all."""
 _DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
 """Whether an age has been passed since the last batch."""
-SCREENED: Final = 8
+SCREENED: Final = 4
 ROUNDS: Final = ((3, 5), (4, 3), (5, 2))
 """So many steps from all starts, and on from so many of the best."""
 AT_THE_NOISE: Final = 1.2
