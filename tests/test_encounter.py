@@ -1,8 +1,12 @@
 """Meeting known elements: likely where they touch, unlikely elsewhere; coming back earns nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from contact_tracker import tracker
 from contact_tracker.assumptions import assumptions
 from contact_tracker.beginnings import beginnings
 from contact_tracker.contacts import CONTACT_MODELS
@@ -15,6 +19,8 @@ from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.lift import lift
 from contact_tracker.memory import Memory
 from contact_tracker.model import load_model
+from contact_tracker.outlook import outlook
+from contact_tracker.poses import Pose
 from contact_tracker.transitions import log_stay, log_transition
 
 MODEL = load_model()
@@ -55,6 +61,20 @@ def chances(rotation, height_m, activity=1.0):
     """Log rates of change and of staying, the object being there."""
     met = [m for _, m in meetings(tick(rotation, height_m))]
     return foreseen(log_transition(MODEL, activity), log_stay(MODEL, activity), met)
+
+
+def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
+    """A rounded corner, a few millimetres over the table: what a contact has beyond the floor counts."""
+    corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_quat()
+    height_m = CUBE_M * np.sqrt(0.75) + 3e-3
+    poses = [Pose(i * 10**8, (0.3, -0.2, height_m), tuple(corner.tolist())) for i in range(2)]
+    state, _ = tracker.step(tracker.start(MODEL, knowledge=CUBE_ON_TABLE), poses[0])
+    state, _ = tracker.step(state, poses[1])
+    loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
+    before, after = (
+        outlook(replace(state, model=model), state.window).change[FREE] for model in (MODEL, loose)
+    )
+    assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0
 
 
 def test_what_touches_is_met():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contact_tracker.gate import NORM_TOLERANCE, RANGE_M, RESET_RUN, PoseGate
+from contact_tracker.gate import NORM_TOLERANCE, RANGE_M, RANGE_NS, RESET_RUN, PoseGate
 from contact_tracker.poses import Pose, Poses
 
 MS = 1_000_000
@@ -48,6 +48,17 @@ def test_positions_too_large_to_square_are_dropped() -> None:
     kept, counts = pass_through([pose(0, 1e300), pose(1, -2 * RANGE_M), pose(2, RANGE_M)])
     assert [p.stamp_ns for p in kept] == [2]
     assert counts == {"out_of_range": 2}
+
+
+def test_stamps_that_no_column_holds_are_dropped() -> None:
+    stamps = [-(2**63) - 1, 0, 2**64, RANGE_NS, RANGE_NS + 1]
+    kept, counts = pass_through([pose(stamp_ns, i) for i, stamp_ns in enumerate(stamps)])
+    assert [p.stamp_ns for p in kept] == [0, RANGE_NS]
+    assert counts == {"out_of_range": 3}
+    gate = PoseGate()
+    gate.admit(pose(RANGE_NS - 2))
+    assert gate.admit_all(Poses.collect([pose(RANGE_NS - 1), pose(RANGE_NS)])) is not None
+    assert gate.admit_all(Poses.collect([pose(RANGE_NS + 1)])) is None
 
 
 @pytest.mark.parametrize(

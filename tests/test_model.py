@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker import tracker
+from contact_tracker.answers import touching
 from contact_tracker.calibration.writing import model_text
 from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.labels import CONTACTS, Contact
@@ -303,8 +304,19 @@ def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
             np.testing.assert_allclose(a.log_likelihood, c.log_likelihood, atol=1e-6)
 
 
+def test_where_a_contact_that_may_be_off_touches_is_known_less_well():
+    state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
+    loose = replace(state, model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
+    plain, off = (touching(one, Contact.VF).object.covariance.trace() for one in (state, loose))
+    assert off > 1.01 * plain
+
+
 def banks_of(poses, model):
+    return state_after(poses, model).banks
+
+
+def state_after(poses, model):
     state = tracker.start(model)
     for pose in poses:
         state, _ = tracker.step(state, pose)
-    return state.banks
+    return state

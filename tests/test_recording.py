@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +199,15 @@ def test_without_any_header_stamp_the_log_time_stands_in(tmp_path: Path) -> None
     assert log.counts == {"log_time_as_stamp": len(poses)}
 
 
+def test_a_log_time_that_is_no_time_is_noted(tmp_path: Path) -> None:
+    """In a file it has 64 bits without a sign; a stamp has a sign."""
+    rows = [(2**63 + p.stamp_ns, pose_stamped(0, *p[1:])) for p in smooth_poses()]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+    for found, log in (in_columns(path), (Poses.collect(one := open_log(path)), one)):
+        assert not len(found)
+        assert log.counts["out_of_range"] == len(rows)
+
+
 def test_time_that_starts_at_zero_is_time(tmp_path: Path) -> None:
     poses = smooth_poses(start_ns=0)
     log = open_log(str(write_log(tmp_path / "a.mcap", [poses_topic(poses, offset_ns=10**15)])))
@@ -251,6 +261,14 @@ def test_columns_are_what_comes_one_by_one(
     assert list(found) == list(expected)
     assert other.counts == log.counts
     assert log.counts["clock_reset"] == 1
+
+
+def test_columns_are_never_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = smooth_poses(60)
+    lost = np.where(np.arange(60)[:, None] < 40, np.nan, poses.position_m)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(replace(poses, position_m=lost))])
+    monkeypatch.setattr("contact_tracker.recording.log.BATCH", 16)
+    assert [len(columns) for columns in open_log(str(path)).batches()] == [8, 12]
 
 
 def test_real_recordings_in_columns(shared_recordings: Path) -> None:

@@ -66,7 +66,7 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     probability = separability.tempered(probability, state.model.certainty.sureness)
     label = STATES[int(np.argmax(probability))]
     residual = np.array([_residual(living) for living in state.banks])
-    tick_ns = round(state.model.tick_s * 1e9)
+    tick_ns = state.model.tick_ns
     onset_ns = state.free_since_ns
     onset = state.ticks - 1 - (stamp_ns - onset_ns) // tick_ns
     if label is not Contact.FREE:
@@ -92,7 +92,8 @@ def touching(state: TrackerState, label: Contact) -> ContactGeometry | None:
     assert state.averaging is not None
     scales, origin_m = scales_of(state.model), state.averaging.origin_m
     pair = assumptions(state.knowledge, contact)[living.pair[row]]
-    return named(geometry_of(living, row, contact, scales, state.window, origin_m), pair)
+    window = state.window.with_error(state.model.noise.beyond_floor(label.column))
+    return named(geometry_of(living, row, contact, scales, window, origin_m), pair)
 
 
 def _residual(living: Bank) -> float:

@@ -1,4 +1,4 @@
-"""Meeting known elements: how it changes which contacts are likely to begin (docs/theory.md, section 10).
+"""Meeting known elements: how it changes which contacts are likely to begin (docs/theory.md, T29).
 
 That a vertex whose place is known is within a millimetre of a known table hardly happens by chance. A contact
 of known elements therefore begins most likely at poses that have them touch: its rate of beginning is

@@ -6,7 +6,8 @@ Every pose that is dropped or repaired is counted by kind:
 kind                fate    meaning
 =================== ======= ===================================================================
 ``nonfinite``       dropped a NaN or an infinity in the position or the quaternion
-``out_of_range``    dropped farther than 1000 km from the origin: its squares drown all others
+``out_of_range``    dropped farther than 1000 km from the origin: its squares drown all others; or a stamp
+                            more than 146 years from zero: no column holds much larger ones
 ``bad_quaternion``  dropped norm more than 5 % away from 1
 ``renormalised``    kept    norm 0.1 % to 5 % away from 1; smaller deviations are rounding
 ``repeated_stamp``  dropped the stamp of the last pose again
@@ -37,6 +38,7 @@ from contact_tracker.poses import Pose, Poses
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05
 RANGE_M: Final = 1e6
+RANGE_NS: Final = 2**62
 GAP_NS: Final = 500_000_000
 GAP_PERIODS: Final = 10
 RESET_RUN: Final = 20
@@ -106,7 +108,7 @@ class PoseGate:
             x, y, z, w = quat.T
             norm = np.sqrt(x * x + y * y + z * z + w * w)
             sound = (np.abs(position_m) <= RANGE_M).all() and (np.abs(norm - 1.0) <= ROUNDING).all()
-        if not sound or steps_ns.min() <= 0 or steps_ns.max() > GAP_NS:
+        if not sound or steps_ns.min() <= 0 or steps_ns.max() > GAP_NS or poses.stamp_ns[-1] > RANGE_NS:
             return None
         unit = quat / norm[:, None]
         cosine = (unit * np.concatenate([[last.quat_xyzw], unit[:-1]])).sum(axis=1)
@@ -144,6 +146,9 @@ class PoseGate:
     def _forward(self, raw_stamp_ns: int) -> int | None:
         """The stamp on a clock that only runs forward."""
         stamp_ns = raw_stamp_ns + self._offset_ns
+        if max(abs(raw_stamp_ns), abs(stamp_ns)) > RANGE_NS:
+            self._counts["out_of_range"] += 1
+            return None
         if self._last is None:
             return stamp_ns
         step_ns = stamp_ns - self._last.stamp_ns

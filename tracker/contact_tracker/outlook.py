@@ -42,7 +42,10 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         return Outlook(begins, change, stay, state.log_left if first else hmm.enter(state.log_left, change))
     # what is known is met by moving, however smoothly
     activity = max(activity, window.unrest)
-    met = [meeting(c, b, newest, scales) for c, b in zip(CONTACT_MODELS, begins, strict=True)]
+    met = [
+        meeting(contact, some, newest.with_error(model.noise.beyond_floor(column)), scales)
+        for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))
+    ]
     begins = [m.of(b) for m, b in zip(met, begins, strict=True)]
     change, stay = foreseen(log_transition(model, activity), log_stay(model, activity), met)
     if not first:

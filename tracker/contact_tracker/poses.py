@@ -88,7 +88,7 @@ NO_POSES: Final = Poses(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)
 
 @runtime_checkable
 class Batched(Protocol):
-    """A stream of poses that comes in columns."""
+    """A stream of poses that comes in columns, none of them empty."""
 
     def batches(self) -> Iterator[Poses]: ...
 

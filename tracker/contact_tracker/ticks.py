@@ -64,7 +64,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     The ticks that are closed, usually none or one, more after a gap; and the poses that are still to be taken
     in.
     """
-    step_ns = round(model.tick_s * 1e9)
+    step_ns = model.tick_ns
     end_ns = state.origin_ns + (state.number + 1) * step_ns
     if poses.stamp_ns[-1] < end_ns:
         return state._replace(frames=(*state.frames, poses)), [], NO_POSES

@@ -20,6 +20,8 @@ def learn_contact_errors(model: Model, stretches: Sequence[Stretch], keys: Seque
 
     Contacts that leave too few residuals, or none that the floor of all does not explain, have none.
     """
+    if not keys:
+        return model
     bare = model
     for key in keys:
         bare = with_value(bare, key, ZERO)

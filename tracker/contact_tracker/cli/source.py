@@ -57,7 +57,7 @@ class Source:
     def batches(self) -> Iterator[Poses]:
         """The same in columns, for those who wait for no single pose."""
         seen = False
-        for poses in filter(len, self._log.batches()):
+        for poses in self._log.batches():
             if not seen:
                 seen, self.origin_ns = True, int(poses.stamp_ns[0])
             since_ns = poses.stamp_ns - self.origin_ns

@@ -1,4 +1,4 @@
-"""Kernels that do what ``fit`` and ``evidence`` do, compiled with numba, where that is installed.
+"""Kernels that do what ``fit``, ``evidence`` and ``following`` do, compiled with numba where it is installed.
 
 The numpy code there is the reference, and what runs without numba. What imports numba is imported only when
 the first fit needs it.

@@ -77,7 +77,10 @@ class PoseLog:
         items = (item for item in self._items if isinstance(item, RawMessage))
         while messages := list(islice(items, BATCH)):
             poses = self._columns(messages)
-            yield Poses.collect(self._read(iter(messages))) if poses is None else poses
+            if poses is None:
+                poses = Poses.collect(self._read(iter(messages)))
+            if len(poses):
+                yield poses
 
     def _columns(self, messages: list[RawMessage]) -> Poses | None:
         """The poses of messages that need no closer look; None if one of them does."""
