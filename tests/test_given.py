@@ -8,7 +8,7 @@ import pytest
 from contact_tracker.assumptions import UNLISTED, assumptions
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.given import given
-from contact_tracker.geometry import Line, Plane, Point
+from contact_tracker.geometry import Line, Plane, Point, canonical
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
 from contact_tracker.labels import CONTACTS
 from contact_tracker.lift import lift
@@ -102,6 +102,24 @@ def knowledge(**changes):
     corners = [Known(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
     table = Known("table", touching(CONTACTS[3])[2])
     return Knowledge(**({"object": tuple(corners), "environment": (table,)} | changes))
+
+
+def test_a_line_told_the_other_way_is_known_as_exactly():
+    """Its direction and its point may be off together: that changes its sign with the direction."""
+    rng = np.random.default_rng(0)
+    point_m = np.array([0.3, 0.0, -0.2])
+    for direction in (np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.6, -0.8])):
+        across = np.kron(np.eye(2), np.eye(3) - np.outer(direction, direction))
+        root = across @ (1e-3 * rng.normal(size=(6, 6)))
+        line = Line(direction, point_m, root @ root.T)
+        told = canonical(line)
+        np.testing.assert_array_equal(told.direction, -direction)
+        assert canonical(told) is told
+        # points along it, s from the foot, are as uncertain as they were
+        for s in (-1.0, 0.0, 2.0):
+            at = [np.hstack([s * turned * np.eye(3), np.eye(3)]) for turned in (1.0, -1.0)]
+            expected, found = at[0] @ line.covariance @ at[0].T, at[1] @ told.covariance @ at[1].T
+            np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("complete", [(False, False), (True, False), (False, True), (True, True)])

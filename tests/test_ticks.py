@@ -18,7 +18,7 @@ from moving import START_NS, moving
 from touching import point_of, touching
 
 MODEL = load_model()
-TICK_NS = round(MODEL.tick_s * 1e9)
+TICK_NS = MODEL.tick_ns
 seeds = st.integers(0, 2**32 - 1)
 
 

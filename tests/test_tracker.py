@@ -63,6 +63,9 @@ def test_beliefs_are_well_formed(contacts):
         ):
             assert isinstance(element, KINDS[kind])
             assert np.linalg.eigvalsh(element.covariance).min() > -1e-7
+            if not isinstance(element, Point):
+                axis = element.normal if isinstance(element, Plane) else element.direction
+                assert axis.max() == np.abs(axis).max(), "of both signs the one that is told"
 
 
 @each_recording

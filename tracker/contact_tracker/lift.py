@@ -82,13 +82,6 @@ def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:
     return c
 
 
-def nearest_rotation(mean: Array) -> Array:
-    """Rotations (..., 3, 3) nearest to means of rotations, which need not be any."""
-    left, _, right = np.linalg.svd(mean)
-    left[..., 2] *= np.linalg.det(left @ right)[..., None]
-    return np.asarray(left @ right)
-
-
 def perturbations() -> Array:
     """Six linear maps (6, 25, 25): what zeta changes by when the pose is a little off.
 
