@@ -23,6 +23,8 @@ LEARN_TICKS: Final = 5
 """An element is looked at again after so many ticks."""
 KEPT: Final = 2
 """So many elements of each kind and side are remembered, the latest."""
+LENGTH_M: Final = 0.2
+"""How far the ends of an edge are from its point nearest to the body."""
 LOOSE_M: Final = 0.3e-3
 LOOSE_RAD: Final = 2e-3
 """Real elements are not quite the same at the second touch."""
@@ -69,7 +71,19 @@ def _kept(met: Sequence[tuple[int, Known]], onset_ns: int, element: Element) -> 
 
 
 def _of(met: Sequence[tuple[int, Known]], kind: str) -> list[Known | None]:
-    return [None, *(known for _, known in met if known.kind == kind)]
+    """Elements of a kind that were met; and a vertex that may be anywhere on the edge that was met last."""
+    same: list[Known | None] = [None, *(known for _, known in met if known.kind == kind)]
+    edges = [known for _, known in met if known.kind == "e" and kind == "v"]
+    return [*same, *(Known(known.name, _on(known.element)) for known in edges[-1:])]
+
+
+def _on(edge: Element) -> Point:
+    """A point of an edge."""
+    assert isinstance(edge, Line)
+    assert edge.covariance is not None
+    turned, shifted = edge.covariance[:3, :3], edge.covariance[3:, 3:]
+    along = np.outer(edge.direction, edge.direction)
+    return Point(edge.point_m, shifted + LENGTH_M**2 * (along + turned))
 
 
 def _outward(element: Element, position_m: Array, inside: bool) -> Element:
