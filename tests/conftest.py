@@ -1,9 +1,13 @@
-"""Fixtures that several test files share."""
+"""Fixtures that several test files share, and what holds for all properties."""
 
 import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")  # a machine that does other things as well fails no property
 
 
 @pytest.fixture(scope="session")
