@@ -100,13 +100,14 @@ class Bank:
 
     def putting(self, rows: NDArray[np.generic], found: "Bank") -> "Bank":
         """The same with the geometry and evidence of ``found`` in ``rows``."""
-        changed = {name: vars(self)[name].copy() for name in _FOUND}
+        changed = {name: vars(self)[name].copy() for name in FOUND}
         for name, column in changed.items():
             column[rows] = vars(found)[name]
         return self.having(**changed)
 
 
-_FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
+FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
+"""Columns that change when a hypothesis learns."""
 
 
 class Begins(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import Bank, anchors_of, prior_of
+from contact_tracker.bank import FOUND, Bank, anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, complexity
 from contact_tracker.summed import Sums, summed
@@ -87,7 +87,7 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return bank.having(**calls.learn(model, vars(bank), window, scales, steps, fit.TOLERANCE))
+        return bank.having(**calls.learn(model, vars(bank), window, scales, steps, fit.TOLERANCE, FOUND))
     known = before(bank, model, scales)
     found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps)
     return _weighed(bank.having(x=found.x, hessian=found.hessian), model, window, scales, known)

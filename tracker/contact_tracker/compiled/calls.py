@@ -17,8 +17,7 @@ Index = NDArray[np.int64]
 Columns = Mapping[str, NDArray[Any]]
 
 GROWS: Final = ("first", "moments", "place_sum", "weight", "told", "x")
-LEARNT: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
-"""Columns of a bank that change when it grows, and when it learns."""
+"""Columns of a bank that change when it grows."""
 
 
 class Prior(Protocol):
@@ -141,13 +140,19 @@ def grow(model: ContactModel, bank: Columns, window: Window, least: float) -> di
 
 
 def learn(
-    model: ContactModel, bank: Columns, window: Window, scales: Scales, steps: Index, tolerance: float
+    model: ContactModel,
+    bank: Columns,
+    window: Window,
+    scales: Scales,
+    steps: Index,
+    tolerance: float,
+    found: tuple[str, ...],
 ) -> dict[str, NDArray[Any]]:
-    """The columns that change."""
-    rows, kind = _rows(bank, LEARNT), _kind(model, scales.reach_m)
+    """The columns ``found``, which change."""
+    rows, kind = _rows(bank, found), _kind(model, scales.reach_m)
     weights = following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
     following.learn(kind, rows, _ticks(window, model.body_in_1), steps, tolerance, weights)
-    return {name: getattr(rows, name) for name in LEARNT}
+    return {name: getattr(rows, name) for name in found}
 
 
 @cache
