@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
@@ -78,6 +78,7 @@ def test_covariances_know_of_errors_that_last(contact, monkeypatch):
 
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.7))
+@example(seed=138, echo=0.6875).via("squares of other ticks than those of the products had it at 0.92")
 def test_size_and_echo_of_errors_are_learned_from_residuals(seed, echo):
     """Of residuals with and without what a fit of a line and a wave has taken of them."""
     rng, count = np.random.default_rng(seed), 400
@@ -93,8 +94,8 @@ def test_size_and_echo_of_errors_are_learned_from_residuals(seed, echo):
     start = Errors(np.ones(1), np.full(1, FIRST_ECHO))
     for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
         found = learnt(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
-        assert abs(found.echo - echo) < 0.35
-        assert 0.4 < 4.0 * found.weight < 2.5
+        assert abs(found.echo - echo) < 0.3
+        assert 0.5 < 4.0 * found.weight < 2.0
 
 
 def test_frames_of_what_came_before_do_not_bend_the_geometry():
