@@ -30,7 +30,7 @@ from contact_tracker.lift import T
 from contact_tracker.model import Model
 from contact_tracker.readout import shifted
 from contact_tracker.state import scales_of
-from contact_tracker.transitions import log_initial, log_stay, log_transition
+from contact_tracker.transitions import exposure, log_initial, log_stay, log_transition
 from contact_tracker.truth import Truth, TruthInterval
 
 Array = NDArray[np.float64]
@@ -170,8 +170,8 @@ def _chain(log_evidence: Array, windows: list[Window], model: Model) -> Ints:
     stay, change = np.zeros(log_evidence.shape), np.zeros((*log_evidence.shape, len(STATES)))
     for row, window in enumerate(windows):
         activity = np.max(window.excess / (window.excess + window.variance), axis=1, initial=0.0)
-        stay[row] = sum((log_stay(model, float(a)) for a in activity[1:]), np.zeros(len(STATES)))
-        change[row] = log_transition(model, float(activity[0]) if len(window) else 0.0)
+        stay[row] = sum((log_stay(model, exposure(a)) for a in activity[1:].tolist()), np.zeros(len(STATES)))
+        change[row] = log_transition(model, exposure(float(activity[0]) if len(window) else 0.0))
     count, states = log_evidence.shape
     number = np.arange(count * states).reshape(count, states)
     trellis = hmm.Trellis(

@@ -87,6 +87,7 @@ class Pass:
     start_ns: list[int] = field(default_factory=list)
     newest: list[Window] = field(default_factory=list)
     frames: list[int] = field(default_factory=list)
+    exposures: list[float] = field(default_factory=list)
     change: list[Array] = field(default_factory=list)
     entry: list[Array] = field(default_factory=list)
     alive: list[Alive] = field(default_factory=list)
@@ -105,14 +106,15 @@ class Pass:
         self.start_ns.append(seen.tick.start_ns)
         self.newest.append(seen.state.window.cut(-1, None))
         self.frames.append(seen.tick.count)
+        self.exposures.append(seen.state.exposure)
         self.change.append(seen.state.change)
         self.entry.append(seen.state.entry)
         self.alive.append(seen.alive)
 
     @property
-    def activity(self) -> Array:
-        """How far the motion in each tick (T,) rose above the noise."""
-        return np.array([newest.activity[-1] for newest in self.newest])
+    def exposure(self) -> Array:
+        """To change at the boundary before each tick (T,), see ``transitions.exposure``."""
+        return np.array(self.exposures)
 
     def window(self, state: TrackerState) -> Window:
         """All ticks, with the variances that the final estimate of the noise gives them."""

@@ -102,6 +102,9 @@ class Excess:
     rotation_rad2: float
 
 
+NO_EXCESS: Final = Excess(0.0, 0.0)
+
+
 def begin(rotation: Array, position_m: Array) -> FreeMotion:
     """Start at a first tick with rotation (3, 3), which may be a mean of rotations, and position (3,).
 
@@ -161,7 +164,7 @@ def advance(
     ticks = state.ticks + 1
     if state.ticks < SETTLING_TICKS:
         state = replace(state, x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks)
-        return state, Excess(0.0, 0.0)
+        return state, NO_EXCESS
     errors = np.array([innovation, value - state.last])
     squares = (errors * errors).sum(axis=2).T
     log_square = np.log(squares / 3.0 + TINY)

@@ -13,14 +13,16 @@ from contact_tracker.evidence import Window
 from contact_tracker.geometry import Array
 from contact_tracker.lift import T
 from contact_tracker.state import TrackerState, scales_of
-from contact_tracker.transitions import log_stay, log_transition
+from contact_tracker.transitions import exposure, log_stay, log_transition
 
 
 class Outlook(NamedTuple):
-    """``begins`` of each contact; ``change`` (7, 7) and ``stay`` (7,), the log chances of changing before the
-    tick and of lasting through it; ``entry`` (7,), the log weights with which states begin."""
+    """``begins`` of each contact; ``exposure`` to change; ``change`` (7, 7) and ``stay`` (7,), the log chances
+    of changing before the tick and of lasting through it; ``entry`` (7,), the log weights with which states
+    begin."""
 
     begins: list[Begins]
+    exposure: float
     change: Array
     stay: Array
     entry: Array
@@ -36,19 +38,20 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         beginnings(state.knowledge, state.memory, recognised, contact, contact.anchors(place_m), origin_m)
         for contact in CONTACT_MODELS
     ]
-    activity = float(newest.activity[-1])
+    exposed = exposure(float(newest.activity[-1])) + state.withheld
     if not state.knowledge:
-        change, stay = log_transition(model, activity), log_stay(model, activity)
-        return Outlook(begins, change, stay, state.log_left if first else hmm.enter(state.log_left, change))
+        change, stay = log_transition(model, exposed), log_stay(model, exposed)
+        entry = state.log_left if first else hmm.enter(state.log_left, change)
+        return Outlook(begins, exposed, change, stay, entry)
     # what is known is met by moving, however smoothly
-    activity = max(activity, window.unrest)
+    exposed = max(exposed, window.unrest)
     met = [
         meeting(contact, some, newest.with_error(model.noise.beyond_floor(column)), scales)
         for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))
     ]
     begins = [m.of(b) for m, b in zip(met, begins, strict=True)]
-    change, stay = foreseen(log_transition(model, activity), log_stay(model, activity), met)
+    change, stay = foreseen(log_transition(model, exposed), log_stay(model, exposed), met)
     if not first:
-        return Outlook(begins, change, stay, hmm.enter(state.log_left, change))
+        return Outlook(begins, exposed, change, stay, hmm.enter(state.log_left, change))
     entry = state.log_left + np.array([*(m.log_odds for m in met), 0.0])
-    return Outlook(begins, change, stay, entry - hmm.log_sum_exp(entry))
+    return Outlook(begins, exposed, change, stay, entry - hmm.log_sum_exp(entry))

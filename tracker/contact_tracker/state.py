@@ -27,9 +27,10 @@ class TrackerState:
     ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
     ``banks`` of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a
     constant; ``ticks`` seen, ``numbers`` of hypotheses given out, ``outliers`` among the poses; the label and
-    since when it has been free; ``change`` (7, 7) and ``entry`` (7,), the log chances of change at the last
-    boundary and the log weights with which states began there; ``past`` (7, L, 7) of each state and
-    ``recent`` beliefs, where answers lag.
+    since when it has been free; ``exposure`` to change at the last boundary, ``change`` (7, 7) and ``entry``
+    (7,), the log chances of change there and the log weights with which states began; the exposure that is
+    ``withheld`` while the object is at rest; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where
+    answers lag; the last ``belief``.
     """
 
     model: Model
@@ -45,10 +46,13 @@ class TrackerState:
     outliers: int
     label: Contact | None
     free_since_ns: int
+    exposure: float
     change: Array
     entry: Array
+    withheld: float
     past: Array
     recent: tuple[Belief, ...]
+    belief: Belief | None
 
 
 def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> TrackerState:
@@ -76,10 +80,13 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         outliers=0,
         label=None,
         free_since_ns=0,
+        exposure=0.0,
         change=np.zeros((states, states)),
         entry=initial,
+        withheld=0.0,
         past=past,
         recent=(),
+        belief=None,
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import free_motion, noise
-from contact_tracker.free_motion import Excess, FreeMotion
+from contact_tracker.free_motion import NO_EXCESS, Excess, FreeMotion
 from contact_tracker.lift import R, T, mean_lift
 from contact_tracker.model import Model
 from contact_tracker.noise import Heard, NoiseEstimate
@@ -75,7 +75,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     number = (stamp_ns - state.origin_ns) // step_ns
     state, tick = close(state, model)
     missed = min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1
-    empty = replace(tick, count=0, outliers=0, excess=Excess(0.0, 0.0))
+    empty = replace(tick, count=0, outliers=0, excess=NO_EXCESS)
     stamps = [tick.stamp_ns + (i + 1) * step_ns for i in range(missed)]
     gaps = [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
     if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
@@ -100,7 +100,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     variance = np.array(tick_variances(estimate, np.array(float(len(used))), model))
     turn = zeta[R].reshape(3, 3)
     if state.motion is None:
-        motion, excess = free_motion.begin(turn, zeta[T]), Excess(0.0, 0.0)
+        motion, excess = free_motion.begin(turn, zeta[T]), NO_EXCESS
     else:
         motion, excess = free_motion.advance(
             state.motion, turn, zeta[T], variance, model.tick_s, model.motion.memory_s

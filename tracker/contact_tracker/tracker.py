@@ -9,12 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import bank, fixed_lag, hypotheses, ticks
+from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
 from contact_tracker.answers import answer, believe, remaining, touching
 from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
+from contact_tracker.free_motion import NO_EXCESS
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import R, T
 from contact_tracker.memory import LEARN_TICKS, SURE
@@ -23,6 +24,7 @@ from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.state import TrackerState, scales_of, start
 from contact_tracker.ticks import Tick
+from contact_tracker.transitions import exposure, log_transition
 
 __all__ = [
     "TrackerState",
@@ -90,6 +92,9 @@ def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
 
 def observe(state: TrackerState, tick: Tick, geometry: bool = True) -> tuple[TrackerState, Belief]:
     """Take in one tick; without ``geometry`` the belief has none, which takes less time."""
+    if _is_still(state, tick):
+        assert state.belief is not None
+        return _remember(_wait(state, tick), replace(state.belief, stamp_ns=tick.stamp_ns))
     state = _weigh(state, tick)
     belief = believe(state, tick.stamp_ns)
     learns = _learns(state, belief)
@@ -98,9 +103,13 @@ def observe(state: TrackerState, tick: Tick, geometry: bool = True) -> tuple[Tra
         assert state.averaging is not None
         position_m = state.window.zeta[-1, T] + state.averaging.origin_m
         state = replace(state, memory=state.memory.learn(where, belief.onset_ns, position_m))
-    belief = replace(belief, geometry=where if geometry else None)
+    return _remember(state, replace(belief, geometry=where if geometry else None))
+
+
+def _remember(state: TrackerState, belief: Belief) -> tuple[TrackerState, Belief]:
     length = state.past.shape[1]
-    return replace(state, recent=(*state.recent, belief)[-length:]) if length else state, belief
+    recent = (*state.recent, belief)[-length:] if length else ()
+    return replace(state, recent=recent, belief=belief), belief
 
 
 def _learns(state: TrackerState, belief: Belief) -> bool:
@@ -109,12 +118,41 @@ def _learns(state: TrackerState, belief: Belief) -> bool:
     return belief.probability.max() >= SURE and belief.contact is not Contact.FREE and not known
 
 
+def _is_still(state: TrackerState, tick: Tick) -> bool:
+    """Whether the object is at rest, and was before this tick: then the tick says nothing, and all that could
+    begin with it could as well begin with the first that says something. (Of known elements every tick says
+    whether they touch.)"""
+    before = state.window.excess[-1:]
+    return not state.knowledge and bool(len(before)) and not before.any() and tick.excess == NO_EXCESS
+
+
+def _wait(state: TrackerState, tick: Tick) -> TrackerState:
+    """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
+    banks = _settle_oldest(state, scales_of(state.model))
+    window, frames = _append(state, tick)
+    change = log_transition(state.model, 0.0)
+    return replace(
+        state,
+        window=window,
+        frames=frames,
+        banks=tuple(b.having(past=fixed_lag.grown(b.past, i)) for i, b in enumerate(banks)),
+        ticks=state.ticks + 1,
+        numbers=state.numbers + 1,
+        outliers=state.outliers + tick.outliers,
+        exposure=0.0,
+        change=change,
+        entry=hmm.enter(state.log_left, change),
+        withheld=state.withheld + exposure(0.0),
+        past=np.array([fixed_lag.grown(past, i) for i, past in enumerate(state.past)]),
+    )
+
+
 def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, hypotheses begin, grow and are weighed."""
     model, scales = state.model, scales_of(state.model)
     banks = _settle_oldest(state, scales)
     window, frames = _append(state, tick)
-    begins, change, stay, entry = outlook(state, window)
+    begins, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
     grown, numbers = [], state.numbers
     for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
@@ -149,8 +187,10 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         outliers=state.outliers + tick.outliers,
         label=label,
         free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
+        exposure=exposed,
         change=change,
         entry=entry,
+        withheld=0.0,
         past=np.array(pasts),
     )
 

@@ -57,28 +57,29 @@ def log_initial(model: Model) -> Array:
     return np.log(initial(model.transitions))
 
 
-def log_stay(model: Model, activity: float) -> Array:
-    """Log probability (7,) that a state lasts through a tick of this ``activity`` (0 at rest, 1 in motion).
+def exposure(activity: float) -> float:
+    """As how much of a tick in motion one of this ``activity`` (0 at rest, 1 in motion) counts.
 
     Contacts change by moving: at rest what was believed hardly loosens.
     """
-    return -_rates(model.transitions)[0] * exposure_s(model, activity)
+    return max(activity, AT_REST)
 
 
-def log_transition(model: Model, activity: float) -> Array:
-    """Log weight (7, 7), row to column, of a change at the boundary before a tick of this ``activity``.
+def log_stay(model: Model, exposure: float) -> Array:
+    """Log probability (7,) that a state lasts through a tick of this ``exposure``."""
+    return -_rates(model.transitions)[0] * (model.tick_s * exposure)
+
+
+def log_transition(model: Model, exposure: float) -> Array:
+    """Log weight (7, 7), row to column, of a change at the boundary before a tick of this ``exposure``.
 
     Free motion has no onset to remember: it stays free by this matrix, contacts stay by ``log_stay``.
     """
-    stay = log_stay(model, activity)
-    leave = np.log(-np.expm1(stay))[:, None] + _rates(model.transitions)[1]
+    stay = log_stay(model, exposure)
+    with np.errstate(divide="ignore"):  # without any exposure nothing changes
+        leave = np.log(-np.expm1(stay))[:, None] + _rates(model.transitions)[1]
     leave[FREE, FREE] = stay[FREE]
     return np.asarray(leave)
-
-
-def exposure_s(model: Model, activity: float) -> float:
-    """How long (s) a state could have been left in a tick of this ``activity``."""
-    return model.tick_s * max(activity, AT_REST)
 
 
 @lru_cache(maxsize=8)

@@ -43,8 +43,8 @@ class Chain(Protocol):
     """One recording."""
 
     @property
-    def activity(self) -> Array:
-        """(T,) of each tick."""
+    def exposure(self) -> Array:
+        """(T,) of each tick, see ``transitions.exposure``."""
 
     def expect(self, model: Model) -> Expected:
         """The E-step with the transitions of ``model``."""
@@ -52,10 +52,10 @@ class Chain(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class KnownStates:
-    """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``activity`` (T,)."""
+    """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,)."""
 
     label: Ints
-    activity: Array
+    exposure: Array
 
     def expect(self, model: Model) -> Expected:
         """Counts of what is known, expectations of short silences."""
@@ -84,8 +84,8 @@ class KnownStates:
 
     def _steps(self, model: Model) -> Array:
         """Log probability (T, 7, 7) of each step; the truth knows no change into the same contact."""
-        steps = np.array([log_transition(model, activity) for activity in self.activity])
-        stays = np.array([log_stay(model, activity) for activity in self.activity])
+        steps = np.array([log_transition(model, exposure) for exposure in self.exposure])
+        stays = np.array([log_stay(model, exposure) for exposure in self.exposure])
         if len(steps):
             steps[:, _DIAGONAL, _DIAGONAL] = stays
         return steps
@@ -110,17 +110,17 @@ class BelievedStates:
     """The hypotheses of a forward pass; the evidence in ``trellis`` is without what lasting costs."""
 
     trellis: hmm.Trellis
-    activity: Array
+    exposure: Array
 
     @classmethod
-    def of(cls, trellis: hmm.Trellis, activity: Array, model: Model) -> "BelievedStates":
+    def of(cls, trellis: hmm.Trellis, exposure: Array, model: Model) -> "BelievedStates":
         """From the trellis of a forward pass by ``model``, in which lasting was paid for."""
-        return cls(_paying(trellis, activity, model, -1.0), activity)
+        return cls(_paying(trellis, exposure, model, -1.0), exposure)
 
     def expect(self, model: Model) -> Expected:
         """Forward-backward over the same hypotheses with the transitions of ``model``."""
-        steps = np.array([log_transition(model, activity) for activity in self.activity])
-        trellis = _paying(self.trellis, self.activity, model, 1.0)
+        steps = np.array([log_transition(model, exposure) for exposure in self.exposure])
+        trellis = _paying(self.trellis, self.exposure, model, 1.0)
         posterior, changes, log_evidence = hmm.expect(trellis, log_initial(model), steps)
         changes[:, FREE, FREE] = 0.0  # of free motion this is lasting
         stays = np.zeros_like(posterior)
@@ -128,9 +128,9 @@ class BelievedStates:
         return Expected(posterior[0], stays, changes, log_evidence)
 
 
-def _paying(trellis: hmm.Trellis, activity: Array, model: Model, sign: float) -> hmm.Trellis:
+def _paying(trellis: hmm.Trellis, exposure: Array, model: Model, sign: float) -> hmm.Trellis:
     """The trellis with ``sign`` times the cost of lasting added: by contacts, after their first tick."""
-    stay = np.array([log_stay(model, a) for a in activity]).reshape(-1, len(STATES))
+    stay = np.array([log_stay(model, e) for e in exposure]).reshape(-1, len(STATES))
     stay[:, FREE] = 0.0
     until = np.concatenate([np.zeros((1, len(STATES))), np.cumsum(stay, axis=0)])
     paid = [

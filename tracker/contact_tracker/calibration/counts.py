@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.calibration.chains import Chain, Expected
 from contact_tracker.labels import STATES
 from contact_tracker.model import Model, Seen
-from contact_tracker.transitions import exposure_s, initial, leave_per_s, split
+from contact_tracker.transitions import initial, leave_per_s, split
 
 Array = NDArray[np.float64]
 
@@ -18,6 +18,7 @@ MOST_ROUNDS: Final = 50
 CONVERGED: Final = 1e-3
 """Largest relative change after which nothing more comes, of what is not ``NEGLIGIBLE``."""
 NEGLIGIBLE: Final = 1e-3
+LEAST_EXPOSURE_S: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,8 @@ def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -
     begins, moving = np.zeros(len(STATES)), np.zeros(len(STATES))
     changes = np.zeros((len(STATES), len(STATES)))
     for chain, e in zip(chains, expected, strict=True):
-        if not len(chain.activity):
-            continue
-        h = np.array([exposure_s(model, activity) for activity in chain.activity])[:, None]
+        # without any exposure nothing has changed
+        h = np.maximum(model.tick_s * chain.exposure, LEAST_EXPOSURE_S)[:, None]
         begins += e.begins
         changes += e.changes.sum(axis=0)
         left_after = 1.0 / rate - h / np.expm1(rate * h)

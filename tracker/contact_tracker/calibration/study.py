@@ -19,7 +19,7 @@ from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.segmentation import Segmentation
 from contact_tracker.segmenter import segment
-from contact_tracker.transitions import log_initial, log_transition
+from contact_tracker.transitions import exposure, log_initial, log_transition
 from contact_tracker.truth import Truth
 
 Ints = NDArray[np.int64]
@@ -85,7 +85,7 @@ def look(source: Source, model: Model, judge_it: bool, fit_it: bool) -> Study:
     judged, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
     if believed is not None:
         label = labels(observed.middle_ns, believed)
-        chain = KnownStates(label, observed.activity)
+        chain = KnownStates(label, np.array([exposure(a) for a in observed.activity]))
     if judge_it or chain is None:
         judged, belief, found = _pass(poses, truth, model)
         if chain is None:
@@ -122,11 +122,11 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
 def _pass(poses: Poses, truth: Truth | None, model: Model) -> tuple[Judged, BelievedStates, Segmentation]:
     seen = Pass()
     found = segment(poses, model, watch=seen.note)
-    steps = np.array([log_transition(model, activity) for activity in seen.activity])
+    steps = np.array([log_transition(model, exposed) for exposed in seen.exposure])
     trellis = seen.trellis
     _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)
-    belief = BelievedStates.of(trellis, seen.activity, model)
+    belief = BelievedStates.of(trellis, seen.exposure, model)
     return Judged(evaluation, log_evidence, _duration_s(poses)), belief, found
 
 
