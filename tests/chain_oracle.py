@@ -34,10 +34,10 @@ def some_model(rng: np.random.Generator, leave_per_s: float = 1.0, new_elements:
     return replace(model, transitions=replace(model.transitions, seen=seen))
 
 
-def walk(model: Model, activity: Array, rng: np.random.Generator) -> Ints:
+def walk(model: Model, exposure: Array, rng: np.random.Generator) -> Ints:
     """States (T,) of one run of the chain."""
     state = [int(rng.choice(N, p=np.exp(log_initial(model))))]
-    for a in activity[1:]:
+    for a in exposure[1:]:
         if rng.random() < np.exp(log_stay(model, a)[state[-1]]):
             state.append(state[-1])
             continue
@@ -49,7 +49,7 @@ def walk(model: Model, activity: Array, rng: np.random.Generator) -> Ints:
 
 
 def believed(
-    state: Ints, model: Model, activity: Array, rng: np.random.Generator, blur: float
+    state: Ints, model: Model, exposure: Array, rng: np.random.Generator, blur: float
 ) -> hmm.Trellis:
     """The trellis of a forward pass that sees each state through noise, all hypotheses kept.
 
@@ -59,7 +59,7 @@ def believed(
     seen = np.eye(N)[state] + rng.normal(size=(ticks, N)) * blur
     told = np.cumsum(np.vstack([np.zeros(N), (seen - 0.5) / blur**2]), axis=0)
     told -= told[:, [FREE]]  # against free motion
-    stay = np.cumsum(np.vstack([np.zeros(N), *(log_stay(model, a) for a in activity)]), axis=0)
+    stay = np.cumsum(np.vstack([np.zeros(N), *(log_stay(model, a) for a in exposure)]), axis=0)
     states, onset = np.tile(np.arange(N), ticks), np.repeat(np.arange(ticks), N)
     alive, value = [], []
     for b in range(1, ticks + 1):

@@ -29,9 +29,9 @@ def chains(rng, model, count_, ticks, silence=0.0):
     """Runs of the chain, with rest in them; of some ticks the truth is silent."""
     made = []
     for _ in range(count_):
-        activity = rng.choice([0.0, 0.4, 1.0], ticks, p=[0.2, 0.3, 0.5])
-        state = walk(model, activity, rng)
-        made.append(KnownStates(np.where(rng.random(ticks) < silence, UNKNOWN, state), activity))
+        exposure = rng.choice([AT_REST, 0.4, 1.0], ticks, p=[0.2, 0.3, 0.5])
+        state = walk(model, exposure, rng)
+        made.append(KnownStates(np.where(rng.random(ticks) < silence, UNKNOWN, state), exposure))
     return made
 
 
@@ -52,8 +52,8 @@ def test_rates_and_splits_of_a_simulated_chain_are_recovered(silence, runs_, lea
 
 def test_counts_of_known_states_are_counts():
     label = np.array([0, 0, 1, 1, 1, 6, 6, UNKNOWN])
-    activity = np.array([1.0, 0.0, 1.0, 1.0, 0.5, 1.0, 1.0, 1.0])
-    chain, model = KnownStates(label, activity), prior()
+    exposure = np.array([1.0, AT_REST, 1.0, 1.0, 0.5, 1.0, 1.0, 1.0])
+    chain, model = KnownStates(label, exposure), prior()
     seen = count(model, [chain], [chain.expect(model)])
     assert seen.begins == (1.0, *(0.0,) * 6)
     assert np.argwhere(seen.changes).tolist() == [[0, 1], [1, 6]]
@@ -72,10 +72,10 @@ def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_e
 
 
 def test_through_a_silence_of_the_truth_all_ways_are_weighed():
-    model, activity = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, 0.0, 0.7])
+    model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, AT_REST, 0.7])
     label = np.array([3, UNKNOWN, UNKNOWN, UNKNOWN, 1])
-    steps = np.exp([log_transition(model, a) for a in activity])
-    for step, a in zip(steps, activity, strict=True):
+    steps = np.exp([log_transition(model, a) for a in exposure])
+    for step, a in zip(steps, exposure, strict=True):
         np.fill_diagonal(step, np.exp(log_stay(model, a)))
     total, changes, stays = 0.0, np.zeros((5, N, N)), np.zeros((5, N))
     for between in product(range(N), repeat=3):
@@ -87,7 +87,7 @@ def test_through_a_silence_of_the_truth_all_ways_are_weighed():
                 stays[t, path[t]] += weight
             else:
                 changes[t, path[t - 1], path[t]] += weight
-    expected = KnownStates(label, activity).expect(model)
+    expected = KnownStates(label, exposure).expect(model)
     np.testing.assert_allclose(expected.changes, changes / total, atol=1e-12)
     np.testing.assert_allclose(expected.stays, stays / total, atol=1e-12)
     assert expected.log_evidence == pytest.approx(np.log(total) + log_initial(model)[3])
@@ -99,8 +99,8 @@ def test_truth_that_covers_a_part_teaches_of_that_part_only():
     part = whole.label.copy()
     part[:20] = part[45:] = UNKNOWN
     model = prior()
-    expected = KnownStates(part, whole.activity).expect(model)
-    inner = KnownStates(whole.label[20:45], whole.activity[20:45]).expect(model)
+    expected = KnownStates(part, whole.exposure).expect(model)
+    inner = KnownStates(whole.label[20:45], whole.exposure[20:45]).expect(model)
     np.testing.assert_array_equal(expected.changes[21:45], inner.changes[1:])
     assert expected.changes.sum() == inner.changes.sum()
     assert expected.stays.sum() == inner.stays.sum()
@@ -118,8 +118,8 @@ def test_what_tells_nothing_leaves_the_prior(label):
 def believed_chains(rng, true, start, blur, count_=6, ticks=60):
     made = []
     for known in chains(rng, true, count_, ticks):
-        trellis = believed(known.label, start, known.activity, rng, blur)
-        made.append(BelievedStates.of(trellis, known.activity, start))
+        trellis = believed(known.label, start, known.exposure, rng, blur)
+        made.append(BelievedStates.of(trellis, known.exposure, start))
     return made
 
 
@@ -154,7 +154,7 @@ def test_states_believed_for_certain_teach_what_known_states_teach():
     start = prior()
     known = chains(rng, some_model(rng, new_elements=False), 3, 80)
     sure = [
-        BelievedStates.of(believed(k.label, start, k.activity, rng, 0.05), k.activity, start) for k in known
+        BelievedStates.of(believed(k.label, start, k.exposure, rng, 0.05), k.exposure, start) for k in known
     ]
     a, b = (learn_transitions(start, some).model.transitions.seen for some in (known, sure))
     np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
@@ -166,11 +166,11 @@ def test_states_believed_for_certain_teach_what_known_states_teach():
 def test_evidence_is_without_what_lasting_cost_the_model_that_made_it():
     """Two passes over the same data by different models teach the same."""
     rng = np.random.default_rng(8)
-    state, activity = walk(some_model(rng), np.ones(40), rng), np.ones(40)
+    state, exposure = walk(some_model(rng), np.ones(40), rng), np.ones(40)
     expected = []
     for start in (prior(), some_model(rng)):
-        trellis = believed(state, start, activity, np.random.default_rng(9), 0.5)
-        expected.append(BelievedStates.of(trellis, activity, start).expect(prior()))
+        trellis = believed(state, start, exposure, np.random.default_rng(9), 0.5)
+        expected.append(BelievedStates.of(trellis, exposure, start).expect(prior()))
     assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
     np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
     assert not expected[0].changes[:, FREE, FREE].any()

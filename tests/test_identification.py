@@ -42,7 +42,7 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
     poses = recorded(FACE_TO_EDGE).poses[300:540]
     tracked = tracking.track(poses, MODEL, (0.5, 0.2))
     seen = Pass.over(forward(poses, MODEL))
-    transition = np.array([log_transition(MODEL, activity) for activity in seen.activity])
+    transition = np.array([log_transition(MODEL, exposure) for exposure in seen.exposure])
     whole, ticks = seen.trellis, len(seen.beliefs)
     assert ticks == 12
     for lag_s, lag in ((0.5, 5), (0.2, 2)):

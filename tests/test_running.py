@@ -78,9 +78,9 @@ def test_pieces_of_any_trellis_are_the_whole(seed, every):
 @pytest.mark.parametrize("blur", [0.5, 2.0])
 def test_pieces_of_a_recording_are_the_whole_and_are_told_soon(blur):
     rng = np.random.default_rng(7)
-    model, activity = some_model(rng), rng.uniform(0.02, 1.0, 150)
-    chain = log_initial(model), np.array([log_transition(model, a) for a in activity])
-    trellis = pruned(believed(walk(model, activity, rng), model, activity, rng, blur), *chain)
+    model, exposure = some_model(rng), rng.uniform(0.02, 1.0, 150)
+    chain = log_initial(model), np.array([log_transition(model, e) for e in exposure])
+    trellis = pruned(believed(walk(model, exposure, rng), model, exposure, rng, blur), *chain)
     expected_path, expected = whole(trellis, *chain)
     path, posterior, told = run(trellis, *chain, every=30)
     assert path == expected_path

@@ -127,7 +127,7 @@ def again_and_again(times):
             before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
             alive, tick, change = seen.alive, seen.tick, seen.state.change
             if number:  # nothing lasts from one to the next
-                change = change if seen is not ticks_seen()[0] else ticks_seen()[1].state.change
+                change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.change
             yield SimpleNamespace(
                 state=replace(seen.state, change=change, outliers=0),
                 tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),

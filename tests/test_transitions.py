@@ -10,6 +10,7 @@ from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import Seen, load_model, preset_names
 from contact_tracker.transitions import (
     AT_REST,
+    exposure,
     initial,
     leave_per_s,
     log_initial,
@@ -39,13 +40,13 @@ each_preset = pytest.mark.parametrize("name", preset_names())
 @pytest.mark.parametrize("activity", [0.0, 0.3, 1.0])
 def test_nothing_is_impossible_and_everything_is_a_probability(name, activity):
     model = load_model(name)
-    leave = np.exp(log_transition(model, activity))
-    assert np.isfinite(log_transition(model, activity)).all()
+    exposed = exposure(activity)
+    leave = np.exp(log_transition(model, exposed))
+    assert np.isfinite(log_transition(model, exposed)).all()
     assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
     assert np.isfinite(log_initial(model)).all()
-    stay = np.exp(log_stay(model, activity))
-    share = max(activity, AT_REST)
-    np.testing.assert_allclose(stay, np.exp(-leave_per_s(model.transitions) * model.tick_s * share))
+    stay = np.exp(log_stay(model, exposed))
+    np.testing.assert_allclose(stay, np.exp(-leave_per_s(model.transitions) * model.tick_s * exposed))
     contacts = np.arange(len(STATES)) != FREE
     np.testing.assert_allclose(leave[contacts].sum(axis=1), 1.0 - stay[contacts])
     assert leave[FREE, FREE] == pytest.approx(stay[FREE])
@@ -111,7 +112,7 @@ def test_whatever_was_seen_nothing_becomes_impossible(prior_changes):
     for _ in range(20):
         learned = replace(MODEL.transitions, prior_changes=prior_changes, seen=seen(rng))
         model = replace(MODEL, transitions=learned)
-        assert np.isfinite(log_transition(model, 0.0)).all()
+        assert np.isfinite(log_transition(model, AT_REST)).all()
         leave, stay = np.exp(log_transition(model, 0.7)), np.exp(log_stay(model, 0.7))
         stay[FREE] = 0.0
         np.testing.assert_allclose(leave.sum(axis=1) + stay, 1.0)
@@ -126,9 +127,9 @@ def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick
     rng = np.random.default_rng(0)
     model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, seen=seen(rng)))
     ticks, states = 12, len(STATES)
-    activity = rng.choice([0.0, 0.5, 1.0], ticks)
-    stay = np.array([log_stay(model, a) for a in activity])
-    change = np.array([log_transition(model, a) for a in activity])
+    exposures = rng.choice([0.0, AT_REST, 0.5, 1.0], ticks)
+    stay = np.array([log_stay(model, e) for e in exposures])
+    change = np.array([log_transition(model, e) for e in exposures])
     state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
     alive = [np.flatnonzero((onset < b) & ((state != FREE) | (onset == b - 1))) for b in range(1, ticks + 1)]
     stays = [
@@ -151,5 +152,12 @@ def test_time_scales_do_not_depend_on_the_tick():
 
 
 def test_at_rest_contacts_hardly_change():
-    np.testing.assert_allclose(log_stay(MODEL, 0.0), AT_REST * log_stay(MODEL, 1.0))
+    np.testing.assert_allclose(log_stay(MODEL, exposure(0.0)), AT_REST * log_stay(MODEL, exposure(1.0)))
     assert AT_REST < 0.1
+
+
+def test_without_exposure_nothing_changes():
+    leave = np.exp(log_transition(MODEL, 0.0))
+    assert leave[FREE, FREE] == 1.0
+    assert leave.sum() == 1.0
+    assert not log_stay(MODEL, 0.0).any()

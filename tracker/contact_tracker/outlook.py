@@ -17,9 +17,9 @@ from contact_tracker.transitions import exposure, log_stay, log_transition
 
 
 class Outlook(NamedTuple):
-    """``begins`` of each contact; ``exposure`` to change; ``change`` (7, 7) and ``stay`` (7,), the log chances
-    of changing before the tick and of lasting through it; ``entry`` (7,), the log weights with which states
-    begin."""
+    """``begins`` of each contact; ``exposure`` to change; ``change`` (7, 7) and ``stay`` (7,), the log
+    chances of changing before the tick and of lasting through it; ``entry`` (7,), the log weights with which
+    states begin."""
 
     begins: list[Begins]
     exposure: float

@@ -21,10 +21,12 @@ AGES_S: Final = (0.0, 3.0, 10.0, 20.0, 30.0)
 
 
 class Ticks(NamedTuple):
-    """``cpu_s`` (T,) of each tick, ``age_s`` (T,) of the contact then believed, ``poses`` in all of them."""
+    """``cpu_s`` (T,) of each tick, ``age_s`` (T,) of the contact then believed and whether the object was at
+    ``rest`` (T,); ``poses`` in all of them."""
 
     cpu_s: Array
     age_s: Array
+    rest: NDArray[np.bool_]
     poses: int
 
 
@@ -50,7 +52,7 @@ def _figures(source: Path, model: Model, setup: Setup, share: str, p99: str) -> 
         among = taken_ms[(age_s >= low_s) & (age_s < high_s)]
         ages = f"{low_s:g} to {high_s:g} s" if high_s < np.inf else f"over {low_s:g} s"
         figures += _spread(f"{name}: contact of {ages}", among) if len(among) else []
-    return figures
+    return [*figures, *_spread(f"{name}: at rest", taken_ms[runs[0].rest])]
 
 
 def _spread(what: str, taken_ms: Array, p99: str = "") -> list[Figure]:
@@ -64,7 +66,7 @@ def _spread(what: str, taken_ms: Array, p99: str = "") -> list[Figure]:
 
 def follow(log: Path, model: Model) -> Ticks:
     """Track a log as ``live`` does, and look at the clock at each belief."""
-    state, poses, cpu_s, age_s = tracker.start(model), 0, [], []
+    state, poses, cpu_s, age_s, rest = tracker.start(model), 0, [], [], []
     begin_s = time.process_time()
     for pose in open_log(str(log)):
         poses += 1
@@ -76,5 +78,6 @@ def follow(log: Path, model: Model) -> Ticks:
             now_s = time.process_time()
             cpu_s.append(now_s - begin_s)
             age_s.append(1e-9 * (belief.stamp_ns - belief.onset_ns))
+            rest.append(not state.exposure)
             begin_s = now_s
-    return Ticks(np.array(cpu_s), np.array(age_s), poses)
+    return Ticks(np.array(cpu_s), np.array(age_s), np.array(rest), poses)
