@@ -98,5 +98,5 @@ def touching(state: TrackerState, label: Contact) -> ContactGeometry | None:
 
 def _residual(living: Bank) -> float:
     """Whitened residual of the hypothesis that has seen ``RESIDUAL_TICKS`` with motion, or few more."""
-    long_enough = np.flatnonzero(living.told >= RESIDUAL_TICKS)
-    return float(living.rms[long_enough[np.argmin(living.told[long_enough])]]) if len(long_enough) else np.nan
+    long_enough = (living.told >= RESIDUAL_TICKS).nonzero()[0]
+    return float(living.rms[long_enough[living.told[long_enough].argmin()]]) if len(long_enough) else np.nan

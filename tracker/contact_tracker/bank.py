@@ -85,12 +85,19 @@ class Bank:
     @property
     def log_weight(self) -> float:
         """Log of the sum of all weights; -inf without any hypothesis."""
-        top = self.joint.max(initial=-np.inf)
-        return float(top + np.log(np.sum(np.exp(self.joint - top)))) if len(self) else -np.inf
+        joint, top = self.joint, self.best
+        return top + float(np.log(np.exp(joint - top).sum())) if len(self) else -np.inf
 
-    def pick(self, rows: NDArray[np.generic]) -> "Bank":
+    @property
+    def best(self) -> float:
+        """Log weight of the best hypothesis; -inf without any."""
+        return float(self.joint.max()) if len(self) else -np.inf
+
+    def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``."""
-        return self.having(**{name: value[rows] for name, value in vars(self).items()})
+        other = object.__new__(Bank)
+        vars(other).update({name: column.take(rows, axis=0) for name, column in vars(self).items()})
+        return other
 
     def having(self, **columns: NDArray[Any]) -> "Bank":
         """The same with other columns; ``replace`` takes ten times as long."""
@@ -98,11 +105,11 @@ class Bank:
         vars(other).update(vars(self), **columns)
         return other
 
-    def putting(self, rows: NDArray[np.generic], found: "Bank") -> "Bank":
-        """The same with the geometry and evidence of ``found`` in ``rows``."""
+    def putting(self, rows: Index, found: "Bank", which: Index) -> "Bank":
+        """The same with the geometry and evidence of ``found``'s hypotheses ``which`` in ``rows``."""
         changed = {name: vars(self)[name].copy() for name in FOUND}
         for name, column in changed.items():
-            column[rows] = vars(found)[name]
+            column[rows] = vars(found)[name].take(which, axis=0)
         return self.having(**changed)
 
 
@@ -204,15 +211,16 @@ def add(
     if not count:
         return bank
     new = blank(model, count)
-    x, row_weight = model.turned(new.x, turn), new.row_weight
     if len(bank):
-        best = int(np.argmax(bank.joint))
-        x, row_weight = bank.x[best], np.tile(bank.row_weight[best], (count, 1))
+        best = int(bank.joint.argmax())
+        x, row_weight = bank.x[best], bank.row_weight[best] + np.zeros_like(new.row_weight)
+    else:
+        x, row_weight = model.turned(new.x, turn), new.row_weight
     new = new.having(
-        onset=np.full(count, onset),
-        onset_ns=np.full(count, onset_ns),
-        number=number + np.arange(count),
-        entry=np.full(count, entry),
+        onset=new.onset + onset,
+        onset_ns=new.onset_ns + onset_ns,
+        number=np.arange(number, number + count),
+        entry=new.entry + entry,
         source=begins.source,
         known_mean=begins.known_mean,
         known=begins.known,
@@ -223,10 +231,10 @@ def add(
         row_weight=row_weight,
         lasted=begins.log_share,
         log_likelihood=begins.log_share,
-        past=np.tile(past, (count, 1, 1)),
+        past=np.broadcast_to(past, (count, *past.shape)),
     )
-    columns, added = vars(bank), vars(new)
-    return bank.having(**{name: np.concatenate([columns[name], added[name]]) for name in columns})
+    added = vars(new)
+    return bank.having(**{name: np.concatenate((column, added[name])) for name, column in vars(bank).items()})
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
@@ -238,12 +246,13 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
         age = now + 1 - bank.onset[:old]
         span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)
         keep[:old] &= _best_of(bank.onset[:old] // span + (span << 40), joint[:old])
-    return bank if keep.all() else bank.pick(keep)
+    return bank if keep.all() else bank.pick(keep.nonzero()[0])
 
 
 def _best_of(group: Index, joint: Array) -> Bools:
     """Whether each is the best of its group."""
     order = np.lexsort((-joint, group))
-    best = np.zeros(len(group), bool)
-    best[order[np.append(True, np.diff(group[order]) != 0)]] = True
+    sorted_group, first, best = group[order], np.ones(len(group), bool), np.zeros(len(group), bool)
+    np.not_equal(sorted_group[1:], sorted_group[:-1], out=first[1:])
+    best[order[first]] = True
     return best

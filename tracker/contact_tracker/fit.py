@@ -153,11 +153,10 @@ def every_cost(family: Family, moments: Array, row_weight: Array, prior: Prior, 
     count, rows = c.shape[:2]
     square = (c[..., :, None] * c[..., None, :]).reshape(count * rows, -1)
     squares = (square @ moments.reshape(len(moments), -1).T).reshape(count, rows, -1)
-    scale = np.ones_like(squares)
-    scale[:, -1] = family.scale_sq(x[:, None], moments[None])
+    squares[:, -1] /= family.scale_sq(x[:, None], moments[None])
     pair = (x[:, :, None] * x[:, None, :]).reshape(count, -1)
     pull = 0.5 * pair @ prior.precision.reshape(len(moments), -1).T - x @ prior.information.T
-    weighed = np.einsum("nkb,bk->nb", squares / scale, row_weight)
+    weighed = np.einsum("nkb,bk->nb", squares, row_weight)
     return np.asarray(0.5 * weighed + pull + prior.constant)
 
 

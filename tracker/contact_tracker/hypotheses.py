@@ -18,7 +18,7 @@ def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log
     """Take in the newest tick of the window; ``log_stay`` is the price of not having changed in it."""
     if not len(bank):
         return bank
-    bank = bank.having(lasted=bank.lasted + np.where(bank.onset < window.index[-1], log_stay, 0.0))
+    bank = bank.having(lasted=bank.lasted + (bank.onset < window.index[-1]) * log_stay)
     bank = follow(grow(bank, model, window), model, window, scales)
     return search(bank, model, window, scales)
 
@@ -44,5 +44,5 @@ def fit_stretch(model: ContactModel, window: Window, scales: Scales, begins: Beg
     if not len(bank):
         return bank
     bank = follow(grow_whole(bank, model, window), model, window, scales)
-    bank = searched(bank, np.flatnonzero(bank.searched), model, window, scales)
-    return bank.pick(np.array([np.argmax(bank.log_likelihood)]))
+    bank = searched(bank, model, window, scales)
+    return bank.pick(np.array([bank.log_likelihood.argmax()]))

@@ -31,20 +31,21 @@ class Outlook(NamedTuple):
 def outlook(state: TrackerState, window: Window) -> Outlook:
     """The outlook at the newest tick of ``window``, which ``state`` has not taken in."""
     assert state.averaging is not None
-    model, scales, newest = state.model, scales_of(state.model), window.cut(-1, None)
+    model = state.model
     first, origin_m = state.ticks == 0, state.averaging.origin_m
-    recognised, place_m = model.geometry.recognised, newest.zeta[0, T]
+    recognised, place_m = model.geometry.recognised, window.zeta[-1, T]
     begins = [
         beginnings(state.knowledge, state.memory, recognised, contact, contact.anchors(place_m), origin_m)
         for contact in CONTACT_MODELS
     ]
-    exposed = exposure(float(newest.activity[-1])) + state.withheld
+    exposed = exposure(float(window.activity[-1])) + state.withheld
     if not state.knowledge:
         change, stay = log_transition(model, exposed), log_stay(model, exposed)
         entry = state.log_left if first else hmm.enter(state.log_left, change)
         return Outlook(begins, exposed, change, stay, entry)
     # what is known is met by moving, however smoothly
     exposed = max(exposed, window.unrest)
+    scales, newest = scales_of(model), window.cut(-1, None)
     met = [
         meeting(contact, some, newest.with_error(model.noise.beyond_floor(column)), scales)
         for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))

@@ -29,6 +29,8 @@ AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
+_NONE: Final = np.zeros(0, np.int64)
+_ANYWHERE: Final = np.zeros(6)
 
 
 def search(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -37,22 +39,33 @@ def search(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> B
         return bank
     known = before(bank, model, scales)
     costs = fit.every_cost(model.family, bank.moments, bank.row_weight, known.prior, bank.x)
-    best, own = np.argmin(costs, axis=0), np.arange(len(bank))
-    better = np.flatnonzero(costs[best, own] < costs[own, own] - LEAST_GAIN)
+    best = costs.argmin(axis=0)
+    better = np.flatnonzero(costs.min(axis=0) < costs.diagonal() - LEAST_GAIN)
     if len(better):
         adopted = bank.pick(better).having(x=bank.x[best[better]])
-        bank = bank.putting(better, follow(adopted, model, window, scales))
-    return searched(bank, _lost(bank), model, window, scales) if window.activity[-1] > AT_REST else bank
+        adopted = follow(adopted, model, window, scales)
+        bank = bank.putting(better, adopted, np.arange(len(better)))
+    rows = _lost(bank) if window.activity[-1] > AT_REST else _NONE
+    return _searched(bank, rows, model, window, scales, known)
 
 
-def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Bank:
+def searched(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """Let all that have directions to search for do so from scratch, and keep what is better."""
+    rows = np.flatnonzero(bank.searched)
+    return _searched(bank, rows, model, window, scales, before(bank, model, scales))
+
+
+def _searched(
+    bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales, known: Before
+) -> Bank:
     """Let ``rows`` search from scratch, and keep what is better."""
     if not len(rows):
         return bank
-    held = bank.pick(rows)
-    found = _from_scratch(held, model, window, scales)
-    better = np.flatnonzero(found.log_likelihood > held.log_likelihood)
-    return bank.putting(rows[better], found.pick(better))
+    found = _from_scratch(bank, rows, model, window, scales, known)
+    told = found.log_likelihood.reshape(len(rows), -1)
+    best = told.argmax(axis=1)
+    better = np.flatnonzero(told.max(axis=1) > bank.log_likelihood[rows])
+    return bank.putting(rows[better], found, (np.arange(len(rows)) * told.shape[1] + best)[better])
 
 
 def _lost(bank: Bank) -> Index:
@@ -67,39 +80,37 @@ def _lost(bank: Bank) -> Index:
     return np.sort(rows[best[np.unique(kind[best], return_index=True)[1]]])
 
 
-def _from_scratch(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """The best that each hypothesis finds without regard to where it is."""
-    known = before(bank, model, scales)
-    starts = _starts(bank, model, known, window)
-    told = Given(bank.known_mean, bank.known).told[:, None]
-    x = np.where(told, bank.known_mean[:, None], starts)
-    row = np.arange(len(bank))[:, None]
-    x = model.family.normalise(x, known.anchors[:, None])
+def _from_scratch(
+    bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales, known: Before
+) -> Bank:
+    """What ``rows`` find without regard to where they are: the same number of hypotheses for each."""
+    family, windows = model.family, (bank.moments, bank.row_weight, *known)
+    x = _starts(bank, rows, model, known, window)
+    mean = bank.known_mean[rows]
+    x = np.where(Given(mean, bank.known[rows]).told[:, None], mean[:, None], x)
+    x = family.normalise(x, known.anchors[rows, None])
+    row = np.arange(len(rows))[:, None]
     for steps, kept in ROUNDS:
-        of = np.repeat(row, x.shape[1])
-        flat = x.reshape(-1, x.shape[-1])
-        found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, flat, steps, of=of)
-        best = np.argsort(found.cost.reshape(len(bank), -1), axis=1)[:, :kept]
+        of = rows.repeat(x.shape[1])
+        found = fit.minimise(family, *windows, x.reshape(len(of), -1), steps, of=of)
+        best = found.cost.reshape(len(rows), -1).argsort(axis=1)[:, :kept]
         x = found.x.reshape(x.shape)[row, best]
-    some = bank.pick(np.repeat(row, x.shape[1])).having(x=x.reshape(-1, x.shape[-1]))
+    some = bank.pick(rows.repeat(x.shape[1])).having(x=x.reshape(-1, x.shape[-1]))
     for _ in range(2):  # the weights of the rows follow the geometry
         some = follow(some, model, window, scales)
-    best = np.argmax(some.log_likelihood.reshape(len(bank), -1), axis=1)
-    return some.pick(row[:, 0] * x.shape[1] + best)
+    return some
 
 
-def _starts(bank: Bank, model: ContactModel, known: Before, window: Window) -> Array:
-    """Starts (H, N, S): solutions of the relaxed problem, and the best of many random directions."""
-    family, (prior, anchors) = model.family, known
-    size = bank.moments.shape[-1]
-    trace = np.trace(bank.moments, axis1=1, axis2=2)[:, None, None]
-    relaxed = family.starts(bank.moments + 1e-12 * trace * np.eye(size))
-    x = _directions(model, window, int(window.index[-1]))
-    of = np.repeat(np.arange(len(bank)), len(x))
-    x = family.normalise(np.tile(x, (len(bank), 1)), anchors[of])
+def _starts(bank: Bank, rows: Index, model: ContactModel, known: Before, window: Window) -> Array:
+    """Starts (R, N, S): solutions of the relaxed problem, and the best of many random directions."""
+    family, moments, (prior, anchors) = model.family, bank.moments[rows], known
+    trace = moments.trace(axis1=1, axis2=2)[:, None, None]
+    relaxed = family.starts(moments + 1e-12 * trace * np.eye(moments.shape[-1]))
+    x = family.normalise(_directions(model, window, int(window.index[-1])), _ANYWHERE)
+    of, x = rows.repeat(len(x)), np.concatenate([x] * len(rows))
     x, cost = fit.complete(family, bank.moments, bank.row_weight, prior, anchors, x, of)
-    best = np.argsort(cost.reshape(len(bank), -1), axis=1)[:, :SCREENED]
-    screened = np.take_along_axis(x.reshape(len(bank), -1, family.SIZE), best[..., None], axis=1)
+    best = cost.reshape(len(rows), -1).argsort(axis=1)[:, :SCREENED]
+    screened = x.reshape(len(rows), -1, family.SIZE)[np.arange(len(rows))[:, None], best]
     return np.concatenate([relaxed, screened], axis=1)
 
 

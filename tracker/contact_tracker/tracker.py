@@ -173,7 +173,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         grown.append(hypotheses.advance(more, contact, own, scales, float(stay[column])))
     log_left = np.array([*(b.log_weight for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
-    best = max(float(entry[FREE]), *(float(b.joint.max(initial=-np.inf)) for b in grown))
+    best = max(float(entry[FREE]), *(b.best for b in grown))
     pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in grown), fixed_lag.grown(past[FREE], FREE)]
     kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
     return replace(

@@ -10,6 +10,7 @@ directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, i
 lines are given by their points nearest to it and a prior keeps touching points within the body's reach.
 """
 
+from functools import cache
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -163,10 +164,8 @@ def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
     Minimises ``c M c`` over coefficients c (..., C) with unit length in the k entries ``keep``: the others
     are eliminated (Schur complement, held by a ridge).
     """
-    c = moments.shape[-1]
-    kept = np.arange(c)[keep]
-    rest = np.setdiff1d(np.arange(c), kept)
-    scale = ridge * np.trace(moments, axis1=-2, axis2=-1)[..., None, None]
+    kept, rest = _kept_and_rest(moments.shape[-1], keep.start, keep.stop)
+    scale = ridge * moments.trace(axis1=-2, axis2=-1)[..., None, None]
     inner = moments[..., rest[:, None], rest] + scale * np.eye(len(rest))
     coupling = -np.linalg.solve(inner, moments[..., rest[:, None], kept])
     schur = moments[..., kept[:, None], kept] + moments[..., kept[:, None], rest] @ coupling
@@ -175,6 +174,12 @@ def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
     out[..., kept, :] = vectors
     out[..., rest, :] = coupling @ vectors
     return out
+
+
+@cache
+def _kept_and_rest(count: int, start: int, stop: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    every = np.arange(count)
+    return every[start:stop], np.delete(every, np.s_[start:stop])
 
 
 def outer(a: Array, b: Array) -> Array:

@@ -93,12 +93,10 @@ def starts(moments: Array) -> Array:
         [vertex_face.starts(moments)[..., vertex_face.N], face_face.starts(moments)[..., face_face.N]],
         axis=-2,
     )
-    spread = np.einsum(
-        "...i,...ijkl,...k->...jl",
-        n,
-        moments[..., None, :9, :9].reshape(*moments.shape[:-2], 1, 3, 3, 3, 3),
-        n,
-    )
+    leading = moments.shape[:-2]
+    # sum over i, k of n_i n_k M_ijkl: how far each direction of frame 1 leaves the face
+    by_pair = moments[..., :9, :9].reshape(*leading, 3, 3, 3, 3).swapaxes(-3, -2).reshape(*leading, 9, 9)
+    spread = (outer(n, n) @ by_pair).reshape(*n.shape, 3)
     d = np.linalg.eigh(spread)[1][..., 0]
     x = np.concatenate([d, np.zeros_like(d), n, np.zeros_like(n[..., :1])], axis=-1)
     return x

@@ -26,7 +26,7 @@ class Given(NamedTuple):
     @property
     def told(self) -> NDArray[np.bool_]:
         """(..., S) which entries of x are given; of a direction along an axis only the mean says so."""
-        return np.asarray((np.einsum("...ss->...s", self.information) > 0.0) | (self.mean != 0.0))
+        return np.asarray((self.information.diagonal(axis1=-2, axis2=-1) > 0.0) | (self.mean != 0.0))
 
 
 def given(model: ContactModel, object: Element | None, environment: Element | None, anchors: Array) -> Given:

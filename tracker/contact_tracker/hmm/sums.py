@@ -9,10 +9,11 @@ Index = NDArray[np.int64]
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:
     """log of the sum of exponentials; -inf where all are -inf."""
-    top = np.max(values, axis=axis, keepdims=True)
+    top = values.max(axis=axis, keepdims=True)
     safe = np.where(np.isfinite(top), top, 0.0)
+    total = np.exp(values - safe).sum(axis=axis)
     with np.errstate(divide="ignore"):
-        return np.asarray(np.squeeze(safe, axis) + np.log(np.sum(np.exp(values - safe), axis=axis)))
+        return np.asarray(safe.squeeze(axis) + np.log(total))
 
 
 def by_state(values: Array, state: Index, states: int, best: bool = False) -> Array:
