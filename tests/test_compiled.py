@@ -208,7 +208,9 @@ def test_a_recording_is_told_alike():
         assert compiled_.contact is reference.contact
     differ = [np.abs(k.probability - n.probability).max() for k, n in zip(kernel, numpy, strict=True)]
     assert max(differ) < 0.01
-    assert max(differ[10:]) < 1e-3  # in the first second much is equally good
+    clear = [n.probability.max() > 0.9 for n in numpy]  # elsewhere much is equally good
+    assert sum(clear) > 20
+    assert max(np.array(differ)[clear]) < 1e-3
 
 
 def said(program, **environment):
