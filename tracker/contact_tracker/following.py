@@ -15,11 +15,13 @@ from contact_tracker.summed import Sums, summed
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 REFINE_STEPS: Final = 2
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 6
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
+NOT_AT_ALL: Final = -1
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 
@@ -73,14 +75,18 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def follow(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """``learn`` as far as is due in every tick."""
+def follow(
+    bank: Bank, model: ContactModel, window: Window, scales: Scales, hopeless: Bools | None = None
+) -> Bank:
+    """``learn`` as far as is due in every tick, of what is ``hopeless`` (H,) nothing."""
     steps = np.where(bank.told < FIRST_TICKS, FIRST_STEPS, REFINE_STEPS)
-    return learn(bank, model, window, scales, steps)
+    return learn(
+        bank, model, window, scales, steps if hopeless is None else np.where(hopeless, NOT_AT_ALL, steps)
+    )
 
 
 def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps: Index) -> Bank:
-    """Take some ``steps`` (H,) towards the minimum, and weigh the evidence there.
+    """Take some ``steps`` (H,) towards the minimum, and weigh the evidence there, or do ``NOT_AT_ALL``.
 
     The moments carry 1/m^2, the rows weights relative to that.
     """
@@ -88,6 +94,10 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
         from contact_tracker.compiled import calls
 
         return bank.having(**calls.learn(model, vars(bank), window, scales, steps, fit.TOLERANCE, FOUND))
+    if (steps == NOT_AT_ALL).any():
+        rows = np.flatnonzero(steps != NOT_AT_ALL)
+        learned = learn(bank.pick(rows), model, window, scales, steps[rows])
+        return bank.putting(rows, learned, np.arange(len(rows)))
     known = before(bank, model, scales)
     found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps)
     return _weighed(bank.having(x=found.x, hessian=found.hessian), model, window, scales, known)

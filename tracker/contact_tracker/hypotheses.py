@@ -14,12 +14,18 @@ from contact_tracker.summed import summed
 Array = NDArray[np.float64]
 
 
-def advance(bank: Bank, model: ContactModel, window: Window, scales: Scales, log_stay: float) -> Bank:
-    """Take in the newest tick of the window; ``log_stay`` is the price of not having changed in it."""
+def advance(
+    bank: Bank, model: ContactModel, window: Window, scales: Scales, log_stay: float, margin: float
+) -> Bank:
+    """Take in the newest tick of the window; ``log_stay`` is the price of not having changed in it.
+
+    What is further behind the best than the ``margin`` (nats) waits for another geometry: its moments grow.
+    """
     if not len(bank):
         return bank
+    hopeless = bank.joint < -margin
     bank = bank.having(lasted=bank.lasted + (bank.onset < window.index[-1]) * log_stay)
-    bank = follow(grow(bank, model, window), model, window, scales)
+    bank = follow(grow(bank, model, window), model, window, scales, hopeless)
     return search(bank, model, window, scales)
 
 

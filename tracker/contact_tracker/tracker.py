@@ -154,7 +154,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     window, frames = _append(state, tick)
     begins, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
-    grown, numbers = [], state.numbers
+    grown, numbers, margin = [], state.numbers, model.search.margin_nats
     for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         more = bank.add(
             living,
@@ -170,12 +170,12 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         numbers += begins[column].many
         more = more.having(past=fixed_lag.grown(more.past, column))
         own = window.with_error(model.noise.beyond_floor(column))
-        grown.append(hypotheses.advance(more, contact, own, scales, float(stay[column])))
+        grown.append(hypotheses.advance(more, contact, own, scales, float(stay[column]), margin))
     log_left = np.array([*(b.log_weight for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
     best = max(float(entry[FREE]), *(b.best for b in grown))
     pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in grown), fixed_lag.grown(past[FREE], FREE)]
-    kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
+    kept = [bank.prune(b, state.ticks, best, margin) for b in grown]
     return replace(
         state,
         window=window,

@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import fitting, following, pricing, seeing
+from contact_tracker.compiled import fitting, following, seeing
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array, Family
 from contact_tracker.contacts.form import mean_of_alike
@@ -102,14 +102,6 @@ def complete(
     problem = _problem(family, moments, row_weight, prior, anchors)
     fitting.complete(family.FORM, family.LINEAR, problem, of, completed, cost)
     return completed, cost
-
-
-def information(
-    family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
-) -> Array:
-    out = np.empty((len(x), family.PARAMETERS, family.PARAMETERS))
-    pricing.information(family.FORM, *map(_plain, (lifted, row_weight, moments, anchors, x)), out)
-    return out
 
 
 def summed(

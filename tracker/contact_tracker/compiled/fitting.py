@@ -40,12 +40,14 @@ class Found(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Memory of one window: rows (K, C), their slopes (P, K, C) along the free directions (P, S), and what
-    comes between."""
+    """Memory of one window: at its x the weights (K,) of the rows, their slopes (P, K, C) along the ``free``
+    directions (P, S) and what is ``held`` (P, P) by the prior; and what comes between."""
 
-    rows: Array
+    weight: Array
     slopes: Array
     free: Array
+    rows: Array
+    design: Array
     gradient: Array
     held: Array
     curvature: Array
@@ -60,11 +62,13 @@ class Work(NamedTuple):
 
 
 @jit
-def _work(count: int, columns: int, size: int, directions: int) -> Work:
+def work_for(count: int, columns: int, size: int, directions: int) -> Work:
     return Work(
-        rows=np.empty((count, columns)),
+        weight=np.empty(count),
         slopes=np.empty((directions, count, columns)),
         free=np.empty((directions, size)),
+        rows=np.empty((count, columns)),
+        design=np.empty((size, count, columns)),
         gradient=np.empty(directions),
         held=np.empty((directions, directions)),
         curvature=np.empty((directions, directions)),
@@ -84,7 +88,7 @@ def _complete(form: Form, linear: Ints, problem: Problem, b: int, x: Array, work
     """As ``fit.complete`` of window b, x in place; returns the cost."""
     moments, precision, information = problem.moments[b], problem.precision[b], problem.information[b]
     last, columns, count = len(work.rows) - 1, len(moments), len(linear)
-    bare, along, design = work.products[0, :columns], work.products[1, :columns], work.slopes
+    bare, along, design = work.products[0, :columns], work.products[1, :columns], work.design
     gram, slant, normal = work.gram, work.slant, work.curvature[:count, :count]
     for i in linear:
         x[i] = 0.0
@@ -145,12 +149,12 @@ def _equations(form: Form, problem: Problem, b: int, x: Array, hessian: Array, w
         for q in range(p + 1):
             work.held[p, q] = work.held[q, p] = dot(work.free[q], pulled)
     for k in range(last + 1):
-        weight = problem.row_weight[b, k] / (scale if k == last else 1.0)
+        work.weight[k] = problem.row_weight[b, k] / (scale if k == last else 1.0)
         for p in range(count):
             multiply(work.slopes[p, k], moments, along)
-            work.gradient[p] += weight * dot(work.rows[k], along)
+            work.gradient[p] += work.weight[k] * dot(work.rows[k], along)
             for q in range(p + 1):
-                hessian[k, p, q] = hessian[k, q, p] = weight * dot(work.slopes[q, k], along)
+                hessian[k, p, q] = hessian[k, q, p] = work.weight[k] * dot(work.slopes[q, k], along)
 
 
 @jit
@@ -173,31 +177,40 @@ def _step(hessian: Array, damping: float, alike: Array, work: Work) -> float:
 
 @jit
 def descend(
-    form: Form, linear: Ints, problem: Problem, of: Ints, steps: Ints, tolerance: float, found: Found
-) -> None:
-    """As ``fit.minimise``."""
-    hessian = found.hessian
-    work = _work(hessian.shape[1], problem.moments.shape[1], found.x.shape[1], hessian.shape[2])
-    for b in range(len(found.x)):
-        w, x, left, damping = of[b], found.x[b], steps[b], 1e-3
-        found.cost[b] = _complete(form, linear, problem, w, x, work)
-        _equations(form, problem, w, x, hessian[b], work)
-        while True:
-            found.converged[b] = _step(hessian[b], damping, problem.alike, work) < tolerance
-            if found.converged[b] or left <= 0:
-                break
-            left -= 1
-            multiply(work.step, work.free, work.trial)
-            for i in range(len(x)):
-                work.trial[i] += x[i]
-            normalise(form, work.trial, problem.anchors[w])
-            cost = _complete(form, linear, problem, w, work.trial, work)
-            better = cost < found.cost[b]
-            damping = min(max(damping * (0.2 if better else 8.0), 1e-9), 1e6)
-            if better:
-                x[:] = work.trial
-                found.cost[b] = cost
-                _equations(form, problem, w, x, hessian[b], work)
+    form: Form,
+    linear: Ints,
+    problem: Problem,
+    w: int,
+    x: Array,
+    steps: int,
+    tolerance: float,
+    hessian: Array,
+    work: Work,
+) -> tuple[float, bool]:
+    """As ``fit.minimise`` of window w, from x (S,), in place; what ``work`` holds is that at x.
+
+    Returns the cost, and whether it has converged.
+    """
+    damping, left = 1e-3, steps
+    cost = _complete(form, linear, problem, w, x, work)
+    _equations(form, problem, w, x, hessian, work)
+    while True:
+        if _step(hessian, damping, problem.alike, work) < tolerance:
+            return cost, True
+        if left <= 0:
+            return cost, False
+        left -= 1
+        multiply(work.step, work.free, work.trial)
+        for i in range(len(x)):
+            work.trial[i] += x[i]
+        normalise(form, work.trial, problem.anchors[w])
+        proposed = _complete(form, linear, problem, w, work.trial, work)
+        better = proposed < cost
+        damping = min(max(damping * (0.2 if better else 8.0), 1e-9), 1e6)
+        if better:
+            x[:] = work.trial
+            cost = proposed
+            _equations(form, problem, w, x, hessian, work)
 
 
 def _kernels(sources: str) -> tuple[Any, Any]:
@@ -206,13 +219,18 @@ def _kernels(sources: str) -> tuple[Any, Any]:
         form: Form, linear: Ints, problem: Problem, of: Ints, steps: Ints, tolerance: float, found: Found
     ) -> None:
         assert sources
-        descend(form, linear, problem, of, steps, tolerance, found)
+        hessian = found.hessian
+        work = work_for(hessian.shape[1], problem.moments.shape[1], found.x.shape[1], hessian.shape[2])
+        for b in range(len(found.x)):
+            found.cost[b], found.converged[b] = descend(
+                form, linear, problem, of[b], found.x[b], steps[b], tolerance, hessian[b], work
+            )
 
     @kernel
     def complete(form: Form, linear: Ints, problem: Problem, of: Ints, x: Array, cost: Array) -> None:
         assert sources
         count, columns, free = problem.row_weight.shape[1], problem.moments.shape[1], len(problem.alike)
-        work = _work(count, columns, x.shape[1], free)
+        work = work_for(count, columns, x.shape[1], free)
         for b in range(len(x)):
             cost[b] = _complete(form, linear, problem, of[b], x[b], work)
 

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled.fitting import Found, Problem, descend
+from contact_tracker.compiled.fitting import Problem, Work, descend, work_for
 from contact_tracker.compiled.forms import normalise
 from contact_tracker.compiled.jit import SOURCES, jit, kernel
-from contact_tracker.compiled.pricing import tell, volume
-from contact_tracker.compiled.seeing import Ticks, add_up, nothing
+from contact_tracker.compiled.pricing import volume
+from contact_tracker.compiled.seeing import Sums, Ticks, add_up, nothing
 from contact_tracker.compiled.vectors import at, dot, multiply, put
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import Form
@@ -94,39 +94,31 @@ def _problem(kind: Kind, rows: Rows) -> Problem:
 
 
 @jit
-def _weigh(kind: Kind, rows: Rows, problem: Problem, ticks: Ticks, weights: Weights) -> None:
-    """As ``following._weighed``."""
-    (count, size), (_, each, directions, _) = rows.x.shape, rows.hessian.shape
-    seen = nothing(count, each)
-    add_up(kind.form, kind.body_in_1, rows.x, rows.onset, rows.certain, ticks, weights.lengths, seen)
-    given, foretold = np.empty((count, directions, directions)), np.empty((count, each))
-    tell(kind.form, rows.first, rows.row_weight, rows.moments, problem.anchors, rows.x, given)
-    for b in range(count):
-        share = weights.foreknowledge * directions / each / max(rows.told[b], 1.0)
-        for k in range(each):
-            foretold[b, k] = share * exp(-2.0 * seen.gain[b, k] / max(seen.after[b], 1))
-    price, pulled = np.empty(count), np.empty(size)
-    volume(
-        kind.form,
-        rows.x,
-        problem.anchors,
-        rows.hessian,
-        given,
-        foretold,
-        problem.precision,
-        kind.flat,
-        price,
-    )
-    for b in range(count):
-        x, ticks_seen = rows.x[b], max(seen.ticks[b], 1)
-        multiply(x, problem.precision[b], pulled)
-        price[b] += 0.5 * dot(x, pulled) - dot(x, problem.information[b]) + problem.constant[b]
-        earned = rows.earned[b] + seen.gain[b].sum()
-        told = seen.log_ratio[b] + rows.settled[b] - min(price[b], earned)
-        rows.log_likelihood[b] = rows.lasted[b] + weights.independence * told
-        rows.rms[b] = sqrt(seen.chi_sq[b] / (ticks_seen * each))
-        for k in range(each):
-            rows.row_weight[b, k] = seen.precision[b, k] / ticks_seen
+def _weigh(
+    kind: Kind,
+    rows: Rows,
+    problem: Problem,
+    weights: Weights,
+    seen: Sums,
+    b: int,
+    foretold: Array,
+    work: Work,
+) -> None:
+    """As ``following._weighed`` of hypothesis b; ``work`` is at its x, ``foretold`` (K,) is memory."""
+    each, directions, ticks = len(foretold), rows.hessian.shape[2], max(seen.ticks[b], 1)
+    share = weights.foreknowledge * directions / each / max(rows.told[b], 1.0)
+    for k in range(each):
+        foretold[k] = share * exp(-2.0 * seen.gain[b, k] / max(seen.after[b], 1))
+    x = rows.x[b]
+    price = volume(rows.first[b], foretold, kind.flat, rows.hessian[b], work)
+    multiply(x, problem.precision[b], work.pull)
+    price += 0.5 * dot(x, work.pull) - dot(x, problem.information[b]) + problem.constant[b]
+    earned = rows.earned[b] + seen.gain[b].sum()
+    told = seen.log_ratio[b] + rows.settled[b] - min(price, earned)
+    rows.log_likelihood[b] = rows.lasted[b] + weights.independence * told
+    rows.rms[b] = sqrt(seen.chi_sq[b] / (ticks * each))
+    for k in range(each):
+        rows.row_weight[b, k] = seen.precision[b, k] / ticks
 
 
 def _kernels(sources: str) -> tuple[Any, Any]:
@@ -161,11 +153,18 @@ def _kernels(sources: str) -> tuple[Any, Any]:
     @kernel
     def learn(kind: Kind, rows: Rows, ticks: Ticks, steps: Ints, tolerance: float, weights: Weights) -> None:
         assert sources
-        count = len(rows.x)
-        problem = _problem(kind, rows)
-        found = Found(rows.x, np.empty(count), rows.hessian, np.empty(count, np.bool_))
-        descend(kind.form, kind.linear, problem, np.arange(count), steps, tolerance, found)
-        _weigh(kind, rows, problem, ticks, weights)
+        (count, size), (_, each, directions, _) = rows.x.shape, rows.hessian.shape
+        problem, seen = _problem(kind, rows), nothing(count, each)
+        work = work_for(each, rows.first.shape[1], size, directions)
+        residual, foretold = np.empty(each), np.empty(each)
+        for b in range(count):
+            if steps[b] < 0:
+                continue
+            x, hessian = rows.x[b], rows.hessian[b]
+            descend(kind.form, kind.linear, problem, b, x, steps[b], tolerance, hessian, work)
+            onset, certain = rows.onset[b], rows.certain[b]
+            add_up(kind.form, kind.body_in_1, x, onset, certain, ticks, weights.lengths, seen, b, residual)
+            _weigh(kind, rows, problem, weights, seen, b, foretold, work)
 
     return grow, learn
 

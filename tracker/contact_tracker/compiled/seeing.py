@@ -136,23 +136,23 @@ def add_up(
     form: Form,
     body_in_1: bool,
     x: Array,
-    onset: NDArray[np.int64],
-    certain: NDArray[np.bool_],
+    onset: int,
+    certain: bool,
     ticks: Ticks,
     lengths: tuple[float, float],
     sums: Sums,
+    b: int,
+    residual: Array,
 ) -> None:
-    """As ``summed.summed``; ``sums`` are zero before."""
-    residual = np.empty(sums.gain.shape[1])
-    for b in range(len(x)):
-        for w in range(len(ticks.number)):
-            if ticks.number[w] >= onset[b]:
-                after = ticks.number[w] > onset[b]  # the first tick is given, and tells nothing
-                sums.ticks[b] += 1
-                sums.after[b] += 1 if after else 0
-                _add(
-                    form, body_in_1, x[b], ticks, w, 1 if certain[b] else 0, after, lengths, sums, b, residual
-                )
+    """As ``summed.summed`` of hypothesis b, x (S,); ``sums`` are zero before, ``residual`` (K,) is memory."""
+    first = len(ticks.number)
+    while first > 0 and ticks.number[first - 1] >= onset:
+        first -= 1
+    for w in range(first, len(ticks.number)):
+        after = ticks.number[w] > onset  # the first tick is given, and tells nothing
+        sums.ticks[b] += 1
+        sums.after[b] += 1 if after else 0
+        _add(form, body_in_1, x, ticks, w, 1 if certain else 0, after, lengths, sums, b, residual)
 
 
 @jit
@@ -180,8 +180,9 @@ def _kernel(sources: str) -> Any:
         lengths: tuple[float, float],
     ) -> Sums:
         assert sources
-        sums = nothing(len(x), rows)
-        add_up(form, body_in_1, x, onset, certain, ticks, lengths, sums)
+        sums, residual = nothing(len(x), rows), np.empty(rows)
+        for b in range(len(x)):
+            add_up(form, body_in_1, x[b], onset[b], certain[b], ticks, lengths, sums, b, residual)
         return sums
 
     return summed
