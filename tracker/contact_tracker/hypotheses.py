@@ -44,5 +44,5 @@ def fit_stretch(model: ContactModel, window: Window, scales: Scales, begins: Beg
     if not len(bank):
         return bank
     bank = follow(grow_whole(bank, model, window), model, window, scales)
-    bank = searched(bank, model, window, scales)
+    bank = searched(bank, np.flatnonzero(bank.searched), model, window, scales)
     return bank.pick(np.array([bank.log_likelihood.argmax()]))

@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import fitting, following, pricing, seeing
+from contact_tracker.compiled import fitting, following, pricing, searching, seeing
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array, Family
 from contact_tracker.contacts.form import mean_of_alike
@@ -153,6 +153,29 @@ def learn(
     weights = following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
     following.learn(kind, rows, _ticks(window, model.body_in_1), steps, tolerance, weights)
     return {name: getattr(rows, name) for name in found}
+
+
+def offered(model: ContactModel, bank: Columns, scales: Scales, least: float) -> tuple[Index, Index]:
+    """Which rows another's geometry fits better, by more than ``least``, and whose fits them best."""
+    rows: tuple[Index, Index] = searching.offered(_kind(model, scales.reach_m), _rows(bank, ()), least)
+    return rows
+
+
+def find(
+    model: ContactModel,
+    bank: Columns,
+    scales: Scales,
+    which: Index,
+    relaxed: Array,
+    directions: Array,
+    screened: int,
+    rounds: Index,
+    tolerance: float,
+) -> Array:
+    """Geometries (R, n, S) that the rows ``which`` find from ``relaxed`` (R, N, S) and ``directions``."""
+    rows, kind, starts = _rows(bank, ()), _kind(model, scales.reach_m), (_plain(relaxed), _plain(directions))
+    found: Array = searching.find(kind, rows, which, *starts, screened, rounds, tolerance)
+    return found
 
 
 @cache

@@ -60,7 +60,7 @@ class Work(NamedTuple):
 
 
 @jit
-def _work(count: int, columns: int, size: int, directions: int) -> Work:
+def work_for(count: int, columns: int, size: int, directions: int) -> Work:
     return Work(
         rows=np.empty((count, columns)),
         slopes=np.empty((directions, count, columns)),
@@ -80,7 +80,7 @@ def _work(count: int, columns: int, size: int, directions: int) -> Work:
 
 
 @jit
-def _complete(form: Form, linear: Ints, problem: Problem, b: int, x: Array, work: Work) -> float:
+def complete_one(form: Form, linear: Ints, problem: Problem, b: int, x: Array, work: Work) -> float:
     """As ``fit.complete`` of window b, x in place; returns the cost."""
     moments, precision, information = problem.moments[b], problem.precision[b], problem.information[b]
     last, columns, count = len(work.rows) - 1, len(moments), len(linear)
@@ -177,10 +177,10 @@ def descend(
 ) -> None:
     """As ``fit.minimise``."""
     hessian = found.hessian
-    work = _work(hessian.shape[1], problem.moments.shape[1], found.x.shape[1], hessian.shape[2])
+    work = work_for(hessian.shape[1], problem.moments.shape[1], found.x.shape[1], hessian.shape[2])
     for b in range(len(found.x)):
         w, x, left, damping = of[b], found.x[b], steps[b], 1e-3
-        found.cost[b] = _complete(form, linear, problem, w, x, work)
+        found.cost[b] = complete_one(form, linear, problem, w, x, work)
         _equations(form, problem, w, x, hessian[b], work)
         while True:
             found.converged[b] = _step(hessian[b], damping, problem.alike, work) < tolerance
@@ -191,7 +191,7 @@ def descend(
             for i in range(len(x)):
                 work.trial[i] += x[i]
             normalise(form, work.trial, problem.anchors[w])
-            cost = _complete(form, linear, problem, w, work.trial, work)
+            cost = complete_one(form, linear, problem, w, work.trial, work)
             better = cost < found.cost[b]
             damping = min(max(damping * (0.2 if better else 8.0), 1e-9), 1e6)
             if better:
@@ -212,9 +212,9 @@ def _kernels(sources: str) -> tuple[Any, Any]:
     def complete(form: Form, linear: Ints, problem: Problem, of: Ints, x: Array, cost: Array) -> None:
         assert sources
         count, columns, free = problem.row_weight.shape[1], problem.moments.shape[1], len(problem.alike)
-        work = _work(count, columns, x.shape[1], free)
+        work = work_for(count, columns, x.shape[1], free)
         for b in range(len(x)):
-            cost[b] = _complete(form, linear, problem, of[b], x[b], work)
+            cost[b] = complete_one(form, linear, problem, of[b], x[b], work)
 
     return minimise, complete
 

@@ -71,7 +71,7 @@ def _anchors(kind: Kind, rows: Rows, b: int, out: Array) -> None:
 
 
 @jit
-def _problem(kind: Kind, rows: Rows) -> Problem:
+def problem_of(kind: Kind, rows: Rows) -> Problem:
     """As ``following.before``."""
     count, size = rows.x.shape
     precision, information = np.zeros((count, size, size)), np.zeros((count, size))
@@ -162,7 +162,7 @@ def _kernels(sources: str) -> tuple[Any, Any]:
     def learn(kind: Kind, rows: Rows, ticks: Ticks, steps: Ints, tolerance: float, weights: Weights) -> None:
         assert sources
         count = len(rows.x)
-        problem = _problem(kind, rows)
+        problem = problem_of(kind, rows)
         found = Found(rows.x, np.empty(count), rows.hessian, np.empty(count, np.bool_))
         descend(kind.form, kind.linear, problem, np.arange(count), steps, tolerance, found)
         _weigh(kind, rows, problem, ticks, weights)
