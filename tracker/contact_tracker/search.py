@@ -90,15 +90,16 @@ def _from_scratch(bank: Bank, rows: Index, model: ContactModel, window: Window, 
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + 1e-12 * trace * np.eye(moments.shape[-1]))
     directions = _directions(model, window, int(window.index[-1]))
+    mean = bank.known_mean[rows]
+    told = Given(mean, bank.known[rows]).told
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
         how = SCREENED, np.array(ROUNDS), fit.TOLERANCE
-        return calls.find(model, vars(bank), scales, rows, relaxed, directions, *how)
+        return calls.find(model, vars(bank), scales, rows, told, relaxed, directions, *how)
     known = before(bank, model, scales)
     x = np.concatenate([relaxed, _screened(bank, rows, model, known, directions)], axis=1)
-    mean = bank.known_mean[rows]
-    x = np.where(Given(mean, bank.known[rows]).told[:, None], mean[:, None], x)
+    x = np.where(told[:, None], mean[:, None], x)
     x = model.family.normalise(x, known.anchors[rows, None])
     windows = bank.moments, bank.row_weight, *known
     for steps, kept in ROUNDS:

@@ -166,15 +166,17 @@ def find(
     bank: Columns,
     scales: Scales,
     which: Index,
+    told: NDArray[np.bool_],
     relaxed: Array,
     directions: Array,
     screened: int,
     rounds: Index,
     tolerance: float,
 ) -> Array:
-    """Geometries (R, n, S) that the rows ``which`` find from ``relaxed`` (R, N, S) and ``directions``."""
+    """Geometries (R, n, S) that the rows ``which`` find from ``relaxed`` (R, N, S) and ``directions``, with
+    what is ``told`` (R, S) of them."""
     rows, kind, starts = _rows(bank, ()), _kind(model, scales.reach_m), (_plain(relaxed), _plain(directions))
-    found: Array = searching.find(kind, rows, which, *starts, screened, rounds, tolerance)
+    found: Array = searching.find(kind, rows, which, told, *starts, screened, rounds, tolerance)
     return found
 
 
@@ -188,10 +190,9 @@ def _kind(model: ContactModel, reach_m: float) -> following.Kind:
 
 def _rows(bank: Columns, changed: tuple[str, ...]) -> following.Rows:
     """Columns as a kernel takes them: copies of those that it changes."""
-    columns = (
-        np.array(bank[name], order="C") if name in changed else _plain(bank[name])
-        for name in following.Rows._fields
-    )
+    columns = [
+        bank[name].copy() if name in changed else _plain(bank[name]) for name in following.Rows._fields
+    ]
     return following.Rows(*columns)
 
 

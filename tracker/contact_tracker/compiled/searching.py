@@ -101,6 +101,7 @@ def _kernels(sources: str) -> tuple[Any, Any]:
         kind: Kind,
         rows: Rows,
         which: Ints,
+        told: NDArray[np.bool_],
         relaxed: Array,
         directions: Array,
         screened: int,
@@ -123,7 +124,7 @@ def _kernels(sources: str) -> tuple[Any, Any]:
             x[: relaxed.shape[1]], x[relaxed.shape[1] :] = relaxed[r], drawn[_smallest(cost, screened)]
             for i in range(many):
                 for s in range(size):
-                    if rows.known[b, s, s] > 0.0 or mean[s] != 0.0:
+                    if told[r, s]:
                         x[i, s] = mean[s]
                 normalise(form, x[i], anchors)
             for steps, kept in rounds:
