@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import Bank
+from contact_tracker.bank import Bank, best_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales, Window
@@ -20,6 +20,7 @@ AGES: Final = (3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
 """Searches wait for each other, so that one batch of this many ticks does for all."""
+_AGES: Final = np.array(AGES, float)
 _DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
 """Whether an age has been passed since the last batch."""
 SCREENED: Final = 4
@@ -75,10 +76,9 @@ def _lost(bank: Bank) -> Index:
     What they find is offered to those that began beside them.
     """
     age = np.minimum(bank.told.astype(np.int64), len(_DUE) - 1)
-    rows = np.flatnonzero(_DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched)
-    kind = 2 * np.searchsorted(AGES, bank.told[rows], side="right") + (bank.source[rows] > 0)
-    best = np.lexsort((-bank.joint[rows], kind))
-    return np.sort(rows[best[np.unique(kind[best], return_index=True)[1]]])
+    rows = (_DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched).nonzero()[0]
+    kind = 2 * _AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
+    return np.asarray(rows[best_of(kind, bank.joint[rows])])
 
 
 def _from_scratch(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Array:
