@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact_tracker import compiled, fit
+from contact_tracker import compiled, fit, search
 from contact_tracker.bank import FOUND
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window, weak_prior
-from contact_tracker.following import NOT_AT_ALL, grow, learn
+from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
+from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
 from contact_tracker.summed import summed
 from short import FACE_TO_EDGE, MODEL, recorded
@@ -179,6 +180,33 @@ def test_a_bank_grows_and_learns_alike(model, steps):
         assert_same_columns(*learned, FOUND, 3e-5)
         for name in FOUND:
             np.testing.assert_array_equal(vars(learned[1])[name][::3], vars(grown[0])[name][::3])
+
+
+@each_model
+def test_what_others_offer_agrees(model):
+    for state in states():
+        bank = state.banks[model.contact.column]
+        numpy, kernel = both(search._offered, bank, model, SCALES)
+        np.testing.assert_array_equal(kernel, numpy)
+    assert len(numpy[0]) or len(bank) < 2 or model.contact is not Contact.EE
+
+
+@each_model
+def test_searches_find_what_costs_the_same(model):
+    """Where directions cost nothing they may find others."""
+    for state in states():
+        bank, window = state.banks[model.contact.column], state.window
+        rows = np.arange(len(bank))[:: max(len(bank) // 3, 1)]
+        numpy, kernel = both(search._from_scratch, bank, rows, model, window, SCALES)
+        np.testing.assert_allclose(
+            *(costs(bank, model, x, rows.repeat(x.shape[1])) for x in (numpy, kernel)), rtol=1e-4, atol=1e-4
+        )
+
+
+def costs(bank, model, x, of):
+    known = before(bank, model, SCALES)
+    x = x.reshape(len(of), -1)
+    return fit.minimise(model.family, bank.moments, bank.row_weight, *known, x, 0, of=of).cost
 
 
 def assert_same_columns(numpy, kernel, names, rel):

@@ -245,11 +245,11 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     if old > 1:
         age = now + 1 - bank.onset[:old]
         span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)
-        keep[:old] &= _best_of(bank.onset[:old] // span + (span << 40), joint[:old])
+        keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     return bank if keep.all() else bank.pick(keep.nonzero()[0])
 
 
-def _best_of(group: Index, joint: Array) -> Bools:
+def best_of(group: Index, joint: Array) -> Bools:
     """Whether each is the best of its group."""
     order = np.lexsort((-joint, group))
     sorted_group, first, best = group[order], np.ones(len(group), bool), np.zeros(len(group), bool)

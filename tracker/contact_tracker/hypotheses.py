@@ -1,10 +1,12 @@
 """How the hypotheses of one contact live: each has its own onset, its own window and its own geometry."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.bank import Bank, Begins, add, blank, fresh
-from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import follow, grow, grow_whole
 from contact_tracker.lift import R
@@ -15,18 +17,26 @@ Array = NDArray[np.float64]
 
 
 def advance(
-    bank: Bank, model: ContactModel, window: Window, scales: Scales, log_stay: float, margin: float
-) -> Bank:
-    """Take in the newest tick of the window; ``log_stay`` is the price of not having changed in it.
+    banks: Sequence[Bank], windows: Sequence[Window], scales: Scales, log_stay: Array, margin: float
+) -> list[Bank]:
+    """Take in the newest tick of the windows, one for each contact; ``log_stay`` is the price of not having
+    changed in it.
 
     What is further behind the best than the ``margin`` (nats) waits for another geometry: its moments grow.
+    All contacts take one step before any takes the next: what computes it is at hand then.
     """
-    if not len(bank):
-        return bank
-    hopeless = bank.joint < -margin
-    bank = bank.having(lasted=bank.lasted + (bank.onset < window.index[-1]) * log_stay)
-    bank = follow(grow(bank, model, window), model, window, scales, hopeless)
-    return search(bank, model, window, scales)
+    newest = windows[0].index[-1]
+    hopeless = [bank.joint < -margin for bank in banks]
+    living = [
+        (bank.having(lasted=bank.lasted + np.where(bank.onset < newest, price, 0.0)), contact, window)
+        for bank, contact, window, price in zip(banks, CONTACT_MODELS, windows, log_stay, strict=False)
+    ]
+    living = [(grow(bank, contact, window), contact, window) for bank, contact, window in living]
+    living = [
+        (follow(bank, contact, window, scales, far), contact, window)
+        for (bank, contact, window), far in zip(living, hopeless, strict=True)
+    ]
+    return [search(bank, contact, window, scales) for bank, contact, window in living]
 
 
 def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:
@@ -50,5 +60,5 @@ def fit_stretch(model: ContactModel, window: Window, scales: Scales, begins: Beg
     if not len(bank):
         return bank
     bank = follow(grow_whole(bank, model, window), model, window, scales)
-    bank = searched(bank, model, window, scales)
+    bank = searched(bank, np.flatnonzero(bank.searched), model, window, scales)
     return bank.pick(np.array([bank.log_likelihood.argmax()]))

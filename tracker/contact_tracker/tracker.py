@@ -154,28 +154,20 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     window, frames = _append(state, tick)
     begins, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
-    grown, numbers, margin = [], state.numbers, model.search.margin_nats
+    more, numbers, turn = [], state.numbers, tick.zeta[R].reshape(3, 3)
     for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
-        more = bank.add(
-            living,
-            contact,
-            state.ticks,
-            tick.start_ns,
-            numbers,
-            float(entry[column]),
-            past[column],
-            tick.zeta[R].reshape(3, 3),
-            begins[column],
-        )
-        numbers += begins[column].many
-        more = more.having(past=fixed_lag.grown(more.past, column))
-        own = window.with_error(model.noise.beyond_floor(column))
-        grown.append(hypotheses.advance(more, contact, own, scales, float(stay[column]), margin))
+        begun = begins[column]
+        born = (state.ticks, tick.start_ns, numbers, float(entry[column]), past[column], turn, begun)
+        living = bank.add(living, contact, *born)
+        more.append(living.having(past=fixed_lag.grown(living.past, column)))
+        numbers += begun.many
+    windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(more))]
+    grown = hypotheses.advance(more, windows, scales, stay, model.search.margin_nats)
     log_left = np.array([*(b.log_weight for b in grown), entry[FREE]])
     label = STATES[int(np.argmax(log_left))]
     best = max(float(entry[FREE]), *(b.best for b in grown))
     pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in grown), fixed_lag.grown(past[FREE], FREE)]
-    kept = [bank.prune(b, state.ticks, best, margin) for b in grown]
+    kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
     return replace(
         state,
         window=window,

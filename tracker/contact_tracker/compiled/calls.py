@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import fitting, following, seeing
+from contact_tracker.compiled import fitting, following, searching, seeing
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array, Family
 from contact_tracker.contacts.form import mean_of_alike
@@ -147,6 +147,31 @@ def learn(
     return {name: getattr(rows, name) for name in found}
 
 
+def offered(model: ContactModel, bank: Columns, scales: Scales, least: float) -> tuple[Index, Index]:
+    """Which rows another's geometry fits better, by more than ``least``, and whose fits them best."""
+    rows: tuple[Index, Index] = searching.offered(_kind(model, scales.reach_m), _rows(bank, ()), least)
+    return rows
+
+
+def find(
+    model: ContactModel,
+    bank: Columns,
+    scales: Scales,
+    which: Index,
+    told: NDArray[np.bool_],
+    relaxed: Array,
+    directions: Array,
+    screened: int,
+    rounds: Index,
+    tolerance: float,
+) -> Array:
+    """Geometries (R, n, S) that the rows ``which`` find from ``relaxed`` (R, N, S) and ``directions``, with
+    what is ``told`` (R, S) of them."""
+    rows, kind, starts = _rows(bank, ()), _kind(model, scales.reach_m), (_plain(relaxed), _plain(directions))
+    found: Array = searching.find(kind, rows, which, told, *starts, screened, rounds, tolerance)
+    return found
+
+
 @cache
 def _kind(model: ContactModel, reach_m: float) -> following.Kind:
     family = model.family
@@ -157,10 +182,9 @@ def _kind(model: ContactModel, reach_m: float) -> following.Kind:
 
 def _rows(bank: Columns, changed: tuple[str, ...]) -> following.Rows:
     """Columns as a kernel takes them: copies of those that it changes."""
-    columns = (
-        np.array(bank[name], order="C") if name in changed else _plain(bank[name])
-        for name in following.Rows._fields
-    )
+    columns = [
+        bank[name].copy() if name in changed else _plain(bank[name]) for name in following.Rows._fields
+    ]
     return following.Rows(*columns)
 
 

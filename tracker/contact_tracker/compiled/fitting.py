@@ -84,7 +84,7 @@ def work_for(count: int, columns: int, size: int, directions: int) -> Work:
 
 
 @jit
-def _complete(form: Form, linear: Ints, problem: Problem, b: int, x: Array, work: Work) -> float:
+def complete_one(form: Form, linear: Ints, problem: Problem, b: int, x: Array, work: Work) -> float:
     """As ``fit.complete`` of window b, x in place; returns the cost."""
     moments, precision, information = problem.moments[b], problem.precision[b], problem.information[b]
     last, columns, count = len(work.rows) - 1, len(moments), len(linear)
@@ -192,7 +192,7 @@ def descend(
     Returns the cost, and whether it has converged.
     """
     damping, left = 1e-3, steps
-    cost = _complete(form, linear, problem, w, x, work)
+    cost = complete_one(form, linear, problem, w, x, work)
     _equations(form, problem, w, x, hessian, work)
     while True:
         if _step(hessian, damping, problem.alike, work) < tolerance:
@@ -204,7 +204,7 @@ def descend(
         for i in range(len(x)):
             work.trial[i] += x[i]
         normalise(form, work.trial, problem.anchors[w])
-        proposed = _complete(form, linear, problem, w, work.trial, work)
+        proposed = complete_one(form, linear, problem, w, work.trial, work)
         better = proposed < cost
         damping = min(max(damping * (0.2 if better else 8.0), 1e-9), 1e6)
         if better:
@@ -232,7 +232,7 @@ def _kernels(sources: str) -> tuple[Any, Any]:
         count, columns, free = problem.row_weight.shape[1], problem.moments.shape[1], len(problem.alike)
         work = work_for(count, columns, x.shape[1], free)
         for b in range(len(x)):
-            cost[b] = _complete(form, linear, problem, of[b], x[b], work)
+            cost[b] = complete_one(form, linear, problem, of[b], x[b], work)
 
     return minimise, complete
 

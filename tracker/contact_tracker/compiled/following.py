@@ -71,7 +71,7 @@ def _anchors(kind: Kind, rows: Rows, b: int, out: Array) -> None:
 
 
 @jit
-def _problem(kind: Kind, rows: Rows) -> Problem:
+def problem_of(kind: Kind, rows: Rows) -> Problem:
     """As ``following.before``."""
     count, size = rows.x.shape
     precision, information = np.zeros((count, size, size)), np.zeros((count, size))
@@ -154,7 +154,7 @@ def _kernels(sources: str) -> tuple[Any, Any]:
     def learn(kind: Kind, rows: Rows, ticks: Ticks, steps: Ints, tolerance: float, weights: Weights) -> None:
         assert sources
         (count, size), (_, each, directions, _) = rows.x.shape, rows.hessian.shape
-        problem, seen = _problem(kind, rows), nothing(count, each)
+        problem, seen = problem_of(kind, rows), nothing(count, each)
         work = work_for(each, rows.first.shape[1], size, directions)
         residual, foretold = np.empty(each), np.empty(each)
         for b in range(count):

@@ -43,13 +43,14 @@ def given(model: ContactModel, object: Element | None, environment: Element | No
     widths = [_WIDTHS[kind] for kind in kinds]
     mean, information = np.zeros(sum(widths)), np.zeros((sum(widths), sum(widths)))
     if first is not None:
-        mean[: widths[0]], information[: widths[0], : widths[0]] = _near(first, *anchors[:3])
+        mean[: widths[0]], information[: widths[0], : widths[0]] = _at(first, anchors[:3])
     if second is not None:
-        mean[widths[0] :], information[widths[0] :, widths[0] :] = _near(second, *anchors[3:])
+        mean[widths[0] :], information[widths[0] :, widths[0] :] = _at(second, anchors[3:])
     return Given(mean, information)
 
 
 _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
+_SIX: Final = np.eye(6)
 _LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
 
 
@@ -74,17 +75,19 @@ def _faces(first: Plane | None, second: Plane | None) -> Given:
     return Given(mean, _inverse(covariance, face_face.H) * np.outer(known, known))
 
 
+def _at(element: Element, anchor: Array) -> Given:
+    """An element's part of x."""
+    return _near(element, *anchor.tolist()) if isinstance(element, Line) else _part(element)
+
+
 @lru_cache(maxsize=64)  # a tick asks several times
-def _near(element: Element, *anchor: float) -> Given:
-    """An element's part of x; a line is given by its point nearest to ``anchor``."""
-    own = _part(element)
-    if not isinstance(element, Line):
-        return own
+def _near(element: Line, *anchor: float) -> Given:
+    """A line's part of x, by its point nearest to ``anchor``."""
     along = float(element.direction @ (np.array(anchor) - element.point_m))
-    back = np.eye(6)
-    back[3:, :3] = -along * np.eye(3)
+    back = _SIX.copy()
+    back[3:, :3] = -along * _SIX[:3, :3]
     mean = np.concatenate([element.direction, element.point_m + along * element.direction])
-    return Given(mean, back.T @ own.information @ back)
+    return Given(mean, back.T @ _part(element).information @ back)
 
 
 @lru_cache(maxsize=1024)
