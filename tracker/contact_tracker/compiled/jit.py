@@ -22,8 +22,8 @@ file changes."""
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
-    """A part of kernels, compiled with each."""
-    compiled: Callable[P, R] = _njit(function, error_model="numpy")
+    """A part of kernels, compiled into each: calls would hand over hundreds of words of arrays."""
+    compiled: Callable[P, R] = _njit(function, error_model="numpy", forceinline=True)
     return compiled
 
 
