@@ -75,7 +75,7 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
 
 def follow(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
     """``learn`` as far as is due in every tick."""
-    steps = np.where(bank.told < FIRST_TICKS, FIRST_STEPS, REFINE_STEPS)
+    steps = REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.told < FIRST_TICKS)
     return learn(bank, model, window, scales, steps)
 
 
