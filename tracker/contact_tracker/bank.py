@@ -231,7 +231,7 @@ def add(
         row_weight=row_weight,
         lasted=begins.log_share,
         log_likelihood=begins.log_share,
-        past=np.broadcast_to(past, (count, *past.shape)),
+        past=past[None].repeat(count, axis=0),
     )
     added = vars(new)
     return bank.having(**{name: np.concatenate((column, added[name])) for name, column in vars(bank).items()})
@@ -241,7 +241,7 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     """Drop what is hopeless against ``best``, and thin out onsets the more the older they are."""
     joint = bank.joint
     keep = (joint > best - margin) | ((bank.told <= PATIENCE) & bank.searched)
-    old = np.searchsorted(bank.onset, now + 1 - YOUNG)  # they are in order
+    old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]
         span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)

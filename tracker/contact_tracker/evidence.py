@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Family, Measurement, dot, lift_of_inverse
 from contact_tracker.fit import Prior
-from contact_tracker.lift import R, T
+from contact_tracker.lift import T
 
 Array = NDArray[np.float64]
 
@@ -62,10 +62,13 @@ class Window:
 
         Zero where the tick before is not in the window.
         """
-        before = self.zeta[:1] if self.before is None else self.before[None]
-        apart = np.square(np.diff(self.zeta, axis=0, prepend=before))
-        apart[1:][np.diff(self.index) != 1] = 0.0
-        return np.stack([apart[:, T].sum(axis=1) / 3.0, apart[:, R].sum(axis=1) / 6.0], axis=1)
+        apart = np.empty((len(self), T[-1] + 1))  # R comes before T
+        pose = self.zeta[:, : T[-1] + 1]
+        np.subtract(pose[1:], pose[:-1], out=apart[1:])
+        apart[:1] = 0.0 if self.before is None else pose[:1] - self.before[: T[-1] + 1]
+        apart *= apart
+        apart[1:][self.index[1:] - self.index[:-1] != 1] = 0.0
+        return np.stack([apart[:, T[0] :].sum(axis=1) / 3.0, apart[:, : T[0]].sum(axis=1) / 6.0], axis=1)
 
     @property
     def unrest(self) -> float:

@@ -79,10 +79,10 @@ def follow(
     bank: Bank, model: ContactModel, window: Window, scales: Scales, hopeless: Bools | None = None
 ) -> Bank:
     """``learn`` as far as is due in every tick, of what is ``hopeless`` (H,) nothing."""
-    steps = np.where(bank.told < FIRST_TICKS, FIRST_STEPS, REFINE_STEPS)
-    return learn(
-        bank, model, window, scales, steps if hopeless is None else np.where(hopeless, NOT_AT_ALL, steps)
-    )
+    steps = REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.told < FIRST_TICKS)
+    if hopeless is not None:
+        steps[hopeless] = NOT_AT_ALL
+    return learn(bank, model, window, scales, steps)
 
 
 def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps: Index) -> Bank:

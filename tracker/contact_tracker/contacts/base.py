@@ -243,4 +243,4 @@ _INVERSE_SIGN: Final = np.concatenate([np.ones(9), -np.ones(6), np.ones(10)])
 
 def lift_of_inverse(zeta: Array) -> Array:
     """Lift of the inverse pose from the lift of the pose: a signed permutation of zeta."""
-    return np.asarray(zeta[..., _INVERSE_ORDER] * _INVERSE_SIGN)
+    return np.asarray(zeta.take(_INVERSE_ORDER, axis=-1) * _INVERSE_SIGN)
