@@ -34,6 +34,7 @@ class Bank:
     entry : (H,) log weight with which it began.
     source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
         the prior on x that they are.
+    pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
     pair, certain, searched : (H,) which of the pairs of elements that the user knows it assumes, whether both
         are given by that, and whether directions are left that have to be searched for.
     first : (H, C) lifted first tick over its noise: what was given at the onset.
@@ -56,6 +57,7 @@ class Bank:
     source: Index
     known_mean: Array
     known: Array
+    pivot: Array
     pair: Index
     certain: Bools
     searched: Bools
@@ -124,6 +126,7 @@ class Begins(NamedTuple):
     log_share: Array
     known_mean: Array
     known: Array
+    pivot: Array
     pair: Index
     certain: Bools
     searched: Bools
@@ -139,12 +142,15 @@ class Begins(NamedTuple):
 def fresh(model: ContactModel) -> Begins:
     """One of which nothing is known."""
     size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
-    return Begins(number, np.zeros(1), np.zeros((1, size)), np.zeros((1, size, size)), number, no, ~no)
+    mean, known, pivot = np.zeros((1, size)), np.zeros((1, size, size)), np.full((1, 6), np.nan)
+    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no)
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
-    """Where the body was on average over each window, (H, 6) as in ``contacts.base``."""
-    return model.anchors(bank.place_sum / bank.weight[:, None])
+    """Where each hypothesis has its lines: through known points, or nearest to where the body was on average
+    over its window; (H, 6) as in ``contacts.base``."""
+    anchors = model.anchors(bank.place_sum / bank.weight[:, None])
+    return np.where(np.isnan(bank.pivot), anchors, bank.pivot)
 
 
 def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
@@ -171,6 +177,7 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         source=index,
         known_mean=np.zeros((count, s)),
         known=np.zeros((count, s, s)),
+        pivot=np.full((count, 6), np.nan),
         pair=index,
         certain=np.zeros(count, bool),
         searched=np.ones(count, bool),
@@ -224,6 +231,7 @@ def add(
         source=begins.source,
         known_mean=begins.known_mean,
         known=begins.known,
+        pivot=begins.pivot,
         pair=begins.pair,
         certain=begins.certain,
         searched=begins.searched,

@@ -8,7 +8,7 @@ import numpy as np
 from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.bank import Begins, fresh
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given, given
+from contact_tracker.contacts.given import Given, given, pivots
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
@@ -48,12 +48,13 @@ def _offers(
         pairs.append(known.elements(origin))
         prior = given(model, *pairs[-1], np.zeros(6))
         source = len(pairs) if prior.information.any() else 0
-        rows.append((source, own_share, *prior, number, known.certain, _searched(model, prior)))
+        here = pivots(model, *pairs[-1])
+        rows.append((source, own_share, *prior, here, number, known.certain, _searched(model, prior)))
         for other in filled:
             share = known.log_share + float(np.log(recognised / len(filled)))
             pairs.append(other.elements(origin))
             prior = given(model, *pairs[-1], np.zeros(6))
-            rows.append((len(pairs), share, *prior, number, False, False))
+            rows.append((len(pairs), share, *prior, pivots(model, *pairs[-1]), number, False, False))
     if not rows:
         return fresh(model).pick(np.zeros(0, np.int64)), []
     return Begins(*map(np.array, zip(*rows, strict=True))), pairs

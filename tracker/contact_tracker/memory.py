@@ -71,10 +71,22 @@ def _kept(met: Sequence[tuple[int, Known]], onset_ns: int, element: Element) -> 
 
 
 def _of(met: Sequence[tuple[int, Known]], kind: str) -> list[Known | None]:
-    """Elements of a kind that were met; and a vertex that may be anywhere on the edge that was met last."""
+    """Elements of a kind that were met; and of the element met last a vertex that may be anywhere on that
+    edge, or an edge that goes through that vertex."""
     same: list[Known | None] = [None, *(known for _, known in met if known.kind == kind)]
     edges = [known for _, known in met if known.kind == "e" and kind == "v"]
-    return [*same, *(Known(known.name, _on(known.element)) for known in edges[-1:])]
+    same = [*same, *(Known(known.name, _on(known.element)) for known in edges[-1:])]
+    points = [known for _, known in met[-1:] if known.kind == "v" and kind == "e"]
+    return [*same, *(Known(known.name, _through(known.element)) for known in points)]
+
+
+def _through(vertex: Element) -> Line:
+    """An edge that goes through a vertex; its direction is unknown, and zero."""
+    assert isinstance(vertex, Point)
+    assert vertex.covariance is not None
+    covariance = np.zeros((6, 6))
+    covariance[3:, 3:] = vertex.covariance
+    return Line(np.zeros(3), vertex.point_m, covariance)
 
 
 def _on(edge: Element) -> Point:

@@ -29,10 +29,23 @@ class Given(NamedTuple):
         return np.asarray((self.information.diagonal(axis1=-2, axis2=-1) > 0.0) | (self.mean != 0.0))
 
 
+def pivots(model: ContactModel, object: Element | None, environment: Element | None) -> Array:
+    """Anchors (6,) of a prior of these elements: the points that lines go through, NaN where the body is.
+
+    The foot of a line that may turn about a point depends on its direction, unless it is that point.
+    """
+    pair = (object, environment) if model.body_in_1 else (environment, object)
+    anywhere = np.full(3, np.nan)
+    return np.concatenate(
+        [e.point_m if isinstance(e, Line) and not e.direction.any() else anywhere for e in pair]
+    )
+
+
 def given(model: ContactModel, object: Element | None, environment: Element | None, anchors: Array) -> Given:
     """The prior of a contact of these elements; None is an unknown one.
 
     Elements have covariances, and are given in the frames in which x is; ``anchors`` (6,) as in ``base``.
+    A line without direction is any through its point (see ``pivots``).
     """
     first, second = (object, environment) if model.body_in_1 else (environment, object)
     if model.family is face_face:
