@@ -26,6 +26,7 @@ LAYERS = (
     (
         "assumptions",
         "bank",
+        "incidence",
         "memory",
         "evidence",
         "following",

@@ -235,7 +235,7 @@ def add(
         pair=begins.pair,
         certain=begins.certain,
         searched=begins.searched,
-        x=np.where(Given(begins.known_mean, begins.known).told, begins.known_mean, x),
+        x=np.where(Given(begins.known_mean, begins.known).told(model), begins.known_mean, x),
         row_weight=row_weight,
         lasted=begins.log_share,
         log_likelihood=begins.log_share,

@@ -87,7 +87,7 @@ def _from_scratch(
     family, windows = model.family, (bank.moments, bank.row_weight, *known)
     x = _starts(bank, rows, model, known, window)
     mean = bank.known_mean[rows]
-    x = np.where(Given(mean, bank.known[rows]).told[:, None], mean[:, None], x)
+    x = np.where(Given(mean, bank.known[rows]).told(model)[:, None], mean[:, None], x)
     x = family.normalise(x, known.anchors[rows, None])
     row = np.arange(len(rows))[:, None]
     for steps, kept in ROUNDS:
