@@ -26,6 +26,7 @@ LAYERS = (
     (
         "assumptions",
         "bank",
+        "begins",
         "incidence",
         "memory",
         "evidence",

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contact_tracker.bank import Begins
 from contact_tracker.beginnings import beginnings
+from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import ContactGeometry, Line, Plane, Point
 from contact_tracker.incidence import LENGTH_M

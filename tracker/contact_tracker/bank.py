@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
@@ -117,33 +118,6 @@ class Bank:
 
 FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
 """Columns that change when a hypothesis learns."""
-
-
-class Begins(NamedTuple):
-    """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight."""
-
-    source: Index
-    log_share: Array
-    known_mean: Array
-    known: Array
-    pivot: Array
-    pair: Index
-    certain: Bools
-    searched: Bools
-
-    @property
-    def many(self) -> int:
-        return len(self.source)
-
-    def pick(self, rows: NDArray[np.generic]) -> "Begins":
-        return Begins(*(column[rows] for column in self))
-
-
-def fresh(model: ContactModel) -> Begins:
-    """One of which nothing is known."""
-    size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
-    mean, known, pivot = np.zeros((1, size)), np.zeros((1, size, size)), np.full((1, 6), np.nan)
-    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no)
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:

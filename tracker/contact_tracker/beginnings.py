@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
-from contact_tracker.bank import Begins, fresh
+from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given, given, pivots
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
