@@ -26,6 +26,8 @@ LAYERS = (
     (
         "assumptions",
         "bank",
+        "begins",
+        "incidence",
         "memory",
         "evidence",
         "following",

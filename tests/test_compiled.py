@@ -168,10 +168,17 @@ def states():
 
 @each_model
 @pytest.mark.parametrize("steps", [0, 1])
-def test_a_bank_grows_and_learns_alike(model, steps):
+@pytest.mark.parametrize("pivoted", [False, True])
+def test_a_bank_grows_and_learns_alike(model, steps, pivoted):
     """Of few steps: they part where a step is as good as none."""
+    rng = np.random.default_rng(5)
     for state in states():
         bank, window = state.banks[model.contact.column], state.window
+        if pivoted:  # some, in frame 1 or in both
+            pivot = np.where(
+                rng.random(bank.pivot.shape) < 0.5, np.nan, 0.1 * rng.normal(size=bank.pivot.shape)
+            )
+            bank = bank.having(pivot=pivot)
         grown = both(grow, bank, model, window)
         assert_same_columns(*grown, GROWS, 1e-12)
         count = np.full(len(bank), steps)

@@ -1,15 +1,18 @@
 """Elements met before: what is kept of them, and what they offer to contacts that begin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from contact_tracker.bank import Begins
 from contact_tracker.beginnings import beginnings
+from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import ContactGeometry, Line, Plane, Point
-from contact_tracker.knowledge import NOTHING
+from contact_tracker.incidence import LENGTH_M
+from contact_tracker.knowledge import NOTHING, Knowledge, Known
 from contact_tracker.labels import Contact
-from contact_tracker.memory import KEPT, LENGTH_M, Memory
+from contact_tracker.memory import KEPT, LAST, Memory
 
 ORIGIN = np.zeros(3)
 ALONG = np.array([0.0, 0.6, 0.8])
@@ -45,7 +48,7 @@ def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():
     assert len(memory.object) == 1
     for onset_ns in range(10):
         memory = memory.learn(ON_THE_TABLE, onset_ns, ORIGIN)
-    assert [onset for onset, _ in memory.object] == list(range(10 - KEPT, 10))
+    assert [met.onset_ns for met in memory.object] == list(range(10 - KEPT, 10))
     assert memory.knows(9)
     assert not memory.knows(0)
 
@@ -54,7 +57,7 @@ def test_a_vertex_may_be_anywhere_on_the_edge_that_turned():
     """From e-f to v-f the plane stays, and the vertex lies on the edge."""
     memory = Memory().learn(ON_THE_TABLE, 5, ORIGIN)
     begins, size = offers(memory, Contact.VF), 7
-    assert begins.many == 4
+    assert begins.many == 4  # nothing, an end of the edge, the table, both
     (both,) = [i for i in range(4) if begins.known_mean[i, :3].any() and begins.known_mean[i, 3:].any()]
     information = begins.known[both]
     assert information.shape == (size, size)
@@ -63,10 +66,40 @@ def test_a_vertex_may_be_anywhere_on_the_edge_that_turned():
     assert np.sqrt(on_point[0, 0]) < 2e-3  # across
 
 
-def test_only_the_last_edge_is_offered_to_a_vertex_beside_those_met():
-    corner = ContactGeometry(Point(np.array([0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TABLE)
+CORNER = ContactGeometry(Point(np.array([0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TABLE)
+
+
+def test_only_what_is_next_to_the_last_contact_is_offered_beside_what_was_met():
     memory = Memory()
     for onset_ns in range(3):
-        memory = memory.learn(ON_THE_TABLE, 2 * onset_ns, ORIGIN).learn(corner, 2 * onset_ns + 1, ORIGIN)
-    points = 1 + KEPT + 1  # none, those met, one on the edge
+        memory = memory.learn(ON_THE_TABLE, 2 * onset_ns, ORIGIN).learn(CORNER, 2 * onset_ns + 1, ORIGIN)
+    points = 1 + KEPT + 1  # none, those met, an end of the edge
     assert offers(memory, Contact.VF).many == points * (1 + KEPT)
+    # an edge through the corner stands on the face of the last contact, or an edge of that meets it
+    assert offers(memory, Contact.EF).many == (1 + KEPT) * (1 + KEPT) + 1
+    edges = offers(memory, Contact.EE)
+    assert edges.many == 1 + KEPT + 1
+    through = ~np.isnan(edges.pivot)
+    assert through[:, :3].any(axis=1).sum() == 1
+    np.testing.assert_array_equal(edges.pivot[through], [0.1, 0.2, 0.3])
+
+
+def test_elements_of_the_last_contact_are_likelier_than_others():
+    memory = Memory()
+    for onset_ns in range(2):
+        memory = memory.learn(CORNER, onset_ns, ORIGIN)
+    begins = offers(memory, Contact.VF)
+    share = np.exp(begins.log_share[begins.source > 0])
+    assert share.sum() == pytest.approx(0.5)
+    assert share.max() / share.min() == pytest.approx(LAST**2)
+
+
+def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():
+    """It is not remembered, but was part of the last contact all the same."""
+    table = replace(TABLE, name="table")
+    knowledge = Knowledge(environment=(Known("table", TABLE),))
+    memory = Memory().learn(ContactGeometry(CORNER.object, table), 5, ORIGIN)
+    model = CONTACT_MODELS[Contact.EF.column]
+    begins = beginnings(knowledge, memory, 0.5, model, np.zeros(6), ORIGIN)
+    on_table = ~np.isnan(begins.pivot[:, 0]) & begins.known_mean[:, 6:9].any(axis=1)
+    assert on_table.any()

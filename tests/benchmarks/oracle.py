@@ -19,7 +19,8 @@ from scipy.stats import chi2
 from tracking import Tracked
 
 from contact_tracker import evidence, hmm, hypotheses
-from contact_tracker.bank import Bank, fresh
+from contact_tracker.bank import Bank
+from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.given import given
 from contact_tracker.evidence import Scales, Window

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
@@ -34,6 +35,7 @@ class Bank:
     entry : (H,) log weight with which it began.
     source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
         the prior on x that they are.
+    pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
     pair, certain, searched : (H,) which of the pairs of elements that the user knows it assumes, whether both
         are given by that, and whether directions are left that have to be searched for.
     first : (H, C) lifted first tick over its noise: what was given at the onset.
@@ -56,6 +58,7 @@ class Bank:
     source: Index
     known_mean: Array
     known: Array
+    pivot: Array
     pair: Index
     certain: Bools
     searched: Bools
@@ -117,34 +120,11 @@ FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
 """Columns that change when a hypothesis learns."""
 
 
-class Begins(NamedTuple):
-    """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight."""
-
-    source: Index
-    log_share: Array
-    known_mean: Array
-    known: Array
-    pair: Index
-    certain: Bools
-    searched: Bools
-
-    @property
-    def many(self) -> int:
-        return len(self.source)
-
-    def pick(self, rows: NDArray[np.generic]) -> "Begins":
-        return Begins(*(column[rows] for column in self))
-
-
-def fresh(model: ContactModel) -> Begins:
-    """One of which nothing is known."""
-    size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
-    return Begins(number, np.zeros(1), np.zeros((1, size)), np.zeros((1, size, size)), number, no, ~no)
-
-
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
-    """Where the body was on average over each window, (H, 6) as in ``contacts.base``."""
-    return model.anchors(bank.place_sum / bank.weight[:, None])
+    """Where each hypothesis has its lines: through known points, or nearest to where the body was on average
+    over its window; (H, 6) as in ``contacts.base``."""
+    anchors = model.anchors(bank.place_sum / bank.weight[:, None])
+    return np.where(np.isnan(bank.pivot), anchors, bank.pivot)
 
 
 def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
@@ -171,6 +151,7 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         source=index,
         known_mean=np.zeros((count, s)),
         known=np.zeros((count, s, s)),
+        pivot=np.full((count, 6), np.nan),
         pair=index,
         certain=np.zeros(count, bool),
         searched=np.ones(count, bool),
@@ -224,10 +205,11 @@ def add(
         source=begins.source,
         known_mean=begins.known_mean,
         known=begins.known,
+        pivot=begins.pivot,
         pair=begins.pair,
         certain=begins.certain,
         searched=begins.searched,
-        x=np.where(Given(begins.known_mean, begins.known).told, begins.known_mean, x),
+        x=np.where(Given(begins.known_mean, begins.known).told(model), begins.known_mean, x),
         row_weight=row_weight,
         lasted=begins.log_share,
         log_likelihood=begins.log_share,

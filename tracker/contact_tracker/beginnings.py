@@ -6,9 +6,9 @@ from functools import lru_cache
 import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
-from contact_tracker.bank import Begins, fresh
+from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given, given
+from contact_tracker.contacts.given import Given, given, pivots
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
@@ -45,15 +45,17 @@ def _offers(
     for number, known in enumerate(assumptions(knowledge, model)):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
         own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
+        whole = float(np.logaddexp.reduce([other.log_share for other in filled]))
         pairs.append(known.elements(origin))
         prior = given(model, *pairs[-1], np.zeros(6))
         source = len(pairs) if prior.information.any() else 0
-        rows.append((source, own_share, *prior, number, known.certain, _searched(model, prior)))
+        here = pivots(model, *pairs[-1])
+        rows.append((source, own_share, *prior, here, number, known.certain, _searched(model, prior)))
         for other in filled:
-            share = known.log_share + float(np.log(recognised / len(filled)))
+            share = known.log_share + float(np.log(recognised)) + other.log_share - whole
             pairs.append(other.elements(origin))
             prior = given(model, *pairs[-1], np.zeros(6))
-            rows.append((len(pairs), share, *prior, number, False, False))
+            rows.append((len(pairs), share, *prior, pivots(model, *pairs[-1]), number, False, False))
     if not rows:
         return fresh(model).pick(np.zeros(0, np.int64)), []
     return Begins(*map(np.array, zip(*rows, strict=True))), pairs
@@ -64,13 +66,13 @@ def _filled(known: Assumption, met: Assumption) -> Assumption | None:
     if (known.object and met.object) or (known.environment and met.environment) or known.certain:
         return None
     object, environment = known.object or met.object, known.environment or met.environment
-    return Assumption(object, environment, 0.0, None if environment else known.up)
+    return Assumption(object, environment, met.log_share, None if environment else known.up)
 
 
 def _searched(model: ContactModel, given: Given) -> bool:
     """Whether directions are unknown: the rest is a linear problem."""
     directions = np.delete(np.arange(model.family.SIZE), model.family.LINEAR)
-    return not given.told[directions].all()
+    return not given.told(model)[directions].all()
 
 
 def named(geometry: ContactGeometry, known: Assumption) -> ContactGeometry:

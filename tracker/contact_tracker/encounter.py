@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.bank import Begins
+from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, residual_noise
 from contact_tracker.geometry import Array

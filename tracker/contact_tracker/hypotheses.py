@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.bank import Bank, Begins, add, blank, fresh
+from contact_tracker.bank import Bank, add, blank
+from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import follow, grow, grow_whole

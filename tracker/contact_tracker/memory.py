@@ -5,16 +5,17 @@ offered to the hypotheses that begin later, with the accuracy at which it is kno
 has fewer unknowns to pay for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from contact_tracker.assumptions import Assumption
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.incidence import incident
 from contact_tracker.knowledge import Known
 
 SURE: Final = 0.9
@@ -23,67 +24,86 @@ LEARN_TICKS: Final = 5
 """An element is looked at again after so many ticks."""
 KEPT: Final = 2
 """So many elements of each kind and side are remembered, the latest."""
-LENGTH_M: Final = 0.2
-"""How far the ends of an edge are from its point nearest to the body."""
+LAST: Final = 3.0
+"""An element of the last contact is so many times as likely to touch again as another one."""
 LOOSE_M: Final = 0.3e-3
 LOOSE_RAD: Final = 2e-3
 """Real elements are not quite the same at the second touch."""
 
 
+class Met(NamedTuple):
+    """An element, the onset of the contact in which it was met, and where the body was then (3,)."""
+
+    onset_ns: int
+    known: Known
+    body_m: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """Elements with the onset (ns) of the contact in which they were met, the latest last."""
+    """Elements of the object and of the surroundings, each in its own frame, the latest last."""
 
-    object: tuple[tuple[int, Known], ...] = ()
-    environment: tuple[tuple[int, Known], ...] = ()
+    object: tuple[Met, ...] = ()
+    environment: tuple[Met, ...] = ()
 
     def learn(self, geometry: ContactGeometry, onset_ns: int, position_m: Array) -> "Memory":
         """Remember the elements of a contact; what it has taught before is replaced.
 
         ``position_m`` (3,) of the body's origin in the world tells on which side of a face it is.
         """
-        ours = _loosened(_outward(geometry.object, np.zeros(3), inside=True))
+        here = np.zeros(3)
+        ours = _loosened(_outward(geometry.object, here, inside=True))
         theirs = _loosened(_outward(geometry.environment, position_m, inside=False))
-        return Memory(_kept(self.object, onset_ns, ours), _kept(self.environment, onset_ns, theirs))
+        return Memory(
+            _kept(self.object, onset_ns, ours, here), _kept(self.environment, onset_ns, theirs, position_m)
+        )
 
     def knows(self, onset_ns: int) -> bool:
         """Whether the contact that began then has taught something."""
-        return any(onset == onset_ns for onset, _ in (*self.object, *self.environment))
+        return any(met.onset_ns == onset_ns for met in (*self.object, *self.environment))
 
     def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
-        """Pairs of elements met before, or of one and an unknown one; all weigh the same."""
+        """Pairs of elements met before, or of one and an unknown one; of elements next to those of the last
+        contact only such as go with each other or with those."""
         ours, theirs = model.contact.value[0], model.contact.value[2]
-        return tuple(
-            Assumption(o, e, 0.0)
-            for o, e in product(_of(self.object, ours), _of(self.environment, theirs))
-            if o is not None or e is not None
-        )
+        last_ns = max((met.onset_ns for met in (*self.object, *self.environment)), default=0)
+        pairs = [
+            (o, e, int(o_last and o is not None) + int(e_last and e is not None))
+            for (o, o_last, o_met), (e, e_last, e_met) in product(
+                _offered(self.object, ours, last_ns), _offered(self.environment, theirs, last_ns)
+            )
+            if (o or e) and ((o_met and e_met) or (o_last and e_last))
+        ]
+        log_weight = np.log(LAST) * np.array([many for _, _, many in pairs])
+        log_share = log_weight - np.logaddexp.reduce(log_weight)
+        return tuple(Assumption(o, e, float(s)) for (o, e, _), s in zip(pairs, log_share, strict=True))
 
 
-def _kept(met: Sequence[tuple[int, Known]], onset_ns: int, element: Element) -> tuple[tuple[int, Known], ...]:
+def _kept(met: Sequence[Met], onset_ns: int, element: Element, body_m: Array) -> tuple[Met, ...]:
     if element.name is not None:  # the user knows it anyway
         return tuple(met)
-    known = Known("met before", element)
-    others = [(onset, old) for onset, old in met if onset != onset_ns]
-    alike = [pair for pair in others if pair[1].kind == known.kind]
+    new = Met(onset_ns, Known("met before", element), body_m)
+    others = [old for old in met if old.onset_ns != onset_ns]
+    alike = [old.onset_ns for old in others if old.known.kind == new.known.kind]
     forgotten = alike[: max(len(alike) - KEPT + 1, 0)]
-    return (*(pair for pair in others if pair not in forgotten), (onset_ns, known))
+    return (*(old for old in others if old.onset_ns not in forgotten), new)
 
 
-def _of(met: Sequence[tuple[int, Known]], kind: str) -> list[Known | None]:
-    """Elements of a kind that were met; and a vertex that may be anywhere on the edge that was met last."""
-    same: list[Known | None] = [None, *(known for _, known in met if known.kind == kind)]
-    edges = [known for _, known in met if known.kind == "e" and kind == "v"]
-    return [*same, *(Known(known.name, _on(known.element)) for known in edges[-1:])]
+def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[tuple[Known | None, bool, bool]]:
+    """What an element of a kind may be, whether it is of the contact of ``last_ns``, and whether it was met.
 
-
-def _on(edge: Element) -> Point:
-    """A point of an edge."""
-    assert isinstance(edge, Line)
-    assert edge.covariance is not None
-    turned, shifted = edge.covariance[:3, :3], edge.covariance[3:, 3:]
-    along = np.outer(edge.direction, edge.direction)
-    return Point(edge.point_m, shifted + LENGTH_M**2 * (along + turned))
+    None is an unknown one; of the last contact, too, where the user knows what touched. An end of the edge
+    met last counts as met; what else is next to the last contact does not: an edge through that vertex ...
+    """
+    yield None, not any(onset_ns == last_ns for onset_ns, _, _ in met), True
+    edges = [beside for beside in met if beside.known.kind == "e"][-1:] if kind == "v" else []
+    for beside in met:
+        last = beside.onset_ns == last_ns
+        if beside.known.kind == kind:
+            yield beside.known, last, True
+        elif last or beside in edges:
+            element = incident(beside.known.element, kind, beside.body_m)
+            yield Known(beside.known.name, element), last, beside in edges
 
 
 def _outward(element: Element, position_m: Array, inside: bool) -> Element:

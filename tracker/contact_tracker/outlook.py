@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.bank import Begins
 from contact_tracker.beginnings import beginnings
+from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
 from contact_tracker.evidence import Window

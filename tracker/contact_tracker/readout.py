@@ -23,7 +23,20 @@ def geometry_of(
     """
     variance = np.median(window.variance, axis=0)
     found = observed_geometry(bank, row, model, scales, variance)
-    return ContactGeometry(found.object, shifted(found.environment, origin_m))
+    body_m = bank.place_sum[row] / bank.weight[row]
+    environment = shifted(_by_its_foot(found.environment, body_m), origin_m)
+    return ContactGeometry(_by_its_foot(found.object, np.zeros(3)), environment)
+
+
+def _by_its_foot(element: Element, body_m: Array) -> Element:
+    """A line by its point nearest to ``body_m`` (3,), wherever the hypothesis had it; others as they are."""
+    if not isinstance(element, Line) or element.covariance is None:
+        return element
+    d, arm = element.direction, body_m - element.point_m
+    jacobian = np.eye(6)
+    jacobian[3:] = np.hstack([d @ arm * np.eye(3) + np.outer(d, arm), np.eye(3) - np.outer(d, d)])
+    covariance = jacobian @ element.covariance @ jacobian.T
+    return replace(element, point_m=element.point_m + d * (d @ arm), covariance=covariance)
 
 
 def shifted(element: Element, origin_m: Array) -> Element:

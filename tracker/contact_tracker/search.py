@@ -91,7 +91,7 @@ def _from_scratch(bank: Bank, rows: Index, model: ContactModel, window: Window, 
     relaxed = model.family.starts(moments + 1e-12 * trace * np.eye(moments.shape[-1]))
     directions = _directions(model, window, int(window.index[-1]))
     mean = bank.known_mean[rows]
-    told = Given(mean, bank.known[rows]).told
+    told = Given(mean, bank.known[rows]).told(model)
     if compiled.in_use():
         from contact_tracker.compiled import calls
 

@@ -1,6 +1,6 @@
 """What ``following`` does to a bank in every tick, compiled: its moments grow, and it learns from them."""
 
-from math import exp, sqrt
+from math import exp, isnan, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ class Rows(NamedTuple):
     certain: NDArray[np.bool_]
     known_mean: Array
     known: Array
+    pivot: Array
     lasted: Array
     settled: Array
     earned: Array
@@ -68,6 +69,9 @@ def _anchors(kind: Kind, rows: Rows, b: int, out: Array) -> None:
     first = 3 if kind.body_in_1 else 0
     for i in range(3):
         out[first + i] = rows.place_sum[b, i] / rows.weight[b]
+    for i in range(6):
+        if not isnan(rows.pivot[b, i]):
+            out[i] = rows.pivot[b, i]
 
 
 @jit

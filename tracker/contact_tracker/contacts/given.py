@@ -23,16 +23,39 @@ class Given(NamedTuple):
     mean: Array
     information: Array
 
-    @property
-    def told(self) -> NDArray[np.bool_]:
-        """(..., S) which entries of x are given; of a direction along an axis only the mean says so."""
-        return np.asarray((self.information.diagonal(axis1=-2, axis2=-1) > 0.0) | (self.mean != 0.0))
+    def told(self, model: ContactModel) -> NDArray[np.bool_]:
+        """(..., S) which entries of x are given.
+
+        Of a direction the mean says so: it is zero where only part of it is known.
+        """
+        told = np.asarray(self.information.diagonal(axis1=-2, axis2=-1) > 0.0)
+        form = model.family.FORM
+        for first in (form.d1, form.d2):
+            if first >= 0:
+                part = slice(first, first + 3)
+                told[..., part] = self.mean[..., part].any(axis=-1, keepdims=True)
+        return told
+
+
+def pivots(model: ContactModel, object: Element | None, environment: Element | None) -> Array:
+    """Anchors (6,) of a prior of these elements: the points that lines go through, NaN where the body is.
+
+    The foot of a line that may turn about a point depends on its direction, unless it is that point.
+    """
+    pair = (object, environment) if model.body_in_1 else (environment, object)
+    anywhere = np.full(3, np.nan)
+    return np.concatenate([e.point_m if isinstance(e, Line) and _turns_freely(e) else anywhere for e in pair])
+
+
+def _turns_freely(line: Line) -> bool:
+    return not (line.direction.any() or _covariance(line)[:3, :3].any())
 
 
 def given(model: ContactModel, object: Element | None, environment: Element | None, anchors: Array) -> Given:
     """The prior of a contact of these elements; None is an unknown one.
 
     Elements have covariances, and are given in the frames in which x is; ``anchors`` (6,) as in ``base``.
+    A direction is zero where it is unknown, or known in part.
     """
     first, second = (object, environment) if model.body_in_1 else (environment, object)
     if model.family is face_face:

@@ -1,0 +1,39 @@
+"""What hypotheses of one contact assume when they begin, as columns."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+class Begins(NamedTuple):
+    """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight."""
+
+    source: Index
+    log_share: Array
+    known_mean: Array
+    known: Array
+    pivot: Array
+    pair: Index
+    certain: Bools
+    searched: Bools
+
+    @property
+    def many(self) -> int:
+        return len(self.source)
+
+    def pick(self, rows: NDArray[np.generic]) -> "Begins":
+        return Begins(*(column[rows] for column in self))
+
+
+def fresh(model: ContactModel) -> Begins:
+    """One of which nothing is known."""
+    size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
+    mean, known, pivot = np.zeros((1, size)), np.zeros((1, size, size)), np.full((1, 6), np.nan)
+    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no)
