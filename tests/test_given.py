@@ -7,7 +7,7 @@ import pytest
 
 from contact_tracker.assumptions import UNLISTED, assumptions
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts.given import given
+from contact_tracker.contacts.given import given, pivots
 from contact_tracker.geometry import Line, Plane, Point, canonical
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
 from contact_tracker.labels import CONTACTS
@@ -31,8 +31,10 @@ def touching(contact):
 
 def prior(model, object=True, environment=True):
     poses, ours, theirs = touching(model.contact)
-    anchors = model.anchors(poses.position_m.mean(axis=0))
-    return given(model, ours if object else None, theirs if environment else None, anchors), anchors
+    pair = ours if object else None, theirs if environment else None
+    pivot = pivots(model, *pair)
+    anchors = np.where(np.isnan(pivot), model.anchors(poses.position_m.mean(axis=0)), pivot)
+    return given(model, *pair), anchors
 
 
 @each_contact
@@ -146,7 +148,9 @@ def test_nothing_known_is_one_unknown_pair():
     for model in CONTACT_MODELS:
         (pair,) = assumptions(NOTHING, model)
         assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
-        assert not pair.given(model, np.zeros(6), np.zeros(3)).information.any()
+        known, pivot = pair.given(model, np.zeros(3))
+        assert not known.information.any()
+        assert np.isnan(pivot).all()
 
 
 def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
@@ -157,7 +161,7 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     (pair,) = assumptions(Knowledge(up=up), v_f)
-    known = pair.given(v_f, np.zeros(6), np.array([5.0, 6.0, 7.0]))
+    known, _ = pair.given(v_f, np.array([5.0, 6.0, 7.0]))
     np.testing.assert_allclose(known.mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
     assert tilt @ known.information @ tilt == pytest.approx(0.02**-2, rel=1e-3)

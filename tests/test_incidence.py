@@ -64,7 +64,7 @@ def cost(kind, known, element, body_m):
     model = CONTACT_MODELS[WITH[kind].column]
     anchors = np.tile(body_m, 2)
     pivot = contacts_given.pivots(model, known, None)
-    prior = contacts_given.given(model, known, None, anchors)
+    prior = contacts_given.given(model, known, None)
     x, size = np.ones(model.family.SIZE), len(numbers(element))
     part = slice(0, size) if model.body_in_1 else slice(model.family.SIZE - size, model.family.SIZE)
     x[part] = numbers(element)

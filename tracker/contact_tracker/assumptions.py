@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given, given
+from contact_tracker.contacts.given import Given, given, pivots
 from contact_tracker.geometry import Array, Element, Plane
 from contact_tracker.knowledge import Knowledge, Known, Up
 from contact_tracker.readout import shifted
@@ -45,9 +45,10 @@ class Assumption:
         environment = None if self.environment is None else shifted(self.environment.element, -origin_m)
         return None if self.object is None else self.object.element, environment or _facing(self.up)
 
-    def given(self, model: ContactModel, anchors: Array, origin_m: Array) -> Given:
-        """The prior on x."""
-        return given(model, *self.elements(origin_m), anchors)
+    def given(self, model: ContactModel, origin_m: Array) -> tuple[Given, Array]:
+        """The prior on x, and the anchors (6,) of its own that it has."""
+        pair = self.elements(origin_m)
+        return given(model, *pair), pivots(model, *pair)
 
 
 @lru_cache(maxsize=64)

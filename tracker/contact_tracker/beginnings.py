@@ -2,63 +2,50 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given, given, pivots
-from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
+from contact_tracker.contacts.given import Given
+from contact_tracker.geometry import Array, ContactGeometry, Element, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
 
 
 def beginnings(
-    knowledge: Knowledge,
-    memory: Memory,
-    recognised: float,
-    model: ContactModel,
-    anchors: Array,
-    origin_m: Array,
+    knowledge: Knowledge, memory: Memory, recognised: float, model: ContactModel, origin_m: Array
 ) -> Begins:
     """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
 
-    ``recognised`` is the share of those that have met their elements before, if there are any;
-    ``anchors`` (6,) say where the body is, ``origin_m`` is the world's origin in which hypotheses are.
+    ``recognised`` is the share of those that have met their elements before, if there are any; ``origin_m``
+    is the world's origin in which hypotheses are.
     """
-    begins, pairs = _offers(knowledge, memory, recognised, model, *map(float, origin_m))
-    if not any(isinstance(element, Line) for pair in pairs for element in pair):
-        return begins
-    priors = [given(model, *pair, anchors) for pair in pairs]
-    mean, known = (np.array(part) for part in zip(*priors, strict=True))
-    return begins._replace(known_mean=mean, known=known)
+    return _beginnings(knowledge, memory, recognised, model, *map(float, origin_m))
 
 
 @lru_cache(maxsize=64)  # for as long as nothing is learnt
-def _offers(
+def _beginnings(
     knowledge: Knowledge, memory: Memory, recognised: float, model: ContactModel, *origin_m: float
-) -> tuple[Begins, list[tuple[Element | None, Element | None]]]:
-    """With the elements in the frames in which hypotheses are, None for any; the body is at the origin."""
+) -> Begins:
     met, origin = memory.assumptions(model), np.array(origin_m)
-    pairs, rows = [], []
+    rows: list[tuple[Any, ...]] = []
     for number, known in enumerate(assumptions(knowledge, model)):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
         own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
         whole = float(np.logaddexp.reduce([other.log_share for other in filled]))
-        pairs.append(known.elements(origin))
-        prior = given(model, *pairs[-1], np.zeros(6))
-        source = len(pairs) if prior.information.any() else 0
-        here = pivots(model, *pairs[-1])
-        rows.append((source, own_share, *prior, here, number, known.certain, _searched(model, prior)))
+        prior, pivot = known.given(model, origin)
+        source = 1 + len(rows) if prior.information.any() else 0
+        rows.append((source, own_share, *prior, pivot, number, known.certain, _searched(model, prior)))
         for other in filled:
             share = known.log_share + float(np.log(recognised)) + other.log_share - whole
-            pairs.append(other.elements(origin))
-            prior = given(model, *pairs[-1], np.zeros(6))
-            rows.append((len(pairs), share, *prior, pivots(model, *pairs[-1]), number, False, False))
+            prior, pivot = other.given(model, origin)
+            rows.append((1 + len(rows), share, *prior, pivot, number, False, False))
     if not rows:
-        return fresh(model).pick(np.zeros(0, np.int64)), []
-    return Begins(*map(np.array, zip(*rows, strict=True))), pairs
+        return fresh(model).pick(np.zeros(0, np.int64))
+    return Begins(*map(np.array, zip(*rows, strict=True)))
 
 
 def _filled(known: Assumption, met: Assumption) -> Assumption | None:

@@ -48,21 +48,18 @@ def meeting(model: ContactModel, begins: Begins, newest: Window, scales: Scales)
     log_share, certain = begins.log_share.copy(), begins.certain
     gain = np.zeros(2)
     if certain.any():
-        mean, information = begins.known_mean[certain], begins.known[certain]
-        row_gain, log_ratio = _met(model, mean, information, newest, scales)
+        row_gain, log_ratio = _met(model, begins.pick(certain), newest, scales)
         log_share[certain] += log_ratio
         gain[:] = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[:, -1].mean()
     log_odds = float(hmm.log_sum_exp(log_share))
     return Meeting(log_share - log_odds, log_odds, gain)
 
 
-def _met(
-    model: ContactModel, x: Array, information: Array, newest: Window, scales: Scales
-) -> tuple[Array, Array]:
+def _met(model: ContactModel, begins: Begins, newest: Window, scales: Scales) -> tuple[Array, Array]:
     """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching and anywhere."""
     family, zeta = model.family, newest.zeta[-1]
-    seen = model.measure(x, newest.zeta[-1:])
-    noise = residual_noise(seen, newest.cut(-1, None))[..., 0] + _spread(model, x, information, zeta)
+    seen = model.measure(begins.known_mean, newest.zeta[-1:])
+    noise = residual_noise(seen, newest.cut(-1, None))[..., 0] + _spread(model, begins, zeta)
     anywhere = np.full(family.ROWS, ANY_DIRECTION)
     anywhere[-1] = scales.reach_m**2
     ratio = anywhere / noise
@@ -71,15 +68,15 @@ def _met(
     return gain, (gain - misfit).sum(axis=1)
 
 
-def _spread(model: ContactModel, x: Array, information: Array, zeta: Array) -> Array:
+def _spread(model: ContactModel, begins: Begins, zeta: Array) -> Array:
     """Variance (n, K) of the residuals by how exactly the elements are known."""
-    family, lifted = model.family, model.lifted(zeta)
-    anchors = np.broadcast_to(model.anchors(zeta[9:12]), (len(x), 6))
+    family, lifted, x = model.family, model.lifted(zeta), begins.known_mean
+    anchors = np.where(np.isnan(begins.pivot), model.anchors(zeta[9:12]), begins.pivot)
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None])[..., 0]
     jacobian[:, -1] /= np.sqrt(family.scale_sq(x, np.outer(lifted, lifted)))[:, None]
-    covariance = np.linalg.inv(along @ information @ tangent)
+    covariance = np.linalg.inv(along @ begins.known @ tangent)
     return np.asarray(np.einsum("bkp,bpq,bkq->bk", jacobian, covariance, jacobian))
 
 

@@ -11,7 +11,6 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
 from contact_tracker.evidence import Window
 from contact_tracker.geometry import Array
-from contact_tracker.lift import T
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.transitions import exposure, log_stay, log_transition
 
@@ -33,10 +32,9 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     assert state.averaging is not None
     model = state.model
     first, origin_m = state.ticks == 0, state.averaging.origin_m
-    recognised, place_m = model.geometry.recognised, window.zeta[-1, T]
+    recognised = model.geometry.recognised
     begins = [
-        beginnings(state.knowledge, state.memory, recognised, contact, contact.anchors(place_m), origin_m)
-        for contact in CONTACT_MODELS
+        beginnings(state.knowledge, state.memory, recognised, contact, origin_m) for contact in CONTACT_MODELS
     ]
     exposed = exposure(float(window.activity[-1])) + state.withheld
     if not state.knowledge:

@@ -40,22 +40,23 @@ class Given(NamedTuple):
 def pivots(model: ContactModel, object: Element | None, environment: Element | None) -> Array:
     """Anchors (6,) of a prior of these elements: the points that lines go through, NaN where the body is.
 
-    The foot of a line that may turn about a point depends on its direction, unless it is that point.
+    The foot of a line depends on its direction and on where the body is, unless it is a point that is known.
     """
     pair = (object, environment) if model.body_in_1 else (environment, object)
     anywhere = np.full(3, np.nan)
-    return np.concatenate([e.point_m if isinstance(e, Line) and _turns_freely(e) else anywhere for e in pair])
+    return np.concatenate([e.point_m if isinstance(e, Line) and _goes_through(e) else anywhere for e in pair])
 
 
-def _turns_freely(line: Line) -> bool:
-    return not (line.direction.any() or _covariance(line)[:3, :3].any())
+def _goes_through(line: Line) -> bool:
+    """Whether its point is one: not where only a part of the direction is known, as of any line in a face."""
+    return bool(line.direction.any() or not _covariance(line)[:3, :3].any())
 
 
-def given(model: ContactModel, object: Element | None, environment: Element | None, anchors: Array) -> Given:
+def given(model: ContactModel, object: Element | None, environment: Element | None) -> Given:
     """The prior of a contact of these elements; None is an unknown one.
 
-    Elements have covariances, and are given in the frames in which x is; ``anchors`` (6,) as in ``base``.
-    A direction is zero where it is unknown, or known in part.
+    Elements have covariances, and are given in the frames in which x is, with its anchors where ``pivots``
+    says so. A direction is zero where it is unknown, or known in part.
     """
     first, second = (object, environment) if model.body_in_1 else (environment, object)
     if model.family is face_face:
@@ -66,14 +67,13 @@ def given(model: ContactModel, object: Element | None, environment: Element | No
     widths = [_WIDTHS[kind] for kind in kinds]
     mean, information = np.zeros(sum(widths)), np.zeros((sum(widths), sum(widths)))
     if first is not None:
-        mean[: widths[0]], information[: widths[0], : widths[0]] = _at(first, anchors[:3])
+        mean[: widths[0]], information[: widths[0], : widths[0]] = _part(first)
     if second is not None:
-        mean[widths[0] :], information[widths[0] :, widths[0] :] = _at(second, anchors[3:])
+        mean[widths[0] :], information[widths[0] :, widths[0] :] = _part(second)
     return Given(mean, information)
 
 
 _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
-_SIX: Final = np.eye(6)
 _LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
 
 
@@ -96,21 +96,6 @@ def _faces(first: Plane | None, second: Plane | None) -> Given:
         covariance[h, face_face.N] = covariance[face_face.N, h] = of_second[:3, 3]
         covariance[h, h] = of_first[3, 3] + of_second[3, 3]
     return Given(mean, _inverse(covariance, face_face.H) * np.outer(known, known))
-
-
-def _at(element: Element, anchor: Array) -> Given:
-    """An element's part of x."""
-    return _near(element, *anchor.tolist()) if isinstance(element, Line) else _part(element)
-
-
-@lru_cache(maxsize=64)  # a tick asks several times
-def _near(element: Line, *anchor: float) -> Given:
-    """A line's part of x, by its point nearest to ``anchor``."""
-    along = float(element.direction @ (np.array(anchor) - element.point_m))
-    back = _SIX.copy()
-    back[3:, :3] = -along * _SIX[:3, :3]
-    mean = np.concatenate([element.direction, element.point_m + along * element.direction])
-    return Given(mean, back.T @ _part(element).information @ back)
 
 
 @lru_cache(maxsize=1024)
