@@ -1,5 +1,6 @@
 """How hypotheses find their minimum from afar: where others are, or from many random starts."""
 
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,8 @@ EVERY: Final = 3
 _AGES: Final = np.array(AGES, float)
 _DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
 """Whether an age has been passed since the last batch."""
+DRAWS: Final = 64
+"""So many sets of random directions take turns."""
 SCREENED: Final = 4
 ROUNDS: Final = ((3, 5), (4, 3), (5, 2))
 """So many steps from all starts, and on from so many of the best."""
@@ -125,5 +128,10 @@ def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
 
 def _directions(model: ContactModel, window: Window, seed: int) -> Array:
     """Random x (N, S), drawn in the body's frame: they turn with the world in which they are told."""
-    x = np.random.default_rng(seed).normal(size=(model.family.RANDOM_STARTS, model.family.SIZE))
+    x = _drawn(model.family.RANDOM_STARTS, model.family.SIZE, seed % DRAWS)
     return model.turned(x, window.zeta[-1, R].reshape(3, 3))
+
+
+@cache
+def _drawn(count: int, size: int, seed: int) -> Array:
+    return np.random.default_rng(seed).normal(size=(count, size))
