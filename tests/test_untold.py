@@ -291,3 +291,18 @@ def test_programs_read_what_is_open():
     (row,) = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
     assert row["inseparable"].split() == ["e-f", "free"]
     assert json.loads(row["geometry"]) == PARTLY.to_json()
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 9.0))
+def test_what_is_known_all_too_well_hides_nothing_of_the_rest(seed, digits):
+    """Against the inverse of the sum where that can be computed; beyond, what was not seen stays."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(6, 6)) + 3.0 * np.eye(6)
+    prior = root @ root.T
+    shown = np.linalg.qr(rng.normal(size=(6, 6)))[0][:, :3] * 10.0 ** np.array([0.0, 0.5, digits])
+    narrowed = observability._narrowed(np.linalg.inv(prior), shown)
+    if digits < 3.0:
+        np.testing.assert_allclose(narrowed, np.linalg.inv(prior + shown @ shown.T), rtol=1e-6, atol=1e-9)
+    unseen = np.linalg.svd(shown)[0][:, 3:]
+    np.testing.assert_allclose(narrowed @ prior @ unseen, unseen, atol=1e-6)
+    assert np.linalg.eigvalsh(narrowed).min() > -1e-12

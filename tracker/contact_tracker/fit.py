@@ -204,24 +204,20 @@ def information(
     family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
 ) -> Array:
     """Hessian (B, P, P) that one weighted lifted pose (B, C) contributes at x (B, S)."""
-    jacobian = (_slopes(family, moments, anchors, x)[2] @ lifted[:, None, :, None])[..., 0]
+    along = np.swapaxes(family.tangent(x, anchors), -1, -2)
+    jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None, :, None])[..., 0]
     weighted = _per_metre(family, moments, row_weight, x)[..., None] * jacobian
     return np.asarray(np.swapaxes(weighted, -1, -2) @ jacobian)
-
-
-def _slopes(family: Family, moments: Array, anchors: Array, x: Array) -> tuple[Array, Array, Array]:
-    """Free directions (B, S, P), rows (B, K, C) and how these change along those, (B, K, P, C)."""
-    tangent, c, derivative = family.tangent(x, anchors), family.rows(x), family.rows_derivative(x)
-    # of the last row per metre: the scale changes with x as well
-    derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
-    return tangent, c, np.swapaxes(tangent, -1, -2)[:, None] @ derivative
 
 
 def _normal_equations(
     family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
 ) -> tuple[Array, Array, Array, Array]:
-    tangent, c, jacobian = _slopes(family, moments, anchors, x)
-    along = np.swapaxes(tangent, -1, -2)
+    tangent, c = family.tangent(x, anchors), family.rows(x)
+    along, derivative = np.swapaxes(tangent, -1, -2), family.rows_derivative(x)
+    # of the last row per metre: the scale changes with x as well
+    derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
+    jacobian = along[:, None] @ derivative
     row_weight = _per_metre(family, moments, row_weight, x)
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
     hessian = weighted @ np.swapaxes(jacobian, -1, -2)

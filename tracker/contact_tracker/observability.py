@@ -47,8 +47,8 @@ def observed_geometry(
     known = prior + feigned_information(one, model, anchors, variance)
     told, ways = eigh(one.hessian[0].sum(axis=0), known)
     dual = known @ ways  # of the precision's own space, where ways are orthonormal
-    shown = dual * np.maximum(told - 1.0, 0.0) @ dual.T
-    covariance = tangent @ np.linalg.inv(shown + prior) @ tangent.T
+    shown = dual * np.sqrt(np.maximum(told - 1.0, 0.0))
+    covariance = tangent @ _narrowed(np.linalg.inv(prior), shown) @ tangent.T
     left = ways[:, told < SHOWN]
     could = tangent @ left @ np.linalg.inv(left.T @ prior @ left) @ left.T @ tangent.T
     found = model.geometry(one.x[0], covariance, scales.reach_m)
@@ -57,6 +57,18 @@ def observed_geometry(
         replace(found.object, unobserved=_ways(free.object, scales.reach_m)),
         replace(found.environment, unobserved=_ways(free.environment, scales.reach_m)),
     )
+
+
+def _narrowed(covariance: Array, shown: Array) -> Array:
+    """Covariance (P, P) once each column of ``shown`` (P, n) was seen with unit noise, the last ones first.
+
+    Inverting the sum would lose what little is known beside what is known all too well, as of two lines that
+    are all but parallel.
+    """
+    for seen in shown.T[::-1]:
+        gain = covariance @ seen
+        covariance = covariance - np.outer(gain, gain) / (1.0 + seen @ gain)
+    return covariance
 
 
 def feigned_information(one: Bank, model: ContactModel, anchors: Array, variance: Array) -> Array:

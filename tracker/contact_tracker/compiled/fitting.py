@@ -41,9 +41,11 @@ class Found(NamedTuple):
 
 class Work(NamedTuple):
     """Memory of one window: at its x the weights (K,) of the rows, their slopes (P, K, C) along the ``free``
-    directions (P, S) and what is ``held`` (P, P) by the prior; and what comes between."""
+    directions (P, S), how much of the last row is in its slopes since its scale ``leans`` (P,) as well, and
+    what is ``held`` (P, P) by the prior; and what comes between."""
 
     weight: Array
+    leans: Array
     slopes: Array
     free: Array
     rows: Array
@@ -65,6 +67,7 @@ class Work(NamedTuple):
 def work_for(count: int, columns: int, size: int, directions: int) -> Work:
     return Work(
         weight=np.empty(count),
+        leans=np.zeros(directions),
         slopes=np.empty((directions, count, columns)),
         free=np.empty((directions, size)),
         rows=np.empty((count, columns)),
@@ -141,9 +144,9 @@ def _equations(form: Form, problem: Problem, b: int, x: Array, hessian: Array, w
     for p in range(count):
         slope(form, x, work.free[p], work.slopes[p])
         if form.q2 >= 0:  # per metre: the scale changes with x as well
-            share = 0.5 * dot(work.turn, work.slopes[p, last, 9:18])
+            work.leans[p] = 0.5 * dot(work.turn, work.slopes[p, last, 9:18])
             for c in range(columns):
-                work.slopes[p, last, c] -= share * work.rows[last, c]
+                work.slopes[p, last, c] -= work.leans[p] * work.rows[last, c]
         work.gradient[p] = dot(work.free[p], work.pull) - dot(work.free[p], problem.information[b])
         multiply(work.free[p], precision, pulled)
         for q in range(p + 1):

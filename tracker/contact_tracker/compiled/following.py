@@ -114,7 +114,7 @@ def _weigh(
     for k in range(each):
         foretold[k] = share * exp(-2.0 * seen.gain[b, k] / max(seen.after[b], 1))
     x = rows.x[b]
-    price = volume(rows.first[b], foretold, kind.flat, rows.hessian[b], work)
+    price = volume(kind.form, x, rows.first[b], foretold, kind.flat, rows.hessian[b], work)
     multiply(x, problem.precision[b], work.pull)
     price += 0.5 * dot(x, work.pull) - dot(x, problem.information[b]) + problem.constant[b]
     earned = rows.earned[b] + seen.gain[b].sum()
