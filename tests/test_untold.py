@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -293,16 +294,29 @@ def test_programs_read_what_is_open():
     assert json.loads(row["geometry"]) == PARTLY.to_json()
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(0.0, 9.0))
+def exact_inverse(matrix):
+    """Of a matrix of fractions, by Gauss and Jordan."""
+    size = len(matrix)
+    rows = [[*row, *(Fraction(int(i == k)) for i in range(size))] for k, row in enumerate(matrix)]
+    for k in range(size):
+        pivot = next(i for i in range(k, size) if rows[i][k])
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [value / rows[k][k] for value in rows[k]]
+        for i in set(range(size)) - {k}:
+            rows[i] = [a - rows[i][k] * b for a, b in zip(rows[i], rows[k], strict=True)]
+    return np.array([row[size:] for row in rows])
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.lists(st.floats(-3.0, 18.0), min_size=5, max_size=5))
 def test_what_is_known_all_too_well_hides_nothing_of_the_rest(seed, digits):
-    """Against the inverse of the sum where that can be computed; beyond, what was not seen stays."""
+    """Against the inverse of the sum, in as many digits as it takes."""
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(6, 6)) + 3.0 * np.eye(6)
-    prior = root @ root.T
-    shown = np.linalg.qr(rng.normal(size=(6, 6)))[0][:, :3] * 10.0 ** np.array([0.0, 0.5, digits])
-    narrowed = observability._narrowed(np.linalg.inv(prior), shown)
-    if digits < 3.0:
-        np.testing.assert_allclose(narrowed, np.linalg.inv(prior + shown @ shown.T), rtol=1e-6, atol=1e-9)
-    unseen = np.linalg.svd(shown)[0][:, 3:]
-    np.testing.assert_allclose(narrowed @ prior @ unseen, unseen, atol=1e-6)
-    assert np.linalg.eigvalsh(narrowed).min() > -1e-12
+    ways, root = (rng.normal(size=(5, 5)) + 3.0 * np.eye(5) for _ in range(2))
+    told, prior = 1.0 + 10.0 ** np.array(digits), root @ root.T
+    found = observability.posterior_covariance(told, ways, prior)
+    exact = np.vectorize(Fraction, otypes=[object])
+    dual = exact_inverse(exact(ways))
+    true = exact_inverse(dual.T @ np.diag(exact(told - 1.0)) @ dual + exact(prior)).astype(float)
+    sd = np.sqrt(true.diagonal())
+    np.testing.assert_allclose(found / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-REFINE_STEPS: Final = 1
+REFINE_STEPS: Final = 2
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 6
 """In its first ticks with motion the geometry moves far, and takes so many steps."""

@@ -46,9 +46,7 @@ def observed_geometry(
     prior = tangent.T @ (before.precision[0] + np.diag(before.flat)) @ tangent
     known = prior + feigned_information(one, model, anchors, variance)
     told, ways = eigh(one.hessian[0].sum(axis=0), known)
-    dual = known @ ways  # of the precision's own space, where ways are orthonormal
-    shown = dual * np.sqrt(np.maximum(told - 1.0, 0.0))
-    covariance = tangent @ _narrowed(np.linalg.inv(prior), shown) @ tangent.T
+    covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
     left = ways[:, told < SHOWN]
     could = tangent @ left @ np.linalg.inv(left.T @ prior @ left) @ left.T @ tangent.T
     found = model.geometry(one.x[0], covariance, scales.reach_m)
@@ -59,16 +57,16 @@ def observed_geometry(
     )
 
 
-def _narrowed(covariance: Array, shown: Array) -> Array:
-    """Covariance (P, P) once each column of ``shown`` (P, n) was seen with unit noise, the last ones first.
+def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
+    """Covariance (P, P) by what each of the ``ways`` (P, P) is ``told`` (P,) beyond noise, and the ``prior``.
 
-    Inverting the sum would lose what little is known beside what is known all too well, as of two lines that
-    are all but parallel.
+    Seen along the ways, the precision is a diagonal of all magnitudes and little beside it: then its inverse
+    has all its digits, also where one way is known all too well, as of two lines that are all but parallel.
     """
-    for seen in shown.T[::-1]:
-        gain = covariance @ seen
-        covariance = covariance - np.outer(gain, gain) / (1.0 + seen @ gain)
-    return covariance
+    precision = np.diag(np.maximum(told - 1.0, 0.0)) + ways.T @ prior @ ways
+    scale = 1.0 / np.sqrt(precision.diagonal())
+    scaled = ways * scale
+    return np.asarray(scaled @ np.linalg.inv(precision * np.outer(scale, scale)) @ scaled.T)
 
 
 def feigned_information(one: Bank, model: ContactModel, anchors: Array, variance: Array) -> Array:
