@@ -1,5 +1,6 @@
 """Known elements as priors: the mean fulfils the contact, the information is how exactly they are known."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from contact_tracker.assumptions import UNLISTED, assumptions
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.given import given, pivots
+from contact_tracker.forward import forward
 from contact_tracker.geometry import Line, Plane, Point, canonical
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
-from contact_tracker.labels import CONTACTS
+from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
+from contact_tracker.model import load_model
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 
@@ -148,7 +151,7 @@ def test_nothing_known_is_one_unknown_pair():
     for model in CONTACT_MODELS:
         (pair,) = assumptions(NOTHING, model)
         assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
-        known, pivot = pair.given(model, np.zeros(3))
+        known, pivot = pair.given(model, np.zeros(3), np.zeros(3))
         assert not known.information.any()
         assert np.isnan(pivot).all()
 
@@ -161,8 +164,17 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     (pair,) = assumptions(Knowledge(up=up), v_f)
-    known, _ = pair.given(v_f, np.array([5.0, 6.0, 7.0]))
+    known, _ = pair.given(v_f, np.array([5.0, 6.0, 7.0]), np.zeros(3))
     np.testing.assert_allclose(known.mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
     assert tilt @ known.information @ tilt == pytest.approx(0.02**-2, rel=1e-3)
     assert np.abs(known.information[[0, 1, 2, 6]][:, [0, 1, 2, 6]]).max() < 1e-5
+
+
+@pytest.mark.parametrize("along_m", [0.0, 0.5, 3.0])
+def test_a_line_is_recognised_wherever_along_it_its_point_is(along_m):
+    simulated = simulate(Scenario((Phase(Contact.FE, 4.0),)), 2)
+    edge = simulated.truth.intervals[0].geometry.environment
+    told = known_to(replace(edge, point_m=edge.point_m + along_m * edge.direction), Accuracy())
+    *_, last = forward(simulated.poses, load_model(), knowledge=Knowledge(environment=(Known("rail", told),)))
+    assert last.belief.geometry.environment.name == "rail"

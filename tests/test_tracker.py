@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from contact_tracker import tracker
-from contact_tracker.bank import MET_MARGIN_NATS
 from contact_tracker.geometry import Line, Plane, Point
 from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.poses import Pose, Poses
@@ -126,10 +125,6 @@ def test_steps_are_what_the_segmenter_calls_filtered():
     assert all(same(a, b) for a, b in zip(beliefs, filtered, strict=True))
 
 
-PRUNED = 100 * np.exp(-MET_MARGIN_NATS)
-"""The smoother lacks what was dropped in the very tick: some dozens of hypotheses."""
-
-
 @pytest.fixture
 def no_doubt(monkeypatch):
     """The bare posterior: nothing is shared with what motion cannot tell."""
@@ -142,7 +137,7 @@ def test_the_filter_is_the_smoother_of_what_has_been_seen(no_doubt):
     for ticks in range(1, 11):
         seen = segment(poses[: 20 * ticks], MODEL)
         assert len(seen.filtered) == ticks
-        np.testing.assert_allclose(seen.beliefs[-1].probability, seen.filtered[-1].probability, atol=PRUNED)
+        np.testing.assert_allclose(seen.beliefs[-1].probability, seen.filtered[-1].probability, atol=1e-9)
 
 
 def test_a_lag_is_the_smoother_with_that_much_future(no_doubt):
@@ -156,7 +151,7 @@ def test_a_lag_is_the_smoother_with_that_much_future(no_doubt):
     for tick, belief in enumerate(found):
         seen = segment(poses[: 20 * min(tick + lag + 1, 10)], MODEL).beliefs[tick]
         assert belief.stamp_ns == seen.stamp_ns
-        np.testing.assert_allclose(belief.probability, seen.probability, atol=PRUNED)
+        np.testing.assert_allclose(belief.probability, seen.probability, atol=1e-9)
 
 
 def test_a_state_is_a_value():
@@ -188,7 +183,7 @@ def test_memory_is_bounded():
             last = belief
             sizes.append(len(pickle.dumps(state)) if len(sizes) % 5 == 0 else 0)
     assert len(state.window) == 30
-    assert max(sizes[350:]) <= 1.15 * max(sizes[200:300])
+    assert max(sizes[350:]) <= 1.3 * max(sizes[200:300])  # more or fewer hypotheses live
     assert last.contact is Contact.FF
 
 

@@ -161,3 +161,14 @@ def test_without_exposure_nothing_changes():
     assert leave[FREE, FREE] == 1.0
     assert leave.sum() == 1.0
     assert not log_stay(MODEL, 0.0).any()
+
+
+@pytest.mark.parametrize("exposed", [1.5, 30.0, 600.0])
+def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
+    """Against as many small steps of the chain."""
+    contacts = np.arange(len(STATES)) != FREE
+    step = np.exp(log_transition(MODEL, 1e-3)) + np.diag(contacts * np.exp(log_stay(MODEL, 1e-3)))
+    chain = np.linalg.matrix_power(step, round(exposed / 1e-3))
+    jump = np.exp(log_transition(MODEL, exposed)) + np.diag(contacts * np.exp(log_stay(MODEL, exposed)))
+    np.testing.assert_allclose(jump, chain, atol=1e-3)
+    np.testing.assert_allclose(jump.sum(axis=1), 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given, given, pivots
-from contact_tracker.geometry import Array, Element, Plane
+from contact_tracker.geometry import Array, Element, Plane, by_foot
 from contact_tracker.knowledge import Knowledge, Known, Up
 from contact_tracker.readout import shifted
 
@@ -45,9 +45,11 @@ class Assumption:
         environment = None if self.environment is None else shifted(self.environment.element, -origin_m)
         return None if self.object is None else self.object.element, environment or _facing(self.up)
 
-    def given(self, model: ContactModel, origin_m: Array) -> tuple[Given, Array]:
-        """The prior on x, and the anchors (6,) of its own that it has."""
-        pair = self.elements(origin_m)
+    def given(self, model: ContactModel, origin_m: Array, place_m: Array) -> tuple[Given, Array]:
+        """The prior on x, and the anchors (6,) of its own that it has: near to where the body is, at
+        ``place_m`` (3,) from the origin, lest a line's place hang on its direction."""
+        ours, theirs = self.elements(origin_m)
+        pair = ours and by_foot(ours, np.zeros(3)), theirs and by_foot(theirs, place_m)
         return given(model, *pair), pivots(model, *pair)
 
 

@@ -21,8 +21,8 @@ Bools = NDArray[np.bool_]
 PATIENCE: Final = 16
 """Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
 MET_MARGIN_NATS: Final = 14.0
-"""What assumes known elements is dropped if it is so much less probable than the best: it has hardly anything
-to find yet, and beside it is what assumes less."""
+"""What assumes elements that were met before is dropped if it is so much less probable than the best: beside
+it is what assumes less."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
@@ -39,8 +39,9 @@ class Bank:
     source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
         the prior on x that they are.
     pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
-    pair, certain, searched : (H,) which of the pairs of elements that the user knows it assumes, whether both
-        are given by that, and whether directions are left that have to be searched for.
+    pair, certain, searched, met : (H,) which of the pairs of elements that the user knows it assumes, whether
+        both are given by that, whether directions are left that have to be searched for, and whether it
+        assumes elements that were met before.
     first : (H, C) lifted first tick over its noise: what was given at the onset.
     moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
     told : (H,) how many ticks with motion it has seen.
@@ -65,6 +66,7 @@ class Bank:
     pair: Index
     certain: Bools
     searched: Bools
+    met: Bools
     first: Array
     moments: Array
     place_sum: Array
@@ -158,6 +160,7 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
         pair=index,
         certain=np.zeros(count, bool),
         searched=np.ones(count, bool),
+        met=np.zeros(count, bool),
         first=np.zeros((count, c)),
         moments=np.zeros((count, c, c)),
         place_sum=np.zeros((count, 3)),
@@ -212,6 +215,7 @@ def add(
         pair=begins.pair,
         certain=begins.certain,
         searched=begins.searched,
+        met=begins.met,
         x=np.where(Given(begins.known_mean, begins.known).told(model), begins.known_mean, x),
         row_weight=row_weight,
         lasted=begins.log_share,
@@ -225,7 +229,7 @@ def add(
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     """Drop what is hopeless against ``best``, and thin out onsets the more the older they are."""
     joint = bank.joint
-    margins = np.where(bank.source > 0, min(MET_MARGIN_NATS, margin), margin)
+    margins = np.where(bank.met, min(MET_MARGIN_NATS, margin), margin)
     keep = (joint > best - margins) | ((bank.told <= PATIENCE) & bank.searched)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -10,39 +10,56 @@ from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
-from contact_tracker.geometry import Array, ContactGeometry, Element, Plane, canonical
+from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
 
+CELL_M: Final = 0.25
+"""Known lines are told anew when the body has gone so far."""
+
 
 def beginnings(
-    knowledge: Knowledge, memory: Memory, recognised: float, model: ContactModel, origin_m: Array
+    knowledge: Knowledge,
+    memory: Memory,
+    recognised: float,
+    model: ContactModel,
+    origin_m: Array,
+    place_m: Array,
 ) -> Begins:
     """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
 
     ``recognised`` is the share of those that have met their elements before, if there are any; ``origin_m``
-    is the world's origin in which hypotheses are.
+    is the world's origin in which hypotheses are, and the body is at ``place_m`` from it.
     """
-    return _beginnings(knowledge, memory, recognised, model, *map(float, origin_m))
+    surroundings = (*knowledge.environment, *(met.known for met in memory.environment))
+    lines = any(isinstance(known.element, Line) for known in surroundings)
+    cell_m = CELL_M * np.round(place_m / CELL_M) * lines
+    return _beginnings(knowledge, memory, recognised, model, tuple(origin_m.tolist()), tuple(cell_m.tolist()))
 
 
 @lru_cache(maxsize=64)  # for as long as nothing is learnt
 def _beginnings(
-    knowledge: Knowledge, memory: Memory, recognised: float, model: ContactModel, *origin_m: float
+    knowledge: Knowledge,
+    memory: Memory,
+    recognised: float,
+    model: ContactModel,
+    origin_m: tuple[float, ...],
+    place_m: tuple[float, ...],
 ) -> Begins:
-    met, origin = memory.assumptions(model), np.array(origin_m)
+    met, frame = memory.assumptions(model), (np.array(origin_m), np.array(place_m))
     rows: list[tuple[Any, ...]] = []
     for number, known in enumerate(assumptions(knowledge, model)):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
         own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
         whole = float(np.logaddexp.reduce([other.log_share for other in filled]))
-        prior, pivot = known.given(model, origin)
+        prior, pivot = known.given(model, *frame)
         source = 1 + len(rows) if prior.information.any() else 0
-        rows.append((source, own_share, *prior, pivot, number, known.certain, _searched(model, prior)))
+        alone = known.certain, _searched(model, prior), False
+        rows.append((source, own_share, *prior, pivot, number, *alone))
         for other in filled:
             share = known.log_share + float(np.log(recognised)) + other.log_share - whole
-            prior, pivot = other.given(model, origin)
-            rows.append((1 + len(rows), share, *prior, pivot, number, False, False))
+            prior, pivot = other.given(model, *frame)
+            rows.append((1 + len(rows), share, *prior, pivot, number, False, False, True))
     if not rows:
         return fresh(model).pick(np.zeros(0, np.int64))
     return Begins(*map(np.array, zip(*rows, strict=True)))

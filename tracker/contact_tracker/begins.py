@@ -23,6 +23,7 @@ class Begins(NamedTuple):
     pair: Index
     certain: Bools
     searched: Bools
+    met: Bools
 
     @property
     def many(self) -> int:
@@ -36,4 +37,4 @@ def fresh(model: ContactModel) -> Begins:
     """One of which nothing is known."""
     size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
     mean, known, pivot = np.zeros((1, size)), np.zeros((1, size, size)), np.full((1, 6), np.nan)
-    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no)
+    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no, no)

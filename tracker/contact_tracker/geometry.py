@@ -144,6 +144,17 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def by_foot(element: Element, near_m: Array) -> Element:
+    """A line by its point nearest to ``near_m`` (3,), which changes nothing of it; others as they are."""
+    if not isinstance(element, Line) or element.covariance is None:
+        return element
+    d, arm = element.direction, near_m - element.point_m
+    jacobian = np.eye(6)
+    jacobian[3:] = np.hstack([d @ arm * np.eye(3) + np.outer(d, arm), np.eye(3) - np.outer(d, d)])
+    covariance = jacobian @ element.covariance @ jacobian.T
+    return replace(element, point_m=element.point_m + d * (d @ arm), covariance=covariance)
+
+
 def canonical(element: Element) -> Element:
     """Of ``(n, h)`` and ``(-n, -h)``, of ``d`` and ``-d``, the one whose largest component is positive."""
     match element:

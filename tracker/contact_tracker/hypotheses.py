@@ -30,7 +30,7 @@ def advance(
     hopeless = [bank.joint < -margin for bank in banks]
     living = [
         (bank.having(lasted=bank.lasted + np.where(bank.onset < newest, price, 0.0)), contact, window)
-        for bank, contact, window, price in zip(banks, CONTACT_MODELS, windows, log_stay, strict=False)
+        for bank, contact, window, price in zip(banks, CONTACT_MODELS, windows, log_stay, strict=True)
     ]
     living = [(grow(bank, contact, window), contact, window) for bank, contact, window in living]
     living = [

@@ -11,6 +11,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
 from contact_tracker.evidence import Window
 from contact_tracker.geometry import Array
+from contact_tracker.lift import T
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.transitions import exposure, log_stay, log_transition
 
@@ -34,7 +35,8 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     first, origin_m = state.ticks == 0, state.averaging.origin_m
     recognised = model.geometry.recognised
     begins = [
-        beginnings(state.knowledge, state.memory, recognised, contact, origin_m) for contact in CONTACT_MODELS
+        beginnings(state.knowledge, state.memory, recognised, contact, origin_m, window.zeta[-1, T])
+        for contact in CONTACT_MODELS
     ]
     exposed = exposure(float(window.activity[-1])) + state.withheld
     if not state.knowledge:

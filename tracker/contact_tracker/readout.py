@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from contact_tracker.bank import Bank
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window
-from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, by_foot
 from contact_tracker.observability import observed_geometry
 
 Array = NDArray[np.float64]
@@ -24,19 +24,8 @@ def geometry_of(
     variance = np.median(window.variance, axis=0)
     found = observed_geometry(bank, row, model, scales, variance)
     body_m = bank.place_sum[row] / bank.weight[row]
-    environment = shifted(_by_its_foot(found.environment, body_m), origin_m)
-    return ContactGeometry(_by_its_foot(found.object, np.zeros(3)), environment)
-
-
-def _by_its_foot(element: Element, body_m: Array) -> Element:
-    """A line by its point nearest to ``body_m`` (3,), wherever the hypothesis had it; others as they are."""
-    if not isinstance(element, Line) or element.covariance is None:
-        return element
-    d, arm = element.direction, body_m - element.point_m
-    jacobian = np.eye(6)
-    jacobian[3:] = np.hstack([d @ arm * np.eye(3) + np.outer(d, arm), np.eye(3) - np.outer(d, d)])
-    covariance = jacobian @ element.covariance @ jacobian.T
-    return replace(element, point_m=element.point_m + d * (d @ arm), covariance=covariance)
+    environment = shifted(by_foot(found.environment, body_m), origin_m)
+    return ContactGeometry(by_foot(found.object, np.zeros(3)), environment)
 
 
 def shifted(element: Element, origin_m: Array) -> Element:

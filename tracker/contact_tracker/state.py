@@ -29,7 +29,7 @@ class TrackerState:
     constant; ``ticks`` seen, ``numbers`` of hypotheses given out, ``outliers`` among the poses; the label and
     since when it has been free; ``exposure`` to change at the last boundary, ``change`` (7, 7) and ``entry``
     (7,), the log chances of change there and the log weights with which states began; the exposure that is
-    ``withheld`` while the object is at rest; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where
+    ``withheld`` while ticks say nothing; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where
     answers lag; the last ``belief``.
     """
 

@@ -15,6 +15,7 @@ from contact_tracker.evidence import Window
 from contact_tracker.geometry import ContactGeometry
 from contact_tracker.knowledge import Knowledge
 from contact_tracker.labels import Contact
+from contact_tracker.lift import T
 from contact_tracker.memory import Memory
 from contact_tracker.model import Model
 from contact_tracker.polish import polish
@@ -75,7 +76,8 @@ def tell(stretch: Stretch) -> Told:
 
 def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
     """The best hypothesis of a contact about a whole stretch, if there can be one."""
-    begins = beginnings(stretch.knowledge, Memory(), 0.0, contact, stretch.origin_m)
+    place_m = window.zeta[:, T].mean(axis=0)
+    begins = beginnings(stretch.knowledge, Memory(), 0.0, contact, stretch.origin_m, place_m)
     own = window.with_error(stretch.model.noise.beyond_floor(contact.contact.column))
     return hypotheses.fit_stretch(contact, own, scales_of(stretch.model), begins)
 

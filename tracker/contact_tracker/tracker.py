@@ -92,7 +92,7 @@ def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
 
 def observe(state: TrackerState, tick: Tick, geometry: bool = True) -> tuple[TrackerState, Belief]:
     """Take in one tick; without ``geometry`` the belief has none, which takes less time."""
-    if _is_still(state, tick):
+    if _is_mute(state, tick):
         assert state.belief is not None
         return _remember(_wait(state, tick), replace(state.belief, stamp_ns=tick.stamp_ns))
     state = _weigh(state, tick)
@@ -118,10 +118,10 @@ def _learns(state: TrackerState, belief: Belief) -> bool:
     return belief.probability.max() >= SURE and belief.contact is not Contact.FREE and not known
 
 
-def _is_still(state: TrackerState, tick: Tick) -> bool:
-    """Whether the object is at rest, and was before this tick: then the tick says nothing, and all that could
-    begin with it could as well begin with the first that says something. (Of known elements every tick says
-    whether they touch.)"""
+def _is_mute(state: TrackerState, tick: Tick) -> bool:
+    """Whether neither this tick nor the one before says anything: at rest, while nothing is known yet of how
+    the object moves, in a gap. What could begin with it could as well begin with the first that does. (Of
+    known elements every tick says whether they touch.)"""
     before = state.window.excess[-1:]
     return not state.knowledge and bool(len(before)) and not before.any() and tick.excess == NO_EXCESS
 
@@ -162,12 +162,12 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         more.append(living.having(past=fixed_lag.grown(living.past, column)))
         numbers += begun.many
     windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(more))]
-    grown = hypotheses.advance(more, windows, scales, stay, model.search.margin_nats)
-    log_left = np.array([*(b.log_weight for b in grown), entry[FREE]])
-    label = STATES[int(np.argmax(log_left))]
+    grown = hypotheses.advance(more, windows, scales, stay[:FREE], model.search.margin_nats)
     best = max(float(entry[FREE]), *(b.best for b in grown))
-    pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in grown), fixed_lag.grown(past[FREE], FREE)]
     kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
+    log_left = np.array([*(b.log_weight for b in kept), entry[FREE]])
+    label = STATES[int(np.argmax(log_left))]
+    pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in kept), fixed_lag.grown(past[FREE], FREE)]
     return replace(
         state,
         window=window,

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.model import Model, Transitions
@@ -73,13 +74,25 @@ def log_stay(model: Model, exposure: float) -> Array:
 def log_transition(model: Model, exposure: float) -> Array:
     """Log weight (7, 7), row to column, of a change at the boundary before a tick of this ``exposure``.
 
-    Free motion has no onset to remember: it stays free by this matrix, contacts stay by ``log_stay``.
+    Free motion has no onset to remember: it stays free by this matrix, contacts stay by ``log_stay``. A state
+    changes no more than once, unless the exposure is that of many ticks.
     """
     stay = log_stay(model, exposure)
     with np.errstate(divide="ignore"):  # without any exposure nothing changes
+        if exposure > 1.0:
+            return np.log(_often(model, exposure, np.exp(stay)))
         leave = np.log(-np.expm1(stay))[:, None] + _rates(model.transitions)[1]
     leave[FREE, FREE] = stay[FREE]
     return np.asarray(leave)
+
+
+def _often(model: Model, exposure: float, stay: Array) -> Array:
+    """Chances (7, 7) of being elsewhere, or there again, however often the state has changed meanwhile."""
+    rate, log_split = _rates(model.transitions)
+    generator = rate[:, None] * (np.exp(log_split) - np.eye(len(STATES)))
+    chance = expm(generator * (model.tick_s * exposure))
+    lasted = np.where(np.arange(len(STATES)) == FREE, 0.0, stay)
+    return np.asarray(np.maximum(chance - np.diag(lasted), 0.0))
 
 
 @lru_cache(maxsize=8)

@@ -21,8 +21,8 @@ AGES_S: Final = (0.0, 3.0, 10.0, 20.0, 30.0)
 
 
 class Ticks(NamedTuple):
-    """``cpu_s`` (T,) of each tick, ``age_s`` (T,) of the contact then believed and whether the object was at
-    ``rest`` (T,); ``poses`` in all of them."""
+    """``cpu_s`` (T,) of each tick, ``age_s`` (T,) of the contact then believed and whether it said nothing,
+    as at ``rest`` (T,); ``poses`` in all of them."""
 
     cpu_s: Array
     age_s: Array
@@ -52,7 +52,7 @@ def _figures(source: Path, model: Model, setup: Setup, share: str, p99: str) -> 
         among = taken_ms[(age_s >= low_s) & (age_s < high_s)]
         ages = f"{low_s:g} to {high_s:g} s" if high_s < np.inf else f"over {low_s:g} s"
         figures += _spread(f"{name}: contact of {ages}", among) if len(among) else []
-    return [*figures, *_spread(f"{name}: at rest", taken_ms[runs[0].rest])]
+    return [*figures, *_spread(f"{name}: at rest, or else mute", taken_ms[runs[0].rest])]
 
 
 def _spread(what: str, taken_ms: Array, p99: str = "") -> list[Figure]:

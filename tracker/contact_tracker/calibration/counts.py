@@ -19,6 +19,7 @@ CONVERGED: Final = 1e-3
 """Largest relative change after which nothing more comes, of what is not ``NEGLIGIBLE``."""
 NEGLIGIBLE: Final = 1e-3
 LEAST_EXPOSURE_S: Final = 1e-9
+"""Stands for none, which would be zero over zero."""
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
 _LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
 
 
-@lru_cache(maxsize=256)  # the same elements are offered tick by tick
+@lru_cache(maxsize=256)  # of faces any pair may be asked for
 def _faces(first: Plane | None, second: Plane | None) -> Given:
     """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
     size = face_face.SIZE
