@@ -196,7 +196,7 @@ def test_what_others_offer_agrees(model):
         numpy, kernel = both(search._offered, bank, model, SCALES)
         np.testing.assert_array_equal(kernel, numpy)
         takers += len(numpy[0])
-    assert takers
+    assert takers or model.contact is Contact.FF  # which has one minimum
 
 
 @each_model
