@@ -17,6 +17,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window, weak_prior
 from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
+from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
 from contact_tracker.summed import summed
 from short import FACE_TO_EDGE, MODEL, recorded
