@@ -7,8 +7,8 @@ there is one file per family, and ``ContactModel`` with ``body_in_1=False`` make
 
 Elements are stacked in one parameter vector x (..., S); unit vectors stay on the sphere, so that only P <= S
 directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, in frame 1 and in frame 2,
-or a point by which a line is known (``bank.anchors_of``): lines are given by their points nearest to it, and a
-prior keeps touching points within the body's reach.
+or a point by which a line is known (``bank.anchors_of``): lines are given by their points nearest to it, and
+a prior keeps touching points within the body's reach.
 """
 
 from functools import cache
