@@ -152,6 +152,7 @@ def learnt(errors: Errors, whitened: Array, jacobian: Array, held: Array, index:
     """
     weight, echo = errors
     count, follows = whitened.shape[1], np.diff(index) == 1
+    paired = np.append(follows, False) | np.append(False, follows)
     for _ in range(LEARNING_STEPS):
         new = new_in(jacobian, echo, index)
         told, ways = np.linalg.eigh(np.einsum("ktp,k,ktq->pq", new, weight, new) + held)
@@ -159,10 +160,10 @@ def learnt(errors: Errors, whitened: Array, jacobian: Array, held: Array, index:
         taken = jacobian @ (ways[:, shown] / np.sqrt(told[shown]))
         # over the last axis, products of these sum up to what is expected of products of errors
         error = np.concatenate([whitened[..., None], taken], axis=2)
-        before, after = error[:, :-1][:, follows], error[:, 1:][:, follows]
-        # of the same pairs, as Burg (1975) does: squares of other ticks only add their own scatter
-        product, square = np.sum(before * after, axis=(1, 2)), np.sum(before**2 + after**2, axis=(1, 2))
-        echo = np.clip(2.0 * product / np.maximum(square, LEAST_SCALE), 0.0, MOST_ECHO)
+        product = np.sum((error[:, :-1] * error[:, 1:])[:, follows], axis=(1, 2)) / max(follows.sum(), 1)
+        # of the ticks in these pairs: squares of others only add their own scatter
+        square = np.sum(error[:, paired] ** 2, axis=(1, 2)) / max(paired.sum(), 1)
+        echo = np.clip(product / np.maximum(square, LEAST_SCALE), 0.0, MOST_ECHO)
         variance = np.maximum(np.sum(new_in(error, echo, index) ** 2, axis=(1, 2)) / count, LEAST_SCALE)
         weight = variance ** (-count / (count + PRIOR_TICKS))
     return Errors(weight, echo)
