@@ -10,7 +10,7 @@ from contact_tracker.assumptions import UNLISTED, assumptions
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.given import given, pivots
 from contact_tracker.forward import forward
-from contact_tracker.geometry import Line, Plane, Point, canonical
+from contact_tracker.geometry import Line, canonical, numbers
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
@@ -47,16 +47,6 @@ def test_true_elements_keep_their_contact(model):
     seen = model.measure(known.mean[None], lift(poses.rotation, poses.position_m))
     assert np.abs(seen.residual).max() < 1e-9
     np.testing.assert_allclose(model.family.normalise(known.mean, anchors), known.mean, atol=1e-12)
-
-
-def numbers(element):
-    match element:
-        case Plane(normal, offset_m):
-            return np.append(normal, offset_m)
-        case Line(direction, point_m):
-            return np.concatenate([direction, point_m])
-        case Point(point_m):
-            return point_m
 
 
 def drawn(element, rng, count):

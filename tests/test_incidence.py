@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts import given as contacts_given
 from contact_tracker.forward import forward
-from contact_tracker.geometry import Line, Plane, Point
+from contact_tracker.geometry import Line, Plane, Point, numbers
 from contact_tracker.incidence import incident
 from contact_tracker.labels import Contact
 from contact_tracker.model import load_model
@@ -49,16 +49,6 @@ def elements_at(rng, place):
     }
 
 
-def numbers(element):
-    match element:
-        case Plane(normal, offset_m):
-            return np.append(normal, offset_m)
-        case Line(direction, point_m):
-            return np.concatenate([direction, point_m])
-        case Point(point_m):
-            return point_m
-
-
 def cost(kind, known, element, body_m):
     """Half the squared distance of an object's element from what is known of it."""
     model = CONTACT_MODELS[WITH[kind].column]
@@ -94,14 +84,19 @@ def moved_off(element, from_element, rng):
             return replace(element, point_m=point_m + FAR_M * across)
 
 
+def scene(step, seed):
+    """An element that was met, and one of another kind that shares its points, with where the body is."""
+    rng = np.random.default_rng(seed)
+    place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
+    met, kind = elements_at(rng, place)[step[0]], step[2]
+    return rng, body_m, met, kind, elements_at_beside(met, kind, rng, place)
+
+
 @steps
 @quickly
 @given(seed=seeds)
 def test_what_shares_points_costs_little_and_what_does_not_much(step, seed):
-    rng = np.random.default_rng(seed)
-    place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
-    met, kind = elements_at(rng, place)[step[0]], step[2]
-    element = elements_at_beside(met, kind, rng, place)
+    rng, body_m, met, kind, element = scene(step, seed)
     known = incident(met, kind, body_m)
     assert cost(kind, known, element, body_m) < 3.0  # places are an open matter, directions are of length one
     assert cost(kind, known, moved_off(element, met, rng), body_m) > 20.0
@@ -127,11 +122,8 @@ def elements_at_beside(met, kind, rng, place):
 @quickly
 @given(seed=seeds)
 def test_it_is_the_same_whatever_the_axes_are(step, seed):
-    rng = np.random.default_rng(seed)
-    place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
+    rng, body_m, met, kind, element = scene(step, seed)
     turn, shift = Rotation.random(random_state=rng).as_matrix(), 100.0 * rng.normal(size=3)
-    met, kind = elements_at(rng, place)[step[0]], step[2]
-    element = elements_at_beside(met, kind, rng, place)
     off = moved_off(element, met, rng)
 
     def moved(e):

@@ -29,6 +29,11 @@ class Begins(NamedTuple):
     def many(self) -> int:
         return len(self.source)
 
+    @property
+    def assumed(self) -> dict[str, NDArray[np.generic]]:
+        """The columns that a bank has as well."""
+        return {name: column for name, column in self._asdict().items() if name != "log_share"}
+
     def pick(self, rows: NDArray[np.generic]) -> "Begins":
         return Begins(*(column[rows] for column in self))
 

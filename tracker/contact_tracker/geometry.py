@@ -144,6 +144,17 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def numbers(element: Element) -> Array:
+    """The numbers that tell an element, in the order of its covariance."""
+    match element:
+        case Plane(normal, offset_m):
+            return np.append(normal, offset_m)
+        case Line(direction, point_m):
+            return np.concatenate([direction, point_m])
+        case Point(point_m):
+            return point_m
+
+
 def by_foot(element: Element, near_m: Array) -> Element:
     """A line by its point nearest to ``near_m`` (3,), which changes nothing of it; others as they are."""
     if not isinstance(element, Line) or element.covariance is None:

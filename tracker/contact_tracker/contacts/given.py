@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.contacts.base import Array
-from contact_tracker.geometry import Element, Line, Plane, Point
+from contact_tracker.geometry import Element, Line, Plane, Point, numbers
 
 _SMALLEST: Final = 1e-12
 """Variances below this share of the largest are no variances: directions in which an element cannot move."""
@@ -77,7 +77,7 @@ _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
 _LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
 
 
-@lru_cache(maxsize=256)  # of faces any pair may be asked for
+@lru_cache(maxsize=256)
 def _faces(first: Plane | None, second: Plane | None) -> Given:
     """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
     size = face_face.SIZE
@@ -102,15 +102,11 @@ def _faces(first: Plane | None, second: Plane | None) -> Given:
 def _part(element: Element) -> Given:
     """An element's part of x, of a line by the point that it has."""
     covariance, lengths = _covariance(element), _LENGTHS[type(element)]
-    match element:
-        case Plane(normal, offset_m):
-            return Given(np.append(normal, offset_m), _inverse(covariance, lengths))
-        case Point(point_m):
-            return Given(point_m, _inverse(covariance, lengths))
-        case Line(direction, point_m):
-            across = np.kron(np.eye(2), np.eye(3) - np.outer(direction, direction))
-            inverse = _inverse(across @ covariance @ across, lengths)
-            return Given(np.concatenate([direction, point_m]), across @ inverse @ across)
+    if not isinstance(element, Line):
+        return Given(numbers(element), _inverse(covariance, lengths))
+    across = np.kron(np.eye(2), np.eye(3) - np.outer(element.direction, element.direction))
+    inverse = _inverse(across @ covariance @ across, lengths)
+    return Given(numbers(element), across @ inverse @ across)
 
 
 def _covariance(element: Element) -> Array:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evaluation.elements import error_at
 from contact_tracker.evaluation.geometry_errors import places
-from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry import ContactGeometry, Plane, numbers
 from contact_tracker.lift import lift
 from contact_tracker.poses import Poses
 
@@ -107,15 +107,5 @@ def _told(pair: ContactGeometry, poses: Poses) -> ContactGeometry:
 def _stacked(model: ContactModel, pair: ContactGeometry) -> Array:
     """The parameter vector x (S,) whose elements are ``pair``."""
     first, second = (pair.object, pair.environment) if model.body_in_1 else (pair.environment, pair.object)
-    numbers = _numbers(first)
-    return np.concatenate([numbers[:3] if _are_faces(pair) else numbers, _numbers(second)])
-
-
-def _numbers(element: Element) -> Array:
-    match element:
-        case Plane(normal, offset_m):
-            return np.append(normal, offset_m)
-        case Line(direction, point_m):
-            return np.concatenate([direction, point_m])
-        case Point(point_m):
-            return point_m
+    of_first = numbers(first)
+    return np.concatenate([of_first[:3] if _are_faces(pair) else of_first, numbers(second)])
