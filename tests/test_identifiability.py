@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import geometry
@@ -87,7 +88,22 @@ def test_what_was_wrong_is_put_into_one_class_each() -> None:
     assert np.trace(judged.confusion_s["given"]) == pytest.approx(confusion_s.sum())
 
 
-def mistake(fitted: Contact = Contact.EF, margin: float = 9.0, clear_s: float = 1.25) -> Mistake:
+def test_labels_of_all_paths_are_as_probable_as_anything() -> None:
+    *_, tracked, _, _ = told()
+    window = tracked.window.cut(10, 13)
+    log_prior = [oracle.log_prior(np.array(path), window, MODEL) for path in product(range(7), repeat=3)]
+    assert np.exp(log_prior).sum() == pytest.approx(1.0)
+    lasting = oracle.log_prior(np.zeros(3, np.int64), window, MODEL)
+    assert lasting > max(oracle.log_prior(np.array(path), window, MODEL) for path in ([0, 0, 1], [0, 1, 0]))
+
+
+def mistake(
+    fitted: Contact = Contact.EF,
+    margin: float = 9.0,
+    clear_s: float = 1.25,
+    prior: float = -5.0,
+    true: Contact = Contact.EF,
+) -> Mistake:
     return Mistake(
         recording="some_00",
         rate_hz=200.0,
@@ -96,7 +112,7 @@ def mistake(fitted: Contact = Contact.EF, margin: float = 9.0, clear_s: float = 
         end_s=2.5,
         phase_s=3.0,
         ticks=30,
-        true=Contact.EF,
+        true=true,
         taken=Contact.EE,
         near_s=0.25,
         clear_s=clear_s,
@@ -104,7 +120,14 @@ def mistake(fitted: Contact = Contact.EF, margin: float = 9.0, clear_s: float = 
         margin=margin,
         margin_given=15.0,
         margin_there=-2.0,
+        prior=prior,
     )
+
+
+def test_what_counts_is_how_probable_the_truth_would_be_in_place_of_the_label() -> None:
+    free = mistake(fitted=Contact.FREE, true=Contact.FREE, prior=4.0)
+    assert [m.log_odds for m in (mistake(), mistake(margin=-3.0), free)] == [4.0, -7.0, 2.0]
+    assert [m.reason for m in (mistake(), mistake(prior=-7.0), free)] == [Class.OWN, Class.TIE, Class.TIE]
 
 
 def test_classes_and_tables_by_hand() -> None:
@@ -120,9 +143,24 @@ def test_classes_and_tables_by_hand() -> None:
     lines = [line.split() for line in to_text({"some": [judged], "none": []}).splitlines()]
     assert lines[1][:6] == ["some", "76.0", "0.921", "1.000", "1.000", "1.000"]
     assert ["some", "6.3", "0.3", "1.5", "3.0", "1.5", "0.937"] in lines
-    pair = ["some", "e-f", "e-e", "3.0", "2", "3.0", "200", "0.30", "-1.5", "15.0", "-2.0", "not", "tellable"]
+    pair = [
+        "some",
+        "e-f",
+        "e-e",
+        "3.0",
+        "2",
+        "3.0",
+        "200",
+        "0.30",
+        "-1.5",
+        "15.0",
+        "-2.0",
+        "-5.0",
+        "not",
+        "tellable",
+    ]
     assert pair in lines
-    assert ["some_00", "1.0", "2.5", "e-f", "e-e", "1.5", "9.0", "15.0", "-2.0"] in lines
+    assert ["some_00", "1.0", "2.5", "e-f", "e-e", "1.5", "9.0", "15.0", "-2.0", "-5.0"] in lines
     assert not any("none" in line for line in lines)
 
 

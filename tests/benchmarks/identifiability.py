@@ -79,9 +79,13 @@ def compare(
     stamp_s = (poses.stamp_ns - poses.stamp_ns[0]) * 1e-9
     rate_hz, sigma_mm = 1.0 / float(np.median(np.diff(stamp_s))), 1e3 * estimate_noise(poses)[0]
     mistakes = []
+    path = tracked.segmentation.beliefs.rows["contact"].astype(np.int64)
+    as_told = oracle.log_prior(path, tracked.window, model)
     for row, column in pairs:
         mine = (phase == row) & (label == column) & (wrong > 0)
         contact, stamp_ns = true[row].contact, poses.stamp_ns[mine]
+        mended = path.copy()
+        mended[np.unique(answer.tick[mine])] = contact.column
         alone = oracle.evidence_within(int(stamp_ns[0]), int(stamp_ns[-1]), tracked, model)
         mistakes.append(
             Mistake(
@@ -100,6 +104,7 @@ def compare(
                 margin=float(verdict.evidence[row, contact.column] - verdict.evidence[row, column]),
                 margin_given=float(verdict.given[row, contact.column] - verdict.given[row, column]),
                 margin_there=float(alone[contact.column] - alone[column]),
+                prior=oracle.log_prior(mended, tracked.window, model) - as_told,
             )
         )
     return Judged(name, confusion_s, tuple(mistakes))

@@ -18,7 +18,7 @@ from contact_tracker.separability import DECISIVE
 
 Array = NDArray[np.float64]
 
-MARGINS: Final = ("margin", "given", "there")
+MARGINS: Final = ("margin", "given", "there", "prior")
 ACCURACY: Final = ("set", "s", TRACKER, "fitted", "given", "rule", f"F1 {TRACKER}", "fitted", "given", "rule")
 PAIRS: Final = ("set", "true", "taken for", "s", "phases", "phase s", "Hz", "mm", *MARGINS, "class")
 OWN: Final = ("recording", "from s", "to s", "true", "taken for", "s", *MARGINS)
@@ -33,12 +33,14 @@ rule           the true boundaries, the most constrained contact that fits, what
 
 near a change  wrong within 0.25 s of a true change and for no more than a tick beyond
 oracle wrong   the oracle "fitted" is wrong in this phase as well
-not tellable   its evidence for the truth, against what the {TRACKER} said, is less than log 20 nats
+not tellable   in its place the truth is less than 20 times as probable as what the {TRACKER} said
 own            the rest, what the {TRACKER} could still gain; "at best" is its accuracy without these
 
 margin         evidence for the truth over that for the label, nats, all fitted; given: with the true elements
-               at no price; there: fitted to just the time that had the wrong label. phase s (length), Hz, mm
-               (noise of a pose) and margins of pairs are medians"""
+               at no price; there: fitted to just the time that had the wrong label; prior: log chance of the
+               {TRACKER}'s labels with the truth there, over that of its labels (changes are rare).
+               What counts is the prior with the larger of margin and there, or with there where it was free.
+               phase s (length), Hz, mm (noise of a pose) and margins of pairs are medians"""
 
 
 class Class(StrEnum):
@@ -58,6 +60,7 @@ class Mistake:
     ``near_s`` within 0.25 s of a true change and ``clear_s`` not. ``margin`` and ``margin_given`` (nats):
     evidence of the truth over that of the label in this phase of ``phase_s`` and ``ticks`` whole ticks,
     fitted and with the true elements; ``margin_there``: fitted to just the time that had the label.
+    ``prior`` (nats): the chance of all labels with the truth there, over that of the labels as they are.
     """
 
     recording: str
@@ -75,10 +78,22 @@ class Mistake:
     margin: float
     margin_given: float
     margin_there: float
+    prior: float
 
     @property
     def seconds(self) -> float:
         return self.near_s + self.clear_s
+
+    @property
+    def log_odds(self) -> float:
+        """How much more probable (nats) the truth is, in place of the label.
+
+        Free motion is free tick by tick. A contact is known by its whole phase, if it was found beside.
+        """
+        evidence = self.margin_there
+        if self.true is not Contact.FREE:
+            evidence = max(evidence, self.margin)
+        return evidence + self.prior
 
     @property
     def reason(self) -> Class:
@@ -87,7 +102,7 @@ class Mistake:
             return Class.NEAR
         if self.oracles["fitted"] is not self.true:
             return Class.ORACLE
-        return Class.OWN if self.margin >= DECISIVE else Class.TIE
+        return Class.OWN if self.log_odds >= DECISIVE else Class.TIE
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +170,7 @@ def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
         seconds = sum(m.seconds for m in group)
         if seconds >= SHOWN_S:
             middle = np.median([(m.phase_s, m.rate_hz, m.sigma_mm, *_margins(m)) for m in group], axis=0)
-            shown = map(number, middle, (1, 0, 2, 1, 1, 1))
+            shown = map(number, middle, (1, 0, 2, 1, 1, 1, 1))
             first, count = group[0], str(len(group))
             yield [name, first.true, first.taken, number(seconds, 1), count, *shown, first.reason]
 
@@ -168,5 +183,5 @@ def _own_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
             yield [m.recording, from_s, to_s, m.true, m.taken, *others]
 
 
-def _margins(mistake: Mistake) -> tuple[float, float, float]:
-    return mistake.margin, mistake.margin_given, mistake.margin_there
+def _margins(mistake: Mistake) -> tuple[float, ...]:
+    return mistake.margin, mistake.margin_given, mistake.margin_there, mistake.prior

@@ -119,6 +119,17 @@ def evidence_within(start_ns: int, end_ns: int, tracked: Tracked, model: Model) 
     return _fit_all(Contact.FREE, None, window, scales_of(model))[0]
 
 
+def log_prior(label: Ints, window: Window, model: Model) -> float:
+    """Log probability of the labels (W,) of ticks, if nothing was known but how much the object moves."""
+    log_probability, contacts = float(log_initial(model)[label[0]]), np.arange(FREE)
+    for before, now, activity in zip(label[:-1], label[1:], window.activity[1:], strict=True):
+        exposed = exposure(float(activity))
+        step, stay = log_transition(model, exposed), log_stay(model, exposed)
+        step[contacts, contacts] = np.logaddexp(step[contacts, contacts], stay[contacts])
+        log_probability += float(step[before, now])
+    return log_probability
+
+
 def within(start_ns: int, end_ns: int, tracked: Tracked) -> Window:
     """The ticks with frames of this span only."""
     inside = (tracked.start_ns >= start_ns) & (tracked.stamp_ns <= end_ns) & (tracked.frames > 0)
@@ -170,7 +181,7 @@ def _chain(log_evidence: Array, windows: list[Window], model: Model) -> Ints:
     """The most probable label (P,) of each phase, whose evidence is (P, 7), in the chain of all of them."""
     stay, change = np.zeros(log_evidence.shape), np.zeros((*log_evidence.shape, len(STATES)))
     for row, window in enumerate(windows):
-        activity = np.max(window.excess / (window.excess + window.variance), axis=1, initial=0.0)
+        activity = window.activity
         stay[row] = sum((log_stay(model, exposure(a)) for a in activity[1:].tolist()), np.zeros(len(STATES)))
         change[row] = log_transition(model, exposure(float(activity[0]) if len(window) else 0.0))
     count, states = log_evidence.shape
