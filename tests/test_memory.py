@@ -35,7 +35,7 @@ def test_nothing_met_offers_nothing():
 
 
 def test_the_same_elements_are_offered_again_and_shares_add_up():
-    memory = Memory().learn(ON_THE_TABLE, 5, ORIGIN)
+    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
     begins = offers(memory, Contact.EF)
     assert begins.many == 4  # nothing, the edge, the table, both
     assert np.exp(begins.log_share).sum() == pytest.approx(1.0)
@@ -44,18 +44,26 @@ def test_the_same_elements_are_offered_again_and_shares_add_up():
 
 
 def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():
-    memory = Memory().learn(ON_THE_TABLE, 5, ORIGIN).learn(ON_THE_TABLE, 5, ORIGIN)
+    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN).learn(ON_THE_TABLE, 5, 100, ORIGIN)
     assert len(memory.object) == 1
     for onset_ns in range(10):
-        memory = memory.learn(ON_THE_TABLE, onset_ns, ORIGIN)
+        memory = memory.learn(ON_THE_TABLE, onset_ns, 100, ORIGIN)
     assert [met.onset_ns for met in memory.object] == list(range(10 - KEPT, 10))
-    assert memory.knows(9)
-    assert not memory.knows(0)
+
+
+def test_a_contact_can_teach_more_when_it_has_lasted_half_as_long_again():
+    memory = Memory()
+    assert memory.is_due(10, 20)
+    memory = memory.learn(ON_THE_TABLE, 10, 20, ORIGIN)
+    assert [memory.is_due(10, stamp_ns) for stamp_ns in (21, 24, 25, 40)] == [False, False, True, True]
+    assert memory.is_due(11, 21)  # another contact
+    memory = memory.learn(CORNER, 30, 40, ORIGIN).learn(ON_THE_TABLE, 10, 50, ORIGIN)
+    assert [memory.is_due(10, stamp_ns) for stamp_ns in (65, 70)] == [False, True]
 
 
 def test_a_vertex_may_be_anywhere_on_the_edge_that_turned():
     """From e-f to v-f the plane stays, and the vertex lies on the edge."""
-    memory = Memory().learn(ON_THE_TABLE, 5, ORIGIN)
+    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
     begins, size = offers(memory, Contact.VF), 7
     assert begins.many == 4  # nothing, an end of the edge, the table, both
     (both,) = [i for i in range(4) if begins.known_mean[i, :3].any() and begins.known_mean[i, 3:].any()]
@@ -72,7 +80,9 @@ CORNER = ContactGeometry(Point(np.array([0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TAB
 def test_only_what_is_next_to_the_last_contact_is_offered_beside_what_was_met():
     memory = Memory()
     for onset_ns in range(3):
-        memory = memory.learn(ON_THE_TABLE, 2 * onset_ns, ORIGIN).learn(CORNER, 2 * onset_ns + 1, ORIGIN)
+        memory = memory.learn(ON_THE_TABLE, 2 * onset_ns, 100, ORIGIN).learn(
+            CORNER, 2 * onset_ns + 1, 100, ORIGIN
+        )
     points = 1 + KEPT + 1  # none, those met, an end of the edge
     assert offers(memory, Contact.VF).many == points * (1 + KEPT)
     # an edge through the corner stands on the face of the last contact, or an edge of that meets it
@@ -87,7 +97,7 @@ def test_only_what_is_next_to_the_last_contact_is_offered_beside_what_was_met():
 def test_elements_of_the_last_contact_are_likelier_than_others():
     memory = Memory()
     for onset_ns in range(2):
-        memory = memory.learn(CORNER, onset_ns, ORIGIN)
+        memory = memory.learn(CORNER, onset_ns, 100, ORIGIN)
     begins = offers(memory, Contact.VF)
     share = np.exp(begins.log_share[begins.source > 0])
     assert share.sum() == pytest.approx(0.5)
@@ -98,7 +108,7 @@ def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():
     """It is not remembered, but was part of the last contact all the same."""
     table = replace(TABLE, name="table")
     knowledge = Knowledge(environment=(Known("table", TABLE),))
-    memory = Memory().learn(ContactGeometry(CORNER.object, table), 5, ORIGIN)
+    memory = Memory().learn(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)
     model = CONTACT_MODELS[Contact.EF.column]
     begins = beginnings(knowledge, memory, 0.5, model, ORIGIN, ORIGIN)
     on_table = ~np.isnan(begins.pivot[:, 0]) & begins.known_mean[:, 6:9].any(axis=1)

@@ -20,8 +20,8 @@ from contact_tracker.knowledge import Known
 
 SURE: Final = 0.9
 """An element is kept that belongs to a contact of so much probability."""
-LEARN_TICKS: Final = 5
-"""An element is looked at again after so many ticks."""
+LONGER: Final = 1.5
+"""Elements are looked at again when their contact has lasted so many times as long."""
 KEPT: Final = 2
 """So many elements of each kind and side are remembered, the latest."""
 LAST: Final = 3.0
@@ -32,9 +32,11 @@ LOOSE_RAD: Final = 2e-3
 
 
 class Met(NamedTuple):
-    """An element, the onset of the contact in which it was met, and where the body was then (3,)."""
+    """An element, the onset of the contact in which it was met, when it was looked at, and where the body was
+    then (3,)."""
 
     onset_ns: int
+    stamp_ns: int
     known: Known
     body_m: Array
 
@@ -46,21 +48,24 @@ class Memory:
     object: tuple[Met, ...] = ()
     environment: tuple[Met, ...] = ()
 
-    def learn(self, geometry: ContactGeometry, onset_ns: int, position_m: Array) -> "Memory":
-        """Remember the elements of a contact; what it has taught before is replaced.
+    def learn(self, geometry: ContactGeometry, onset_ns: int, stamp_ns: int, position_m: Array) -> "Memory":
+        """Remember the elements of a contact as they are told at ``stamp_ns``; what it has taught before is
+        replaced.
 
         ``position_m`` (3,) of the body's origin in the world tells on which side of a face it is.
         """
         here = np.zeros(3)
         ours = _loosened(_outward(geometry.object, here, inside=True))
         theirs = _loosened(_outward(geometry.environment, position_m, inside=False))
+        when = onset_ns, stamp_ns
         return Memory(
-            _kept(self.object, onset_ns, ours, here), _kept(self.environment, onset_ns, theirs, position_m)
+            _kept(self.object, *when, ours, here), _kept(self.environment, *when, theirs, position_m)
         )
 
-    def knows(self, onset_ns: int) -> bool:
-        """Whether the contact that began then has taught something."""
-        return any(met.onset_ns == onset_ns for met in (*self.object, *self.environment))
+    def is_due(self, onset_ns: int, stamp_ns: int) -> bool:
+        """Whether the contact that began then can teach more at ``stamp_ns`` than it has."""
+        looked_ns = [met.stamp_ns for met in (*self.object, *self.environment) if met.onset_ns == onset_ns]
+        return stamp_ns - onset_ns >= LONGER * (max(looked_ns) - onset_ns) if looked_ns else True
 
     def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
         """Pairs of elements met before, or of one and an unknown one; of elements next to those of the last
@@ -79,10 +84,12 @@ class Memory:
         return tuple(Assumption(o, e, float(s)) for (o, e, _), s in zip(pairs, log_share, strict=True))
 
 
-def _kept(met: Sequence[Met], onset_ns: int, element: Element, body_m: Array) -> tuple[Met, ...]:
+def _kept(
+    met: Sequence[Met], onset_ns: int, stamp_ns: int, element: Element, body_m: Array
+) -> tuple[Met, ...]:
     if element.name is not None:  # the user knows it anyway
         return tuple(met)
-    new = Met(onset_ns, Known("met before", element), body_m)
+    new = Met(onset_ns, stamp_ns, Known("met before", element), body_m)
     others = [old for old in met if old.onset_ns != onset_ns]
     alike = [old.onset_ns for old in others if old.known.kind == new.known.kind]
     forgotten = alike[: max(len(alike) - KEPT + 1, 0)]
@@ -95,7 +102,7 @@ def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[tuple[Know
     None is an unknown one; of the last contact, too, where the user knows what touched. An end of the edge
     met last counts as met; what else is next to the last contact does not: an edge through that vertex ...
     """
-    yield None, not any(onset_ns == last_ns for onset_ns, _, _ in met), True
+    yield None, not any(known.onset_ns == last_ns for known in met), True
     edges = [beside for beside in met if beside.known.kind == "e"][-1:] if kind == "v" else []
     for beside in met:
         last = beside.onset_ns == last_ns

@@ -18,7 +18,7 @@ from contact_tracker.evidence import Scales, Window
 from contact_tracker.free_motion import NO_EXCESS
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import R, T
-from contact_tracker.memory import LEARN_TICKS, SURE
+from contact_tracker.memory import SURE
 from contact_tracker.model import Model
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose, Poses
@@ -102,7 +102,7 @@ def observe(state: TrackerState, tick: Tick, geometry: bool = True) -> tuple[Tra
     if learns and where is not None:
         assert state.averaging is not None
         position_m = state.window.zeta[-1, T] + state.averaging.origin_m
-        state = replace(state, memory=state.memory.learn(where, belief.onset_ns, position_m))
+        state = replace(state, memory=state.memory.learn(where, belief.onset_ns, tick.stamp_ns, position_m))
     return _remember(state, replace(belief, geometry=where if geometry else None))
 
 
@@ -114,8 +114,9 @@ def _remember(state: TrackerState, belief: Belief) -> tuple[TrackerState, Belief
 
 def _learns(state: TrackerState, belief: Belief) -> bool:
     """Elements that are certain enough are remembered, and looked at again now and then."""
-    known = state.ticks % LEARN_TICKS and state.memory.knows(belief.onset_ns)
-    return belief.probability.max() >= SURE and belief.contact is not Contact.FREE and not known
+    if belief.contact is Contact.FREE or belief.probability.max() < SURE:
+        return False
+    return state.memory.is_due(belief.onset_ns, belief.stamp_ns)
 
 
 def _is_mute(state: TrackerState, tick: Tick) -> bool:
