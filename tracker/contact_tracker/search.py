@@ -26,7 +26,8 @@ _DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i i
 """Whether an age has been passed since the last batch."""
 DRAWS: Final = 64
 """So many sets of random directions take turns."""
-SCREENED: Final = 4
+SCREENED: Final = 7
+"""So many of all starts are followed at all, those that cost least before a step is taken."""
 ROUNDS: Final = ((3, 5), (4, 3), (5, 2))
 """So many steps from all starts, and on from so many of the best."""
 AT_THE_NOISE: Final = 1.2
@@ -101,23 +102,16 @@ def _from_scratch(bank: Bank, rows: Index, model: ContactModel, window: Window, 
         how = SCREENED, np.array(ROUNDS), fit.TOLERANCE
         return calls.find(model, vars(bank), scales, rows, told, relaxed, directions, *how)
     known = before(bank, model, scales)
-    x = np.concatenate([relaxed, _screened(bank, rows, model, known, directions)], axis=1)
-    x = np.where(told[:, None], mean[:, None], x)
+    drawn = np.broadcast_to(directions, (len(rows), *directions.shape))
+    x = np.where(told[:, None], mean[:, None], np.concatenate([relaxed, drawn], axis=1))
     x = model.family.normalise(x, known.anchors[rows, None])
-    windows = bank.moments, bank.row_weight, *known
+    windows, of = (bank.moments, bank.row_weight, *known), rows.repeat(x.shape[1])
+    x = _least(*fit.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), SCREENED)
     for steps, kept in ROUNDS:
         of = rows.repeat(x.shape[1])
         found = fit.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
         x = _least(found.x, found.cost, len(rows), kept)
     return x
-
-
-def _screened(bank: Bank, rows: Index, model: ContactModel, known: Before, directions: Array) -> Array:
-    """The best (R, n, S) of the directions (N, S) with the coordinates that go with them."""
-    of, x = rows.repeat(len(directions)), np.concatenate([directions] * len(rows))
-    x = model.family.normalise(x, known.anchors[of])
-    completed = fit.complete(model.family, bank.moments, bank.row_weight, *known, x, of)
-    return _least(*completed, len(rows), SCREENED)
 
 
 def _least(x: Array, cost: Array, groups: int, many: int) -> Array:

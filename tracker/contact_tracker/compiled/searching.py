@@ -113,21 +113,18 @@ def _kernels(sources: str) -> tuple[Any, Any]:
         problem = problem_of(kind, rows)
         work = work_for(each, rows.moments.shape[1], size, free)
         hessian = np.empty((each, free, free))
-        many, last = relaxed.shape[1] + screened, rounds[-1, 1]
-        out, cost = np.empty((len(which), last, size)), np.empty(len(directions))
+        many, last = relaxed.shape[1] + len(directions), rounds[-1, 1]
+        out, cost, drawn = np.empty((len(which), last, size)), np.empty(many), np.empty((many, size))
         for r in range(len(which)):
             b, mean = which[r], rows.known_mean[which[r]]
-            anchors, x = problem.anchors[b], np.empty((many, size))
-            drawn = directions.copy()
-            for i in range(len(drawn)):
-                normalise(form, drawn[i], anchors)
-                cost[i] = complete_one(form, kind.linear, problem, b, drawn[i], work)
-            x[: relaxed.shape[1]], x[relaxed.shape[1] :] = relaxed[r], drawn[_smallest(cost, screened)]
+            drawn[: relaxed.shape[1]], drawn[relaxed.shape[1] :] = relaxed[r], directions
             for i in range(many):
                 for s in range(size):
                     if told[r, s]:
-                        x[i, s] = mean[s]
-                normalise(form, x[i], anchors)
+                        drawn[i, s] = mean[s]
+                normalise(form, drawn[i], problem.anchors[b])
+                cost[i] = complete_one(form, kind.linear, problem, b, drawn[i], work)
+            x = drawn[_smallest(cost, screened)]
             for steps, kept in rounds:
                 reached = np.empty(len(x))
                 for i in range(len(x)):
