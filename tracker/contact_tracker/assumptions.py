@@ -40,17 +40,28 @@ class Assumption:
         """Whether nothing of the geometry is left to be found."""
         return self.object is not None and self.environment is not None
 
-    def elements(self, origin_m: Array) -> tuple[Element | None, Element | None]:
-        """What is known of object and environment; ``origin_m`` is the world's origin in which x is."""
-        environment = None if self.environment is None else shifted(self.environment.element, -origin_m)
-        return None if self.object is None else self.object.element, environment or _facing(self.up)
-
     def given(self, model: ContactModel, origin_m: Array, place_m: Array) -> tuple[Given, Array]:
         """The prior on x, and the anchors (6,) of its own that it has: near to where the body is, at
-        ``place_m`` (3,) from the origin, lest a line's place hang on its direction."""
-        ours, theirs = self.elements(origin_m)
-        pair = ours and by_foot(ours, np.zeros(3)), theirs and by_foot(theirs, place_m)
-        return given(model, *pair), pivots(model, *pair)
+        ``place_m`` (3,) from the world's origin ``origin_m`` (3,) in which x is, lest a line's place hang on
+        its direction."""
+        ours = None if self.object is None else _seen(self.object.element, (0.0,) * 3, (0.0,) * 3)
+        if self.environment is not None:
+            frame = tuple(origin_m.tolist()), tuple(place_m.tolist())
+            return _prior(model, ours, _seen(self.environment.element, *frame))
+        return _prior(model, ours, None if self.up is None else _facing(self.up))
+
+
+def _prior(model: ContactModel, ours: Element | None, theirs: Element | None) -> tuple[Given, Array]:
+    return given(model, ours, theirs), pivots(model, ours, theirs)
+
+
+@lru_cache(maxsize=512)
+def _seen(element: Element, origin_m: tuple[float, ...], near_m: tuple[float, ...]) -> Element:
+    """An element from ``origin_m``, a line by its point nearest to ``near_m`` from there.
+
+    It is the same object for the same element, of which ``given`` has told the prior before.
+    """
+    return by_foot(shifted(element, -np.array(origin_m)), np.array(near_m))
 
 
 @lru_cache(maxsize=64)
@@ -82,9 +93,8 @@ def _name(known: Known | None) -> str | None:
     return None if known is None else known.name
 
 
-def _facing(up: Up | None) -> Element | None:
-    if up is None:
-        return None
+@lru_cache(maxsize=8)
+def _facing(up: Up) -> Element:
     covariance = np.zeros((4, 4))
     covariance[:3, :3] = up.spread_rad**2 * (np.eye(3) - np.outer(up.direction, up.direction))
     covariance[3, 3] = _ANYWHERE_M**2

@@ -7,8 +7,9 @@ has fewer unknowns to pay for.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -31,7 +32,8 @@ LOOSE_RAD: Final = 2e-3
 """Real elements are not quite the same at the second touch."""
 
 
-class Met(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Met:
     """An element, the onset of the contact in which it was met, when it was looked at, and where the body was
     then (3,)."""
 
@@ -109,8 +111,12 @@ def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[tuple[Know
         if beside.known.kind == kind:
             yield beside.known, last, True
         elif last or beside in edges:
-            element = incident(beside.known.element, kind, beside.body_m)
-            yield Known(beside.known.name, element), last, beside in edges
+            yield _next_to(beside, kind), last, beside in edges
+
+
+@lru_cache(maxsize=64)  # the same object for all contacts
+def _next_to(met: Met, kind: str) -> Known:
+    return Known(met.known.name, incident(met.known.element, kind, met.body_m))
 
 
 def _outward(element: Element, position_m: Array, inside: bool) -> Element:

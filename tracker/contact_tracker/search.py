@@ -11,7 +11,7 @@ from contact_tracker.bank import Bank, best_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales, Window
-from contact_tracker.following import AT_REST, Before, before, follow
+from contact_tracker.following import AT_REST, before, follow
 from contact_tracker.lift import R
 
 Array = NDArray[np.float64]
