@@ -18,10 +18,11 @@ from typing import Final
 from speeds.commands import IDLE, Measured, lengths
 from speeds.figures import Setup, length
 
+from contact_tracker.model import load_model
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 ROWS: Final = ("segment", "view", "live", "evaluate")
-TICK_S: Final = 0.05
-"""Of the presets: 20 ticks per second."""
+MODEL: Final = "default"
 HEADER: Final = f"{'command':10}{'log':>8}{'CPU s':>9}{'ms per tick':>13}{'x':>7}{'peak MB':>9}{'x':>7}"
 
 
@@ -38,13 +39,14 @@ def command(row: str, scratch: Path) -> tuple[str, ...]:
 def lines(row: str, setup: Setup) -> Iterator[str]:
     """One for each length."""
     before: Measured | None = None
+    tick_s = load_model(setup.model).tick_s
     idle = () if row == "evaluate" else IDLE  # it judges whole recordings only
     for measured in lengths(setup, command(row, setup.scratch), idle):
         growth, larger = " " * 7, " " * 7
         if before is not None:
             growth = f"{measured.cost / before.cost:7.2f}"
             larger = f"{measured.peak_mb / before.peak_mb:7.2f}"
-        per_tick = f"{1e3 * measured.cost * TICK_S:13.2f}{growth}"
+        per_tick = f"{1e3 * measured.cost * tick_s:13.2f}{growth}"
         taken = f"{row:10}{length(measured.seconds):>8}{measured.cpu_s:9.1f}"
         yield f"{taken}{per_tick}{measured.peak_mb:9.0f}{larger}"
         before = measured
@@ -63,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
     with tempfile.TemporaryDirectory() as scratch:
-        setup = Setup(args.log, args.log, "default", args.runs, tuple(args.lengths), Path(scratch))
+        setup = Setup(args.log, args.log, MODEL, args.runs, tuple(args.lengths), Path(scratch))
         print(HEADER, flush=True)
         for row in args.only:
             for line in lines(row, setup):
