@@ -24,6 +24,7 @@ from short import FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 
 pytest.importorskip("numba")
+kernels = pytest.importorskip("kernels")
 GROWS = ("first", "moments", "place_sum", "weight", "told", "x")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
@@ -77,6 +78,10 @@ def strange(kind, rng, family, moments, weight, prior, anchors, x):
     return family, moments, weight, prior, anchors, family.normalise(x, anchors)
 
 
+def both_fits(given_, steps):
+    return fit.minimise(*given_, steps), kernels.minimise(*given_, steps)
+
+
 def assert_same_fits(numpy, kernel, rel):
     np.testing.assert_array_equal(kernel.converged, numpy.converged)
     np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=rel, atol=rel)
@@ -90,7 +95,7 @@ def assert_same_fits(numpy, kernel, rel):
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
 def test_fits_agree(model, steps, rel, seed):
-    assert_same_fits(*both(fit.minimise, *problem(model, np.random.default_rng(seed)), steps), rel)
+    assert_same_fits(*both_fits(problem(model, np.random.default_rng(seed)), steps), rel)
 
 
 @each_model
@@ -100,7 +105,7 @@ def test_fits_agree(model, steps, rel, seed):
 def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
     """In cost: x may be anywhere in directions that cost nothing."""
     rng = np.random.default_rng(seed)
-    numpy, kernel = both(fit.minimise, *strange(kind, rng, *problem(model, rng)), 2)
+    numpy, kernel = both_fits(strange(kind, rng, *problem(model, rng)), 2)
     np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
     assert np.isfinite(kernel.x).all()
 
@@ -108,18 +113,18 @@ def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
 @each_model
 def test_each_window_takes_its_own_steps(model):
     steps = np.arange(COUNT) % 4
-    assert_same_fits(*both(fit.minimise, *problem(model, np.random.default_rng(3)), steps), 1e-7)
+    assert_same_fits(*both_fits(problem(model, np.random.default_rng(3)), steps), 1e-7)
 
 
 @each_model
 def test_what_is_no_number_stays_where_it_is(model):
     given_ = list(problem(model, np.random.default_rng(4)))
-    whole = both(fit.minimise, *given_, 3)[1]
+    whole = kernels.minimise(*given_, 3)
     given_[1] = given_[1].copy()
     given_[1][5] = np.nan
     given_[-1] = given_[-1].copy()
     given_[-1][7, model.family.FORM.d2] = np.nan
-    numpy, kernel = both(fit.minimise, *given_, 3)
+    numpy, kernel = both_fits(given_, 3)
     np.testing.assert_array_equal(np.isnan(kernel.cost), np.isnan(numpy.cost))
     assert np.isnan(kernel.cost[[5, 7]]).all()
     assert not kernel.converged[[5, 7]].any()
@@ -131,7 +136,8 @@ def test_what_is_no_number_stays_where_it_is(model):
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
 def test_coordinates_agree(model, seed):
-    numpy, kernel = both(fit.complete, *problem(model, np.random.default_rng(seed)))
+    given_ = problem(model, np.random.default_rng(seed))
+    numpy, kernel = fit.complete(*given_), kernels.complete(*given_)
     np.testing.assert_allclose(kernel[0], numpy[0], atol=1e-8)
     np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9)
 

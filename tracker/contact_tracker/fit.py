@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.contacts.base import Family, dot
 from contact_tracker.contacts.form import mean_of_alike
 
@@ -107,10 +106,6 @@ def minimise(
     """
     left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
     of = np.arange(len(x)) if of is None else of
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        return Fit(*calls.minimise(family, moments, row_weight, prior, anchors, x, left, tolerance, of))
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
     damping = np.full(len(x), 1e-3)
     x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
@@ -174,10 +169,6 @@ def complete(
     That is a linear problem: rows are affine in the coordinates. Arguments as of ``minimise``.
     """
     of = np.arange(len(x)) if of is None else of
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        return calls.complete(family, moments, row_weight, prior, anchors, x, of)
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
     linear = family.LINEAR
     bare = x.copy()

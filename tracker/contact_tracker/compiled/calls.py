@@ -1,4 +1,4 @@
-"""From the arrays of ``fit``, ``summed`` and ``following`` to those of the kernels, and back."""
+"""From the arrays of ``following``, ``search`` and ``summed`` to those of the kernels, and back."""
 
 from collections.abc import Mapping
 from functools import cache, lru_cache
@@ -7,9 +7,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import fitting, following, searching, seeing
+from contact_tracker.compiled import following, searching, seeing
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Array, Family
+from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import mean_of_alike
 from contact_tracker.lift import T
 
@@ -18,17 +18,6 @@ Columns = Mapping[str, NDArray[Any]]
 
 GROWS: Final = ("first", "moments", "place_sum", "weight", "told", "x")
 """Columns of a bank that change when it grows."""
-
-
-class Prior(Protocol):
-    """What is read of ``fit.Prior``."""
-
-    @property
-    def precision(self) -> Array: ...
-    @property
-    def information(self) -> Array: ...
-    @property
-    def constant(self) -> Array: ...
 
 
 class Window(Protocol):
@@ -64,44 +53,6 @@ class Scales(Protocol):
     def foreknowledge(self) -> float: ...
     @property
     def independence(self) -> float: ...
-
-
-def minimise(
-    family: Family,
-    moments: Array,
-    row_weight: Array,
-    prior: Prior,
-    anchors: Array,
-    x: Array,
-    steps: Index,
-    tolerance: float,
-    of: Index,
-) -> fitting.Found:
-    count, rows, free = len(x), family.ROWS, family.PARAMETERS
-    found = fitting.Found(
-        np.array(x, np.float64, order="C"),
-        np.empty(count),
-        np.empty((count, rows, free, free)),
-        np.empty(count, np.bool_),
-    )
-    problem = _problem(family, moments, row_weight, prior, anchors)
-    fitting.minimise(family.FORM, family.LINEAR, problem, of, steps, tolerance, found)
-    return found
-
-
-def complete(
-    family: Family,
-    moments: Array,
-    row_weight: Array,
-    prior: Prior,
-    anchors: Array,
-    x: Array,
-    of: Index,
-) -> tuple[Array, Array]:
-    completed, cost = np.array(x, np.float64, order="C"), np.empty(len(x))
-    problem = _problem(family, moments, row_weight, prior, anchors)
-    fitting.complete(family.FORM, family.LINEAR, problem, of, completed, cost)
-    return completed, cost
 
 
 def summed(
@@ -201,14 +152,6 @@ def _ticks(window: Window, body_in_1: bool) -> seeing.Ticks:
 
 def _lengths(scales: Scales) -> tuple[float, float]:
     return scales.body_radius_m**2, 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
-
-
-def _problem(
-    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array
-) -> fitting.Problem:
-    known = prior.precision, prior.information, prior.constant
-    arrays = moments, row_weight, *known, anchors, mean_of_alike(family.FORM)
-    return fitting.Problem(*map(_plain, arrays))
 
 
 def _plain(values: NDArray[Any]) -> NDArray[Any]:

@@ -1,17 +1,16 @@
 """The algorithm of ``fit.minimise`` and ``fit.complete``, compiled: one window after the other."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.compiled.forms import free, normalise, rows, scale_sq, slope
-from contact_tracker.compiled.jit import SOURCES, jit, kernel
+from contact_tracker.compiled.jit import jit
 from contact_tracker.compiled.vectors import dot, multiply, solve
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import Form
 
-Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 LEAST_CURVATURE = 1e-12
@@ -28,15 +27,6 @@ class Problem(NamedTuple):
     constant: Array
     anchors: Array
     alike: Array
-
-
-class Found(NamedTuple):
-    """Where its result goes; x are the starts first."""
-
-    x: Array
-    cost: Array
-    hessian: Array
-    converged: Bools
 
 
 class Work(NamedTuple):
@@ -214,30 +204,3 @@ def descend(
             x[:] = work.trial
             cost = proposed
             _equations(form, problem, w, x, hessian, work)
-
-
-def _kernels(sources: str) -> tuple[Any, Any]:
-    @kernel
-    def minimise(
-        form: Form, linear: Ints, problem: Problem, of: Ints, steps: Ints, tolerance: float, found: Found
-    ) -> None:
-        assert sources
-        hessian = found.hessian
-        work = work_for(hessian.shape[1], problem.moments.shape[1], found.x.shape[1], hessian.shape[2])
-        for b in range(len(found.x)):
-            found.cost[b], found.converged[b] = descend(
-                form, linear, problem, of[b], found.x[b], steps[b], tolerance, hessian[b], work
-            )
-
-    @kernel
-    def complete(form: Form, linear: Ints, problem: Problem, of: Ints, x: Array, cost: Array) -> None:
-        assert sources
-        count, columns, free = problem.row_weight.shape[1], problem.moments.shape[1], len(problem.alike)
-        work = work_for(count, columns, x.shape[1], free)
-        for b in range(len(x)):
-            cost[b] = complete_one(form, linear, problem, of[b], x[b], work)
-
-    return minimise, complete
-
-
-minimise, complete = _kernels(SOURCES)
