@@ -38,8 +38,8 @@ class Tick:
 
 
 class TickState(NamedTuple):
-    """Where the averaging stands: frames of the tick under way, the ``last`` closed one, and what earlier ones
-    have taught."""
+    """Where the averaging stands: frames of the tick under way, the ``last`` one before that, and what those
+    before have taught."""
 
     origin_ns: int
     origin_m: Array
