@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contact_tracker import tracker
+from contact_tracker import hmm, tracker
 from contact_tracker.forward import Pass, Seen, forward
+from contact_tracker.labels import STATES
 from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
 from contact_tracker.segmenter import segment
-from contact_tracker.transitions import exposure
+from contact_tracker.transitions import FREE, exposure, log_initial, log_stay, log_transition
 from short import FACE_TO_EDGE, recorded
 
 MODEL = load_model()
@@ -94,3 +95,29 @@ def test_a_rest_in_the_middle_changes_no_segment(rest_s):
     for a, b in zip(without, with_rest, strict=True):
         longer = (b.end_ns - b.start_ns) - (a.end_ns - a.start_ns)
         assert longer < 0.3e9 or longer == pytest.approx(rest_s * 1e9, abs=0.3e9)
+
+
+def test_what_is_withheld_at_the_end_says_nothing_of_what_was_before():
+    """Spent at the last boundary, even that of an hour: the same posterior before, and the same evidence."""
+    ticks = seen(5.0)
+    met = Pass.over(ticks[: still(ticks)[-1] + 1])
+    trellis, steps, initial = met.trellis, np.array(met.change), log_initial(MODEL)
+    posterior, _, evidence = hmm.expect(trellis, initial, steps)
+    withheld = 3600.0 / MODEL.tick_s * exposure(0.0)
+    steps[-1] = log_transition(MODEL, withheld)
+    # contacts may have lasted, all states may begin anew, and no data tell them apart
+    *alive, last = trellis.alive
+    *log_likelihood, known = trellis.log_likelihood
+    contact = trellis.state[last] != FREE
+    lasted = (known + log_stay(MODEL, withheld)[trellis.state[last]])[contact]
+    states, count = np.arange(len(STATES)), len(trellis.state)
+    spent = hmm.Trellis(
+        np.append(trellis.state, states),
+        np.append(trellis.onset, np.full_like(states, len(steps) - 1)),
+        [*alive, np.append(last[contact], count + states)],
+        [*log_likelihood, np.append(lasted, np.zeros(len(STATES)))],
+    )
+    loosened, _, same = hmm.expect(spent, initial, steps)
+    assert same == pytest.approx(evidence, abs=1e-9)
+    np.testing.assert_allclose(loosened[:-1], posterior[:-1], atol=1e-9)
+    assert np.abs(loosened[-1] - posterior[-1]).max() > 0.1

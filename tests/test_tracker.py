@@ -21,6 +21,7 @@ from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, age_s, recorded, segmented
 
 KINDS = {"f": Plane, "e": Line, "v": Point}
 IDENTIFIABLE_S = {"f-f": 1.2, "e-f": 1.5, "f-e": 1.5, "e-e": 3.0}
+TICK_NS = MODEL.tick_ns
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
 
 
@@ -255,3 +256,45 @@ def test_finishing_twice_says_nothing_twice():
     beliefs, state = run(recorded(FACE_TO_EDGE).poses[:50])
     assert len(beliefs) == 3
     assert tracker.finish(state)[1] == []
+
+
+def in_parts(poses, cuts, lag_s=0.0):
+    """All beliefs, gaps included, of a stream that was thought to have ended at each of the ``cuts``."""
+    state, said = tracker.start(MODEL, lag_s), []
+    for first, end in pairwise([0, *cuts, len(poses)]):
+        for pose in poses[first:end]:
+            state, closed = tracker.gather(state, pose)
+            for tick in closed:
+                state, online = tracker.observe(state, tick)
+                said.append(tracker.answer(state, online))
+        state, rest = tracker.finish(state)
+        said += rest
+    return [belief for belief in said if belief is not None]
+
+
+def paused(at, pause_s):
+    poses = recorded(FACE_TO_EDGE).poses[:300]
+    return replace(poses, stamp_ns=poses.stamp_ns + (np.arange(300) >= at) * round(pause_s * 1e9))
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 2.0, 20.0])
+def test_a_stream_that_goes_on_after_its_end_has_paused(pause_s):
+    """After whole ticks: bit for bit what it would have been had nobody called that an end."""
+    poses = paused(100, pause_s)
+    whole, parts = in_parts(poses, []), in_parts(poses, [100])
+    assert len(whole) == len(parts) == 15 + min(round(pause_s / MODEL.tick_s), 49)
+    assert all(same(a, b) for a, b in zip(whole, parts, strict=True))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("lag_s", [0.0, 0.3])
+@pytest.mark.parametrize("pause_s", [0.0, 0.03, 0.08, 2.0])
+def test_wherever_a_stream_pauses_nothing_is_lost_or_said_twice(pause_s, lag_s):
+    poses, cuts = paused(107, pause_s), [1, 107, 108, 181]
+    said = in_parts(poses, cuts, lag_s)
+    stamps = np.array([belief.stamp_ns for belief in said])
+    assert (np.diff(stamps) > 0).all()
+    assert set(poses.stamp_ns[np.array([*cuts, 300]) - 1]) <= set(stamps), "the last pose of each part"
+    assert np.diff(stamps).max() < 2 * TICK_NS
+    for belief in said:
+        json.dumps(belief.to_json(), allow_nan=False)

@@ -113,7 +113,11 @@ class Pass:
 
     @property
     def exposure(self) -> Array:
-        """To change at the boundary before each tick (T,), see ``transitions.exposure``."""
+        """To change at the boundary before each tick (T,), see ``transitions.exposure``.
+
+        What is withheld when the recording ends is in none of them. It would be without effect: no data come
+        after it, so neither the evidence nor what is believed of the ticks before depends on it.
+        """
         return np.array(self.exposures)
 
     def window(self, state: TrackerState) -> Window:

@@ -38,12 +38,14 @@ class Tick:
 
 
 class TickState(NamedTuple):
-    """Where the averaging stands: frames of the tick under way, and what earlier ones have taught."""
+    """Where the averaging stands: frames of the tick under way, the ``last`` one before that, and what those
+    before have taught."""
 
     origin_ns: int
     origin_m: Array
     number: int
     frames: tuple[Poses, ...]
+    last: Tick | None
     noise: NoiseEstimate
     heard: Heard
     motion: FreeMotion | None
@@ -53,7 +55,7 @@ def begin(model: Model, poses: Poses) -> TickState:
     """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
     estimate = noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     origin_m = poses.position_m[0].copy()
-    return TickState(int(poses.stamp_ns[0]), origin_m, 0, (), estimate, noise.NOTHING_HEARD, None)
+    return TickState(int(poses.stamp_ns[0]), origin_m, 0, (), None, estimate, noise.NOTHING_HEARD, None)
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick], Poses]:
@@ -73,22 +75,26 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
         state = state._replace(frames=(*state.frames, poses[:inside]))
     stamp_ns = int(poses.stamp_ns[inside])
     number = (stamp_ns - state.origin_ns) // step_ns
-    state, tick = close(state, model)
+    closed = []
+    if state.frames:  # none right after the end of a stream that goes on
+        state, tick = close(state, model)
+        closed.append(tick)
     missed = min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1
-    empty = replace(tick, count=0, outliers=0, excess=NO_EXCESS)
-    stamps = [tick.stamp_ns + (i + 1) * step_ns for i in range(missed)]
-    gaps = [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
-    if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
-        state = state._replace(origin_ns=stamp_ns - (state.number + 1 + missed) * step_ns)
-        number = state.number + 1 + missed
     if missed:
+        assert state.last is not None
+        empty = replace(state.last, count=0, outliers=0, excess=NO_EXCESS)
+        stamps = [empty.stamp_ns + (i + 1) * step_ns for i in range(missed)]
+        closed += [replace(empty, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
         state = state._replace(motion=None)
+    if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
+        number = state.number + 1 + missed
+        state = state._replace(origin_ns=stamp_ns - number * step_ns)
     frames = (poses[inside : inside + 1],)
-    return state._replace(number=number, frames=frames), [tick, *gaps], poses[inside + 1 :]
+    return state._replace(number=number, frames=frames), closed, poses[inside + 1 :]
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
-    """Finish the tick under way."""
+    """Finish the tick under way; the rest of its time, should more come in that, is another tick."""
     frames = Poses.join(state.frames)
     start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
     frames = frames.fresh  # held poses say nothing new
@@ -106,7 +112,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
             state.motion, turn, zeta[T], variance, model.tick_s, model.motion.memory_s
         )
     tick = Tick(start_ns, stamp_ns, zeta, len(used), len(frames) - len(used), excess)
-    return state._replace(frames=(), noise=estimate, heard=heard, motion=motion), tick
+    return state._replace(frames=(), last=tick, noise=estimate, heard=heard, motion=motion), tick
 
 
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple[Array, Array]:

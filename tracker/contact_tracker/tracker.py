@@ -60,13 +60,18 @@ def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
 
 
 def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
-    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back."""
+    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
+
+    Should it go on after all, it has paused: ``step`` takes the next pose as it does after a gap, and says
+    nothing twice.
+    """
     state, closed = gather_rest(state)
     beliefs = []
     for tick in closed:
         state, online = observe(state, tick)
         beliefs.append(answer(state, online))
-    return state, [*(b for b in beliefs if b is not None), *remaining(state)]
+    rest = remaining(state)
+    return replace(state, recent=()), [*(b for b in beliefs if b is not None), *rest]
 
 
 def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
