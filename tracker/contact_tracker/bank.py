@@ -20,9 +20,9 @@ Bools = NDArray[np.bool_]
 
 PATIENCE: Final = 16
 """Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
-MET_MARGIN_NATS: Final = 14.0
-"""What assumes elements that were met before is dropped if it is so much less probable than the best: beside
-it is what assumes less."""
+MET_SHARE: Final = 0.35
+"""Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
+less."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
@@ -222,7 +222,7 @@ def add(
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     """Drop what is hopeless against ``best``, and thin out onsets the more the older they are."""
     joint = bank.joint
-    margins = np.where(bank.met, min(MET_MARGIN_NATS, margin), margin)
+    margins = np.where(bank.met, MET_SHARE * margin, margin)
     keep = (joint > best - margins) | ((bank.told <= PATIENCE) & bank.searched)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
