@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.labels import STATES
-from contact_tracker.model import Model, Seen, load_model
+from contact_tracker.model import Model, Seen
+from contact_tracker.presets import load_model
 from contact_tracker.transitions import FREE, log_initial, log_stay, log_transition
 
 Array = NDArray[np.float64]

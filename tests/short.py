@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.labels import Contact
-from contact_tracker.model import Model, load_model
+from contact_tracker.model import Model
+from contact_tracker.presets import load_model
 from contact_tracker.segmentation import Segmentation
 from contact_tracker.segmenter import segment
 from contact_tracker.simulate import Scenario, Simulated, simulate

@@ -16,7 +16,8 @@ from contact_tracker.errors import UsageError
 from contact_tracker.evidence import Window
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
-from contact_tracker.model import Model, Seen, limits, load_model
+from contact_tracker.model import Model, Seen
+from contact_tracker.presets import limits, load_model
 from touching import touching
 
 MODEL = load_model()

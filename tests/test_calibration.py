@@ -23,8 +23,8 @@ from contact_tracker.cli.main import run
 from contact_tracker.errors import ContactTrackerError, InputError, NoTruth
 from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.labels import Contact
-from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase

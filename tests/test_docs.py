@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from contact_tracker.labels import Contact
-from contact_tracker.model import Model, load_model, preset_names
+from contact_tracker.model import Model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model, preset_names
 from contact_tracker.recording import open_log, write_recording
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -18,9 +18,9 @@ from contact_tracker.known import knowledge_from
 from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.lift import lift
 from contact_tracker.memory import Memory
-from contact_tracker.model import load_model
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose
+from contact_tracker.presets import load_model
 from contact_tracker.transitions import log_stay, log_transition
 
 MODEL = load_model()

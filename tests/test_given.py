@@ -14,7 +14,7 @@ from contact_tracker.geometry import Line, canonical, numbers
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
-from contact_tracker.model import load_model
+from contact_tracker.presets import load_model
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 

@@ -14,7 +14,7 @@ from contact_tracker.forward import forward
 from contact_tracker.geometry import Line, Plane, Point, numbers
 from contact_tracker.incidence import incident
 from contact_tracker.labels import Contact
-from contact_tracker.model import load_model
+from contact_tracker.presets import load_model
 from contact_tracker.readout import shifted
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.labels import Contact
-from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.segmenter import segment
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase

@@ -22,8 +22,8 @@ from contact_tracker.knowledge import (
 )
 from contact_tracker.known import knowledge_from
 from contact_tracker.labels import CONTACTS, Contact
-from contact_tracker.model import load_model
 from contact_tracker.polyhedron import convex
+from contact_tracker.presets import load_model
 from contact_tracker.recording import write_recording
 from contact_tracker.segmenter import segment
 from contact_tracker.simulate import Scenario, simulate

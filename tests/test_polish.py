@@ -18,8 +18,8 @@ from contact_tracker.evidence import Window
 from contact_tracker.geometry import Plane
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
-from contact_tracker.model import load_model
 from contact_tracker.polish import FIRST_ECHO, Errors, learnt, new_in, polish
+from contact_tracker.presets import load_model
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.state import scales_of

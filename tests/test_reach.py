@@ -6,8 +6,8 @@ import pytest
 
 from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.evaluation.scoring import Subset
-from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.segmenter import segment
 

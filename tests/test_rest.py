@@ -8,8 +8,8 @@ import pytest
 from contact_tracker import hmm, tracker
 from contact_tracker.forward import Pass, Seen, forward
 from contact_tracker.labels import STATES
-from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.segmenter import segment
 from contact_tracker.transitions import FREE, exposure, log_initial, log_stay, log_transition
 from short import FACE_TO_EDGE, recorded

@@ -12,8 +12,8 @@ from contact_tracker import ticks
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.labels import Contact
 from contact_tracker.lift import ONE, R, T, lift
-from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from moving import START_NS, moving
 from touching import point_of, touching
 

@@ -7,7 +7,8 @@ import pytest
 
 from contact_tracker import hmm
 from contact_tracker.labels import STATES, Contact
-from contact_tracker.model import Seen, load_model, preset_names
+from contact_tracker.model import Seen
+from contact_tracker.presets import load_model, preset_names
 from contact_tracker.transitions import (
     AT_REST,
     exposure,

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
 from contact_tracker.forward import Alive, Seen, forward
-from contact_tracker.model import load_model
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from contact_tracker.segmenter import Segmenter
 from contact_tracker.state import TrackerState, start

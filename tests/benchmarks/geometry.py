@@ -30,9 +30,9 @@ from contact_tracker.evaluation.geometry_errors import ElementError, geometry_er
 from contact_tracker.evaluation.scoring import Scoring, scoring
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.labels import CONTACTS, Contact
-from contact_tracker.model import load_model
 from contact_tracker.noise import estimate_noise
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.segmenter import segment
 

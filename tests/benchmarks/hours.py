@@ -18,7 +18,7 @@ from typing import Final
 from speeds.commands import IDLE, Measured, lengths
 from speeds.figures import Setup, length
 
-from contact_tracker.model import load_model
+from contact_tracker.presets import load_model
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 ROWS: Final = ("segment", "view", "live", "evaluate")

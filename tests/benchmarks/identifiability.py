@@ -31,9 +31,10 @@ from tqdm import tqdm
 from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
 from contact_tracker.evaluation.scoring import Columns, Scoring, Subset, scoring
 from contact_tracker.labels import STATES
-from contact_tracker.model import Model, load_model
+from contact_tracker.model import Model
 from contact_tracker.noise import estimate_noise
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_truth
 
 Array = NDArray[np.float64]

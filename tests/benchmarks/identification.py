@@ -31,8 +31,8 @@ from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.scoring import scoring
 from contact_tracker.evaluation.tables import number
-from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.truth import Truth
 

@@ -24,8 +24,9 @@ from tqdm import tqdm
 
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.forward import forward
-from contact_tracker.model import Model, load_model
+from contact_tracker.model import Model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 
 ROOT: Final = Path(__file__).resolve().parents[2]

@@ -16,9 +16,9 @@ from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.evidence import Window
 from contact_tracker.geometry import ContactGeometry, Line, Plane
 from contact_tracker.labels import Contact
-from contact_tracker.model import load_model
 from contact_tracker.polish import polish
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.readout import geometry_of
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase

@@ -27,8 +27,8 @@ from contact_tracker.evaluation.tables import number, table
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.known import knowledge_from
 from contact_tracker.labels import STATES
-from contact_tracker.model import load_model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_metadata, read_truth
 from contact_tracker.segmenter import segment
 

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from contact_tracker import ticks
-from contact_tracker.model import Model, load_model
+from contact_tracker.model import Model
 from contact_tracker.poses import Poses
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from speeds.figures import Figure, Setup, cpu_s
 

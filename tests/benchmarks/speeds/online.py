@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import tracker
-from contact_tracker.model import Model, load_model
+from contact_tracker.model import Model
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from speeds.figures import Figure, Setup
 from speeds.long_logs import write_long_log

@@ -7,8 +7,8 @@ from typing import Final
 
 from contact_tracker import tracker
 from contact_tracker.belief import Belief
-from contact_tracker.model import load_model
 from contact_tracker.poses import Pose
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_metadata
 from contact_tracker.segmentation import Segmentation
 from contact_tracker.segmenter import segment

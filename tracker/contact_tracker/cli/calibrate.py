@@ -13,7 +13,7 @@ from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, warn
 from contact_tracker.errors import UsageError
-from contact_tracker.model import preset_names
+from contact_tracker.presets import preset_names
 
 if TYPE_CHECKING:
     from contact_tracker.calibration.calibrate import Calibration
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.calibration.learned import select
     from contact_tracker.calibration.processes import Runner
     from contact_tracker.calibration.report import to_text
-    from contact_tracker.model import load_model
+    from contact_tracker.presets import load_model
 
     wanted = select(args.only)
     start = load_model(args.start)

@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.evaluation.report import Report
-    from contact_tracker.model import load_model
+    from contact_tracker.presets import load_model
 
     model, knowledge = load_model(args.model), knowledge_of(args)
     evaluations = {}

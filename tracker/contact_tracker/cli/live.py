@@ -45,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from contact_tracker import tracker
     from contact_tracker.cli.source import Source, paced
-    from contact_tracker.model import load_model
+    from contact_tracker.presets import load_model
     from contact_tracker.recording import Follow, open_log
 
     model, knowledge = load_model(args.model), knowledge_of(args)

@@ -43,7 +43,7 @@ def _output(text: str) -> Path | None:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.cli.source import Source
-    from contact_tracker.model import load_model
+    from contact_tracker.presets import load_model
     from contact_tracker.recording import open_log
     from contact_tracker.segmenter import pieces
 

@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.cli.source import Source
-    from contact_tracker.model import load_model
+    from contact_tracker.presets import load_model
     from contact_tracker.recording import open_log, read_metadata, read_truth
     from contact_tracker.segmenter import pieces
     from contact_tracker.viewer.hull import vertices_from_metadata
