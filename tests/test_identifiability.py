@@ -217,17 +217,18 @@ def test_the_interval_is_as_wide_as_so_few_phases_leave_it() -> None:
 
 
 def test_exact_probabilities_have_an_error_as_well() -> None:
-    """Of one bin with p = 0.9: the mean deviation of a binomial share."""
+    """Of one bin with p = 0.9: the deviation of a binomial share, on average and in the worst of twenty."""
     scored, answer = answered(4, 270)
-    expected = np.sqrt(2 / np.pi * 0.9 * 0.1 / 270)
+    sigma = np.sqrt(0.9 * 0.1 / 270)
+    expected = np.sqrt(2 / np.pi) * sigma, 1.96 * sigma
     assert Phases.of(scored, *answer).calibration_error_if_exact() == pytest.approx(expected, rel=0.1)
 
 
 def test_without_phases_there_is_no_interval() -> None:
     scored, answer = answered(3, 4)
     nothing = Phases.of(scored.within(Subset.AMBIGUOUS), *answer)
-    assert np.isnan([*nothing.accuracy(), *nothing.calibration_error()]).all()
-    assert np.isnan(nothing.calibration_error_if_exact())
+    bands = nothing.accuracy(), nothing.calibration_error(), nothing.calibration_error_if_exact()
+    assert np.isnan(bands).all()
 
 
 # --- covariances -----------------------------------------------------------------------------------------

@@ -53,7 +53,8 @@ def _score_figures(method: Method, score: Score) -> dict[str, Any]:
     bands = {"right_5_95": score.phases.accuracy()}
     if method.believes:
         bands["calibration_error_5_95"] = score.phases.calibration_error()
-    exact = {"calibration_error_if_exact": _finite(score.phases.calibration_error_if_exact())}
+    mean, most = map(_finite, score.phases.calibration_error_if_exact())
+    exact = {"calibration_error_if_exact": mean, "calibration_error_if_exact_95": most}
     return {
         **_tally_figures(method, score.main),
         **{name: [_finite(end) for end in band] for name, band in bands.items()},

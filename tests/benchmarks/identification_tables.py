@@ -29,7 +29,8 @@ BY_CONTACT: Final = ("contact", "s", "method", "", "right", "F1", *CHANGES, *BEL
 LEGEND: Final = """\
 right       share of the time in which the label was right; by contact: of the time in which it was true
 5-95 %      interval of the figure before it: bootstrap over the true phases
-exact       ECE that exact probabilities would show in so few phases, if each is right or wrong as a whole
+exact       ECE that exact probabilities would show in so few phases, if each is right or wrong as a whole:
+            on average, and what it would be below in 95 of 100 such sets
 F1          by contact; of a set the mean over the contacts that occur in it
 bound. s    from a true change to the nearest found one, median and 90 %; missed: share without one
 delay s     from a true onset until the label stays right for 0.3 s, and the lag, median and 90 %;
@@ -121,11 +122,16 @@ def _named_once(rows: list[list[str]]) -> list[list[str]]:
     return [["" if row[0] == last else row[0], *row[1:]] for last, row in zip(before, rows, strict=False)]
 
 
+def _up_to(figures: tuple[float, float]) -> str:
+    mean, most = figures
+    return f"{number(mean)} <{number(most)}" if number(mean) != "-" else "-"
+
+
 def _method_row(method: Method, total: Sum) -> list[str]:
     main, apart = total.scores[method].main, total.scores[method].apart
     phases = total.scores[method].phases
     believed = [number(main.log_loss), number(main.brier), number(main.calibration_error)]
-    believed += [_between(phases.calibration_error()), number(phases.calibration_error_if_exact())]
+    believed += [_between(phases.calibration_error()), _up_to(phases.calibration_error_if_exact())]
     believed += [number(main.sure_wrong)]
     geometry = total.geometry if _has_geometry(method) else None
     return [

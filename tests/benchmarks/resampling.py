@@ -69,18 +69,20 @@ class Phases:
         sums = sums.reshape(len(sums), CALIBRATION_BINS, 3)
         return _band(np.abs(sums[..., 2] - sums[..., 1]).sum(axis=1), sums[..., 0].sum(axis=1))
 
-    def calibration_error_if_exact(self) -> float:
-        """The mean error that these probabilities would show if they were exact; nan without phases.
+    def calibration_error_if_exact(self) -> tuple[float, float]:
+        """The error that these probabilities would show if they were exact, on average and at the upper end
+        of the ``BAND``; nan without phases.
 
         Frames of one phase in one bin are right together with that probability, or wrong together.
         """
         seconds, weighed_s = self.belief_s[..., 0], self.belief_s[..., 1]
         if not seconds.sum():
-            return float("nan")
+            return UNKNOWN
         probability = weighed_s / np.where(seconds > 0, seconds, 1.0)
         drawn = np.random.default_rng(0).random((RESAMPLES, *seconds.shape)) < probability
         off_s = np.einsum("qk,bqk->bk", seconds, drawn) - weighed_s.sum(axis=0)
-        return float(np.abs(off_s).sum(axis=1).mean() / seconds.sum())
+        error = np.abs(off_s).sum(axis=1) / seconds.sum()
+        return float(error.mean()), float(np.quantile(error, BAND[1]))
 
     def _resampled(self, of_phase: Array) -> Array:
         """Sums (B, n) over the phases drawn, of what each has (Q, n); the draws are always the same."""
