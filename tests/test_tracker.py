@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from contact_tracker import tracker
+from contact_tracker.free_motion import SETTLING_TICKS
 from contact_tracker.geometry import Line, Plane, Point
 from contact_tracker.labels import CONTACTS, STATES, Contact
 from contact_tracker.poses import Pose, Poses
@@ -284,6 +285,23 @@ def test_a_stream_that_goes_on_after_its_end_has_paused(pause_s):
     whole, parts = in_parts(poses, []), in_parts(poses, [100])
     assert len(whole) == len(parts) == 15 + min(round(pause_s / MODEL.tick_s), 49)
     assert all(same(a, b) for a, b in zip(whole, parts, strict=True))
+
+
+@pytest.mark.parametrize("cuts", [[211], [211, 212]])
+def test_an_end_within_a_tick_is_no_jolt(cuts):
+    """Uniform motion: no frame stands out after it, and how it moves is learnt anew, as after a gap."""
+    seconds = np.arange(800) / 200.0
+    position_m = np.outer(seconds, [0.5, 0.0, 0.0]) + np.random.default_rng(0).normal(size=(800, 3)) * 3e-4
+    poses = Poses((seconds * 1e9).astype(np.int64), position_m, np.tile([0.0, 0.0, 0.0, 1.0], (800, 1)))
+    state = tracker.start(MODEL)
+    for first, end in pairwise([0, *cuts, 800]):
+        for pose in poses[first:end]:
+            state, _ = tracker.step(state, pose)
+        state, _ = tracker.finish(state)
+    assert state.outliers == 0
+    rest = 10 + len(cuts)  # the row of the rest of the tick, of which each end has made one more
+    assert not state.window.activity[rest : rest + SETTLING_TICKS].any()
+    assert state.window.activity[rest + SETTLING_TICKS :].any()
 
 
 @pytest.mark.filterwarnings("error")

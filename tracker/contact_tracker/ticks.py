@@ -79,7 +79,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     if state.frames:  # none right after the end of a stream that goes on
         state, tick = close(state, model)
         closed.append(tick)
-    missed = min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1
+    missed = max(min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1, 0)
     if missed:
         assert state.last is not None
         empty = replace(state.last, count=0, outliers=0, excess=NO_EXCESS)
@@ -94,8 +94,13 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
-    """Finish the tick under way; the rest of its time, should more come in that, is another tick."""
+    """Finish the tick under way; the rest of its time, should more come in that, is another tick, which tells
+    nothing of the motion: it is not a tick's time from its neighbours."""
     frames = Poses.join(state.frames)
+    first_ns = state.origin_ns + state.number * model.tick_ns
+    is_rest = state.last is not None and state.last.stamp_ns >= first_ns
+    if is_rest:
+        state = state._replace(motion=None)
     start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
     frames = frames.fresh  # held poses say nothing new
     prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
@@ -105,7 +110,9 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     zeta = mean_lift(used.rotation, used.position_m - state.origin_m)
     variance = np.array(tick_variances(estimate, np.array(float(len(used))), model))
     turn = zeta[R].reshape(3, 3)
-    if state.motion is None:
+    if is_rest:
+        motion, excess = None, NO_EXCESS
+    elif state.motion is None:
         motion, excess = free_motion.begin(turn, zeta[T]), NO_EXCESS
     else:
         motion, excess = free_motion.advance(
