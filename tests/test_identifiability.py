@@ -80,12 +80,42 @@ def test_what_was_wrong_is_put_into_one_class_each() -> None:
     held_s = scored.seconds[scored.truth == Contact.FF.column].sum()
     assert mistake.near_s == pytest.approx(0.25, abs=0.02)
     assert mistake.near_s + mistake.clear_s == pytest.approx(held_s)
-    assert (mistake.true, mistake.taken, mistake.reason) == (Contact.FF, Contact.EF, Class.OWN)
-    assert mistake.margin == pytest.approx(mistake.margin_there, abs=5.0)  # the same time but for an end
-    assert mistake.margin_given > mistake.margin > 3.0
+    assert (mistake.true, mistake.taken, mistake.reason()) == (Contact.FF, Contact.EF, Class.OWN)
+    assert not mistake.beside
+    margin = verdict.evidence[0, Contact.FF.column] - verdict.evidence[0, Contact.EF.column]
+    assert mistake.fitted == pytest.approx(margin, abs=5.0)  # the same time but for an end
+    assert mistake.known > mistake.fitted > 3.0
     confusion_s = judged.confusion_s[tracking.NAME]
     assert confusion_s[0, 1] == pytest.approx(held_s)
     assert np.trace(judged.confusion_s["given"]) == pytest.approx(confusion_s.sum())
+
+
+def test_each_time_without_a_break_is_judged_by_itself() -> None:
+    """Two wrong places of one phase, the second with two wrong labels: evidence is of those ticks only."""
+    poses, truth, tracked, true, verdict = told()
+    found = tracked.segmentation
+    labels = [b.contact for b in found.beliefs]
+    labels[10:13] = [Contact.EF] * 3
+    labels[16:22] = [Contact.FREE] * 3 + [Contact.VF] * 3
+    wrong = Beliefs.of(replace(b, contact=c) for b, c in zip(found.beliefs, labels, strict=True))
+    lying = tracked._replace(segmentation=replace(found, beliefs=wrong))
+    scored = scoring(poses.stamp_ns, truth)
+    judged = identifiability.compare("short", poses, scored, true, lying, verdict, MODEL)
+    first, second = (m for m in judged.mistakes if m.clear_s > 0.1)
+    assert (first.taken, first.seconds) == (Contact.EF, pytest.approx(0.3, abs=0.01))
+    assert second.seconds == pytest.approx(0.6, abs=0.01)
+    assert first.beside
+    assert second.beside
+    span = int(tracked.start_ns[16]), int(tracked.stamp_ns[21])
+    v_f = oracle.evidence_within(int(tracked.start_ns[19]), span[1], tracked, MODEL)[Contact.VF.column]
+    f_f = oracle.evidence_within(*span, tracked, MODEL)[Contact.FF.column]
+    assert second.fitted == pytest.approx(f_f - v_f)  # free motion has no evidence
+    path = np.array([c.column for c in labels])
+    whole = path.copy()
+    whole[16:22] = Contact.FF.column
+    prior = oracle.log_prior(whole, tracked.window, MODEL) - oracle.log_prior(path, tracked.window, MODEL)
+    assert second.prior == pytest.approx(prior)
+    assert prior > 5.0, "two changes less"
 
 
 def test_labels_of_all_paths_are_as_probable_as_anything() -> None:
@@ -98,11 +128,12 @@ def test_labels_of_all_paths_are_as_probable_as_anything() -> None:
 
 
 def mistake(
-    fitted: Contact = Contact.EF,
-    margin: float = 9.0,
+    oracles: Contact = Contact.EF,
+    fitted: float = 9.0,
     clear_s: float = 1.25,
     prior: float = -5.0,
     true: Contact = Contact.EF,
+    beside: bool = False,
 ) -> Mistake:
     return Mistake(
         recording="some_00",
@@ -111,56 +142,45 @@ def mistake(
         start_s=1.0,
         end_s=2.5,
         phase_s=3.0,
-        ticks=30,
         true=true,
         taken=Contact.EE,
         near_s=0.25,
         clear_s=clear_s,
-        oracles=dict.fromkeys(oracle.ORACLES, fitted),
-        margin=margin,
-        margin_given=15.0,
-        margin_there=-2.0,
+        oracles={"fitted": oracles, "given": true, "rule": oracles},
+        beside=beside,
+        fitted=fitted,
+        known=15.0,
         prior=prior,
     )
 
 
 def test_what_counts_is_how_probable_the_truth_would_be_in_place_of_the_label() -> None:
-    free = mistake(fitted=Contact.FREE, true=Contact.FREE, prior=4.0)
-    assert [m.log_odds for m in (mistake(), mistake(margin=-3.0), free)] == [4.0, -7.0, 2.0]
-    assert [m.reason for m in (mistake(), mistake(prior=-7.0), free)] == [Class.OWN, Class.TIE, Class.TIE]
+    assert [m.log_odds() for m in (mistake(), mistake(fitted=-3.0), mistake(beside=True))] == [
+        4.0,
+        -8.0,
+        10.0,
+    ]
+    assert mistake().log_odds(known=True) == 10.0
+    mistakes = mistake(), mistake(prior=-7.0), mistake(prior=-9.5), mistake(prior=-9.5, beside=True)
+    assert [m.reason() for m in mistakes] == [Class.OWN, Class.TIE, Class.LESS, Class.OWN]
+    assert {m.reason(known=True) for m in (*mistakes, mistake(oracles=Contact.EE))} == {Class.OWN}
 
 
 def test_classes_and_tables_by_hand() -> None:
-    reasons = mistake(), mistake(margin=1.0), mistake(fitted=Contact.EE), mistake(margin=-4.0)
+    reasons = mistake(), mistake(fitted=6.0), mistake(oracles=Contact.EE), mistake(fitted=-4.0)
     mistakes = (*reasons, mistake(clear_s=0.05))
     right = np.diag(np.full(7, 10.0))
     right[1, 5] = 6.0
     confusion_s = {tracking.NAME: right} | dict.fromkeys(oracle.ORACLES, np.diag(np.full(7, 76 / 7)))
     judged = Judged("some_00", confusion_s, mistakes)
     assert classes([judged]) == pytest.approx(
-        {Class.NEAR: 0.3, Class.ORACLE: 1.5, Class.TIE: 3.0, Class.OWN: 1.5}
+        {Class.NEAR: 0.3, Class.ORACLE: 1.5, Class.LESS: 1.5, Class.TIE: 1.5, Class.OWN: 1.5}
     )
-    lines = [line.split() for line in to_text({"some": [judged], "none": []}).splitlines()]
-    assert lines[1][:6] == ["some", "76.0", "0.921", "1.000", "1.000", "1.000"]
-    assert ["some", "6.3", "0.3", "1.5", "3.0", "1.5", "0.937"] in lines
-    pair = [
-        "some",
-        "e-f",
-        "e-e",
-        "3.0",
-        "2",
-        "3.0",
-        "200",
-        "0.30",
-        "-1.5",
-        "15.0",
-        "-2.0",
-        "-5.0",
-        "not",
-        "tellable",
-    ]
-    assert pair in lines
-    assert ["some_00", "1.0", "2.5", "e-f", "e-e", "1.5", "9.0", "15.0", "-2.0", "-5.0"] in lines
+    lines = [" ".join(line.split()) for line in to_text({"some": [judged], "none": []}).splitlines()]
+    assert lines[1].startswith("some 76.0 0.921 1.000 1.000 1.000")
+    assert "some 6.3 0.3 1.5 1.5 1.5 1.5 0.937 0.957 6.0 0.996" in lines
+    assert "some e-f e-e 1.5 1 3.0 200 0.30 6.0 15.0 -5.0 near tie" in lines
+    assert "some_00 1.0 2.5 e-f e-e 1.5 9.0 15.0 -5.0" in lines
     assert not any("none" in line for line in lines)
 
 

@@ -13,6 +13,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
@@ -75,40 +76,70 @@ def compare(
     said = {tracking.NAME: label} | {o: verdict.label[o][phase] for o in oracle.ORACLES}
     confusion_s = {who: _confusion(scored.truth, column, weight) for who, column in said.items()}
     wrong = np.where(label != scored.truth, weight, 0.0)
-    pairs = sorted({(int(p), int(c)) for p, c in zip(phase[wrong > 0], label[wrong > 0], strict=True)})
     clear = np.where(scored.subsets[Subset.CLEAR], wrong, 0.0)
     stamp_s = (poses.stamp_ns - poses.stamp_ns[0]) * 1e-9
     rate_hz, sigma_mm = 1.0 / float(np.median(np.diff(stamp_s))), 1e3 * estimate_noise(poses)[0]
+    judge = partial(_odds, poses, label, answer.tick, tracked, model)
     mistakes = []
-    path = tracked.segmentation.beliefs.rows["contact"].astype(np.int64)
-    as_told = oracle.log_prior(path, tracked.window, model)
-    for row, column in pairs:
-        mine = (phase == row) & (label == column) & (wrong > 0)
-        contact, stamp_ns = true[row].contact, poses.stamp_ns[mine]
-        mended = path.copy()
-        mended[np.unique(answer.tick[mine])] = contact.column
-        alone = oracle.evidence_within(int(stamp_ns[0]), int(stamp_ns[-1]), tracked, model)
+    for run in _runs(wrong > 0, phase):
+        row = int(phase[run[0]])
+        seconds = np.bincount(label[run], weights=wrong[run], minlength=len(STATES))
+        right = (phase == row) & (label == true[row].contact.column) & (weight > 0)
         mistakes.append(
             Mistake(
                 recording=name,
                 rate_hz=rate_hz,
                 sigma_mm=sigma_mm,
-                start_s=float(stamp_s[mine][0]),
-                end_s=float(stamp_s[mine][-1]),
+                start_s=float(stamp_s[run[0]]),
+                end_s=float(stamp_s[run[-1]]),
                 phase_s=(true[row].end_ns - true[row].start_ns) * 1e-9,
-                ticks=int(verdict.ticks[row]),
-                true=contact,
-                taken=STATES[column],
-                near_s=float((wrong - clear)[mine].sum()),
-                clear_s=float(clear[mine].sum()),
+                true=true[row].contact,
+                taken=STATES[int(np.argmax(seconds))],
+                near_s=float((wrong - clear)[run].sum()),
+                clear_s=float(clear[run].sum()),
                 oracles={o: STATES[verdict.label[o][row]] for o in oracle.ORACLES},
-                margin=float(verdict.evidence[row, contact.column] - verdict.evidence[row, column]),
-                margin_given=float(verdict.given[row, contact.column] - verdict.given[row, column]),
-                margin_there=float(alone[contact.column] - alone[column]),
-                prior=oracle.log_prior(mended, tracked.window, model) - as_told,
+                beside=bool(right.any()),
+                **judge(run, true[row]),
             )
         )
     return Judged(name, confusion_s, tuple(mistakes))
+
+
+def _runs(wrong: NDArray[np.bool_], phase: Ints) -> list[Ints]:
+    """Frames without a break in which the label is wrong, each within one true phase."""
+    frames = np.flatnonzero(wrong)
+    ends = np.flatnonzero((np.diff(frames) > 1) | (np.diff(phase[frames]) != 0)) + 1
+    return [run for run in np.split(frames, ends) if len(run)]
+
+
+def _odds(
+    poses: Poses,
+    label: Ints,
+    tick: Ints,
+    tracked: tracking.Tracked,
+    model: Model,
+    run: Ints,
+    phase: oracle.Phase,
+) -> dict[str, float]:
+    """Evidence and prior of the true contact in a run of wrong labels (frames), over those of the labels."""
+    stamp_ns, column = poses.stamp_ns[run], phase.contact.column
+    pieces = np.split(np.arange(len(run)), np.flatnonzero(np.diff(label[run])) + 1)
+    told = sum(
+        float(
+            oracle.evidence_within(int(stamp_ns[p[0]]), int(stamp_ns[p[-1]]), tracked, model)[
+                label[run[p[0]]]
+            ]
+        )
+        for p in pieces
+    )
+    span = int(stamp_ns[0]), int(stamp_ns[-1])
+    fitted = float(oracle.evidence_within(*span, tracked, model)[column])
+    known = oracle.evidence_of_truth(phase, oracle.within(*span, tracked), poses.position_m[0], model)
+    path = tracked.segmentation.beliefs.rows["contact"].astype(np.int64)
+    mended = path.copy()
+    mended[np.unique(tick[run])] = column
+    prior = oracle.log_prior(mended, tracked.window, model) - oracle.log_prior(path, tracked.window, model)
+    return {"fitted": fitted - told, "known": known - told, "prior": prior}
 
 
 def _confusion(truth: Columns, label: Ints, weight: Array) -> Array:

@@ -18,9 +18,9 @@ from contact_tracker.separability import DECISIVE
 
 Array = NDArray[np.float64]
 
-MARGINS: Final = ("margin", "given", "there", "prior")
-ACCURACY: Final = ("set", "s", TRACKER, "fitted", "given", "rule", f"F1 {TRACKER}", "fitted", "given", "rule")
-PAIRS: Final = ("set", "true", "taken for", "s", "phases", "phase s", "Hz", "mm", *MARGINS, "class")
+MARGINS: Final = ("fitted", "known", "prior")
+ACCURACY: Final = ("set", "s", TRACKER, *ORACLES, f"F1 {TRACKER}", *ORACLES)
+PAIRS: Final = ("set", "true", "taken for", "s", "times", "phase s", "Hz", "mm", *MARGINS, "class")
 OWN: Final = ("recording", "from s", "to s", "true", "taken for", "s", *MARGINS)
 TICK_S: Final = 0.1
 SHOWN_S: Final = 0.3
@@ -33,14 +33,19 @@ rule           the true boundaries, the most constrained contact that fits, what
 
 near a change  wrong within 0.25 s of a true change and for no more than a tick beyond
 oracle wrong   the oracle "fitted" is wrong in this phase as well
-not tellable   in its place the truth is less than 20 times as probable as what the {TRACKER} said
-own            the rest, what the {TRACKER} could still gain; "at best" is its accuracy without these
+less probable  the truth in place of the label would be less probable than the label
+near tie       it would be more probable, but less than 20 times
+own            the rest, what the {TRACKER} could still gain; "at best" is its accuracy without these, and
+               "ties won" without near ties, too
+known          the same when the truth pays nothing for its elements, as if all had been met before (the
+               oracle is then "given"): its own errors, and its accuracy at best
 
-margin         evidence for the truth over that for the label, nats, all fitted; given: with the true elements
-               at no price; there: fitted to just the time that had the wrong label; prior: log chance of the
-               {TRACKER}'s labels with the truth there, over that of its labels (changes are rare).
-               What counts is the prior with the larger of margin and there, or with there where it was free.
-               phase s (length), Hz, mm (noise of a pose) and margins of pairs are medians"""
+Of each time without a break that the label was wrong, nats for the truth against the label:
+fitted         evidence, all contacts fitted to just that time
+known          evidence, the truth with its true elements at no price; that counts where it is more, and the
+               {TRACKER} has found the contact in the rest of the phase
+prior          log chance of all labels with the truth there, over that of the labels: changes are rare
+phase s (length), Hz, mm (noise of a pose) and nats of pairs are medians"""
 
 
 class Class(StrEnum):
@@ -48,19 +53,20 @@ class Class(StrEnum):
 
     NEAR = "near a change"
     ORACLE = "oracle wrong"
-    TIE = "not tellable"
+    LESS = "less probable"
+    TIE = "near tie"
     OWN = "own"
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """A label that was wrong in a true phase.
+    """A time without a break in which the labels were wrong, within one true phase of ``phase_s``.
 
-    ``start_s`` to ``end_s`` since the first pose, the first and the last frame that had it; of that
-    ``near_s`` within 0.25 s of a true change and ``clear_s`` not. ``margin`` and ``margin_given`` (nats):
-    evidence of the truth over that of the label in this phase of ``phase_s`` and ``ticks`` whole ticks,
-    fitted and with the true elements; ``margin_there``: fitted to just the time that had the label.
-    ``prior`` (nats): the chance of all labels with the truth there, over that of the labels as they are.
+    ``start_s`` to ``end_s`` since the first pose, its first and last frame; of that ``near_s`` within 0.25 s
+    of a true change and ``clear_s`` not; ``taken`` is the label of most of it. Nats for the truth: evidence
+    over that of the labels, ``fitted`` to just that time, and with the true elements ``known``; ``prior``,
+    the chance of all labels with the truth there, over that of the labels as they are. ``beside``: whether
+    the rest of the phase, or some of it, has the true label.
     """
 
     recording: str
@@ -69,40 +75,36 @@ class Mistake:
     start_s: float
     end_s: float
     phase_s: float
-    ticks: int
     true: Contact
     taken: Contact
     near_s: float
     clear_s: float
     oracles: Mapping[str, Contact]
-    margin: float
-    margin_given: float
-    margin_there: float
+    beside: bool
+    fitted: float
+    known: float
     prior: float
 
     @property
     def seconds(self) -> float:
         return self.near_s + self.clear_s
 
-    @property
-    def log_odds(self) -> float:
-        """How much more probable (nats) the truth is, in place of the label.
-
-        Free motion is free tick by tick. A contact is known by its whole phase, if it was found beside.
-        """
-        evidence = self.margin_there
-        if self.true is not Contact.FREE:
-            evidence = max(evidence, self.margin)
+    def log_odds(self, known: bool = False) -> float:
+        """How much more probable (nats) the truth is in place of the labels; the true elements are ``known``
+        at no price, or where the contact was found beside."""
+        evidence = max(self.fitted, self.known) if known or self.beside else self.fitted
         return evidence + self.prior
 
-    @property
-    def reason(self) -> Class:
+    def reason(self, known: bool = False) -> Class:
         """The class of the whole mistake."""
         if self.clear_s < TICK_S:
             return Class.NEAR
-        if self.oracles["fitted"] is not self.true:
+        if self.oracles["given" if known else "fitted"] is not self.true:
             return Class.ORACLE
-        return Class.OWN if self.log_odds >= DECISIVE else Class.TIE
+        log_odds = self.log_odds(known)
+        if log_odds < 0.0:
+            return Class.LESS
+        return Class.OWN if log_odds >= DECISIVE else Class.TIE
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,18 +116,18 @@ class Judged:
     mistakes: tuple[Mistake, ...]
 
 
-def classes(judged: Iterable[Judged]) -> dict[Class, float]:
+def classes(judged: Iterable[Judged], known: bool = False) -> dict[Class, float]:
     """Seconds in each class of the tracker's errors."""
     seconds = dict.fromkeys(Class, 0.0)
     for mistake in (m for j in judged for m in j.mistakes):
-        seconds[mistake.reason] += mistake.seconds
+        seconds[mistake.reason(known)] += mistake.seconds
     return seconds
 
 
 def to_text(sets: Mapping[str, Sequence[Judged]]) -> str:
     """All tables."""
     named = [(name, judged) for name, judged in sets.items() if judged]
-    wrong = ("set", "wrong s", *Class, "at best")
+    wrong = ("set", "wrong s", *Class, "at best", "ties won", "| known: own", "at best")
     own = [row for _, judged in named for row in _own_rows(judged)]
     parts = [
         table(ACCURACY, [_accuracy_row(name, judged) for name, judged in named]),
@@ -151,37 +153,42 @@ def _macro_f1(confusion_s: Array) -> float:
 
 
 def _class_row(name: str, judged: Sequence[Judged]) -> list[str]:
-    seconds = classes(judged)
+    seconds, known = classes(judged), classes(judged, known=True)
     total_s = sum(float(j.confusion_s[TRACKER].sum()) for j in judged)
     wrong_s = sum(seconds.values())
-    best = 1.0 - (wrong_s - seconds[Class.OWN]) / total_s
-    return [name, number(wrong_s, 1), *(number(s, 1) for s in seconds.values()), number(best)]
+
+    def without(seconds: float) -> str:
+        return number(1.0 - (wrong_s - seconds) / total_s)
+
+    best, won = without(seconds[Class.OWN]), without(seconds[Class.OWN] + seconds[Class.TIE])
+    own_known = number(known[Class.OWN], 1), without(known[Class.OWN])
+    return [name, number(wrong_s, 1), *(number(s, 1) for s in seconds.values()), best, won, *own_known]
 
 
 def _pair_rows(name: str, judged: Sequence[Judged]) -> Iterator[list[str]]:
     """What was taken for what, the longest first."""
 
     def key(mistake: Mistake) -> tuple[str, str, str]:
-        return mistake.true, mistake.taken, mistake.reason
+        return mistake.true, mistake.taken, mistake.reason()
 
-    mistakes = sorted((m for j in judged for m in j.mistakes if m.reason is not Class.NEAR), key=key)
+    mistakes = sorted((m for j in judged for m in j.mistakes if m.reason() is not Class.NEAR), key=key)
     groups = [list(group) for _, group in groupby(mistakes, key)]
     for group in sorted(groups, key=lambda g: -sum(m.seconds for m in g)):
         seconds = sum(m.seconds for m in group)
         if seconds >= SHOWN_S:
             middle = np.median([(m.phase_s, m.rate_hz, m.sigma_mm, *_margins(m)) for m in group], axis=0)
-            shown = map(number, middle, (1, 0, 2, 1, 1, 1, 1))
+            shown = map(number, middle, (1, 0, 2, 1, 1, 1))
             first, count = group[0], str(len(group))
-            yield [name, first.true, first.taken, number(seconds, 1), count, *shown, first.reason]
+            yield [name, first.true, first.taken, number(seconds, 1), count, *shown, first.reason()]
 
 
 def _own_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
     for m in sorted((m for j in judged for m in j.mistakes), key=lambda m: (m.recording, m.start_s)):
-        if m.reason is Class.OWN:
+        if m.reason() is Class.OWN:
             figures = map(partial(number, decimals=1), (m.start_s, m.end_s, m.seconds, *_margins(m)))
             from_s, to_s, *others = figures
             yield [m.recording, from_s, to_s, m.true, m.taken, *others]
 
 
 def _margins(mistake: Mistake) -> tuple[float, ...]:
-    return mistake.margin, mistake.margin_given, mistake.margin_there, mistake.prior
+    return mistake.fitted, mistake.known, mistake.prior

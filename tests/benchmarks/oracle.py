@@ -103,10 +103,8 @@ def judge(true: list[Phase], tracked: Tracked, origin_m: Array, model: Model) ->
         x = _true_x(phase, window, origin_m)
         fitted[row], rule[row] = _fit_all(phase.contact, x, window, scales)
         at_truth[row] = fitted[row]
-        if x is not None:
-            contact = CONTACT_MODELS[phase.contact.column]
-            seen = evidence.log_ratio(contact, x[None], window, scales).log_ratio[0, 1:].sum()
-            at_truth[row, phase.contact.column] = scales.independence * seen
+        if x is not None:  # the first tick is given, as it is to what is fitted
+            at_truth[row, phase.contact.column] = evidence_of_truth(phase, window, origin_m, model, first=1)
     label = {"fitted": _chain(fitted, windows, model), "given": _chain(at_truth, windows, model)}
     return Verdict(label | {"rule": rule}, fitted, at_truth, np.array([len(w) for w in windows], np.int64))
 
@@ -117,6 +115,19 @@ def evidence_within(start_ns: int, end_ns: int, tracked: Tracked, model: Model) 
     if len(window) < FEWEST:
         return np.zeros(len(STATES))
     return _fit_all(Contact.FREE, None, window, scales_of(model))[0]
+
+
+def evidence_of_truth(phase: Phase, window: Window, origin_m: Array, model: Model, first: int = 0) -> float:
+    """Evidence of the true elements at no price, in the ticks of the window from row ``first`` on.
+
+    Zero where they are not told, and for free motion.
+    """
+    x = _true_x(phase, window, origin_m) if len(window) else None
+    if x is None:
+        return 0.0
+    scales = scales_of(model)
+    seen = evidence.log_ratio(CONTACT_MODELS[phase.contact.column], x[None], window, scales)
+    return scales.independence * float(seen.log_ratio[0, first:].sum())
 
 
 def log_prior(label: Ints, window: Window, model: Model) -> float:
