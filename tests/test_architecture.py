@@ -20,8 +20,8 @@ LAYERS = (
     ("knowledge",),
     ("lift",),
     ("contacts", "paper"),
-    ("compiled",),
     ("fit",),
+    ("compiled",),
     ("noise", "free_motion"),
     (
         "assumptions",

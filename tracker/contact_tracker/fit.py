@@ -19,8 +19,8 @@ Index = NDArray[np.int64]
 
 TOLERANCE: Final = 1e-3
 """A fit has converged when a step would lower its cost by less than this (nats)."""
-_LEAST_CURVATURE: Final = 1e-12
-_LEAST_SHARE: Final = 1e-12
+LEAST_CURVATURE: Final = 1e-12
+LEAST_SHARE: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def _step(family: Family, gradient: Array, hessian: Array, held: Array, damping:
     curvature = hessian.sum(axis=1) + held
     diagonal = np.einsum("bii->bi", curvature)
     # a direction without any curvature, as in an empty window, must not make the whole batch singular
-    diagonal += damping[:, None] * (diagonal @ mean_of_alike(family.FORM)) + _LEAST_CURVATURE
+    diagonal += damping[:, None] * (diagonal @ mean_of_alike(family.FORM)) + LEAST_CURVATURE
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 
 
@@ -183,7 +183,7 @@ def complete(
     normal = gram[:, 1:, 1:] + prior.precision[:, linear[:, None], linear]
     pull = gram[:, 1:, 0] + prior.gradient(bare)[:, linear]
     trace = np.einsum("bll->b", normal)[:, None]
-    np.einsum("bll->bl", normal)[...] += _LEAST_SHARE * trace + _LEAST_CURVATURE
+    np.einsum("bll->bl", normal)[...] += LEAST_SHARE * trace + LEAST_CURVATURE
     bare[:, linear] = -np.linalg.solve(normal, pull[..., None])[..., 0]
     x = family.normalise(bare, anchors)
     one = np.concatenate([np.ones((len(x), 1)), x[:, linear]], axis=1)

@@ -65,7 +65,7 @@ class Memory:
         )
 
     def is_due(self, onset_ns: int, stamp_ns: int) -> bool:
-        """Whether the contact that began then can teach more at ``stamp_ns`` than it has."""
+        """Whether what began then can teach more at ``stamp_ns`` than it has, whatever contact it is."""
         looked_ns = [met.stamp_ns for met in (*self.object, *self.environment) if met.onset_ns == onset_ns]
         return stamp_ns - onset_ns >= LONGER * (max(looked_ns) - onset_ns) if looked_ns else True
 

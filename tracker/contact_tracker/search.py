@@ -29,7 +29,7 @@ DRAWS: Final = 64
 SCREENED: Final = 7
 """So many of all starts are followed at all, those that cost least before a step is taken."""
 ROUNDS: Final = ((3, 5), (4, 3), (5, 2))
-"""So many steps from all starts, and on from so many of the best."""
+"""So many steps, and on from so many of the best."""
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 LEAST_GAIN: Final = 1e-3
@@ -88,7 +88,7 @@ def _lost(bank: Bank) -> Index:
 def _from_scratch(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Array:
     """The best geometries (R, n, S) that ``rows`` find without regard to where they are.
 
-    They start from solutions of the relaxed problem and from the best of many random directions.
+    They start from the best of the relaxed problem's solutions and many random directions.
     """
     moments = bank.moments[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]

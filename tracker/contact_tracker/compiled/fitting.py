@@ -10,15 +10,13 @@ from contact_tracker.compiled.jit import jit
 from contact_tracker.compiled.vectors import dot, multiply, solve
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import Form
+from contact_tracker.fit import LEAST_CURVATURE, LEAST_SHARE
 
 Ints = NDArray[np.int64]
 
-LEAST_CURVATURE = 1e-12
-LEAST_SHARE = 1e-12
-
 
 class Problem(NamedTuple):
-    """What ``fit.minimise`` is given of W windows; ``alike`` is ``form.mean_of_alike``."""
+    """What ``fit.minimise`` takes of W windows; ``alike`` is ``form.mean_of_alike``."""
 
     moments: Array
     row_weight: Array

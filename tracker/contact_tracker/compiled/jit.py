@@ -8,13 +8,14 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numba
 
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR, TINY
+from contact_tracker.fit import LEAST_CURVATURE, LEAST_SHARE
 
 P = ParamSpec("P")
 R = TypeVar("R")
 _njit: Any = numba.njit
 SOURCES: Final = sha256(
     b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-    + repr((SINE_SQ_FLOOR, TINY)).encode()
+    + repr((SINE_SQ_FLOOR, TINY, LEAST_CURVATURE, LEAST_SHARE)).encode()
 ).hexdigest()
 """Of the code here and the constants in it. To see whether what it kept is still true, numba looks only at
 the file of a kernel and at what the kernel closes over: those that close over this are compiled anew when any
