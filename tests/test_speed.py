@@ -61,8 +61,8 @@ def test_whole_commands_are_measured_at_each_length(log, capsys, monkeypatch):
     monkeypatch.setattr("speeds.commands.run", run)
     assert hours.main(["--only", "live", "--lengths", "1", "2", "--log", str(log)]) == 0
     _, short, long = capsys.readouterr().out.splitlines()
-    assert short.split() == ["live", "1", "s", "1.5", "50.00", "100"]
-    assert long.split() == ["live", "2", "s", "2.5", "50.00", "1.00", "150", "1.50"]
+    assert short.split() == ["live", "1", "s", "1.5", "100.00", "100"]
+    assert long.split() == ["live", "2", "s", "2.5", "100.00", "1.00", "150", "1.50"]
     assert [arguments[0] for arguments in told] == ["live"] * 4
 
 
