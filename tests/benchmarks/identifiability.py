@@ -13,7 +13,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
@@ -123,17 +123,12 @@ def _odds(
 ) -> dict[str, float]:
     """Evidence and prior of the true contact in a run of wrong labels (frames), over those of the labels."""
     stamp_ns, column = poses.stamp_ns[run], phase.contact.column
+    evidence = cache(partial(oracle.evidence_within, tracked=tracked, model=model))  # often of one span
     pieces = np.split(np.arange(len(run)), np.flatnonzero(np.diff(label[run])) + 1)
-    told = sum(
-        float(
-            oracle.evidence_within(int(stamp_ns[p[0]]), int(stamp_ns[p[-1]]), tracked, model)[
-                label[run[p[0]]]
-            ]
-        )
-        for p in pieces
-    )
-    span = int(stamp_ns[0]), int(stamp_ns[-1])
-    fitted = float(oracle.evidence_within(*span, tracked, model)[column])
+    ends = [(int(stamp_ns[p[0]]), int(stamp_ns[p[-1]])) for p in pieces]
+    told = sum(float(evidence(*end)[label[run[p[0]]]]) for end, p in zip(ends, pieces, strict=True))
+    span = ends[0][0], ends[-1][1]
+    fitted = float(evidence(*span)[column])
     known = oracle.evidence_of_truth(phase, oracle.within(*span, tracked), poses.position_m[0], model)
     path = tracked.segmentation.beliefs.rows["contact"].astype(np.int64)
     mended = path.copy()

@@ -124,7 +124,7 @@ def _named_once(rows: list[list[str]]) -> list[list[str]]:
 
 def _up_to(figures: tuple[float, float]) -> str:
     mean, most = figures
-    return f"{number(mean)} <{number(most)}" if number(mean) != "-" else "-"
+    return "-" if math.isnan(mean) else f"{number(mean)} <{number(most)}"
 
 
 def _method_row(method: Method, total: Sum) -> list[str]:

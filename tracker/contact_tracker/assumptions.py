@@ -14,6 +14,7 @@ from contact_tracker.readout import shifted
 
 UNLISTED: Final = 0.5
 """Prior probability that what touches is not on a list of known elements, where that is not complete."""
+_HERE: Final = (0.0, 0.0, 0.0)
 _ANYWHERE_M: Final = 1e3
 """Spread of the offset of a face of which only the direction is known."""
 
@@ -44,15 +45,11 @@ class Assumption:
         """The prior on x, and the anchors (6,) of its own that it has: near to where the body is, at
         ``place_m`` (3,) from the world's origin ``origin_m`` (3,) in which x is, lest a line's place hang on
         its direction."""
-        ours = None if self.object is None else _seen(self.object.element, (0.0,) * 3, (0.0,) * 3)
+        ours = None if self.object is None else _seen(self.object.element, _HERE, _HERE)
+        theirs = None if self.up is None else _facing(self.up)
         if self.environment is not None:
-            frame = tuple(origin_m.tolist()), tuple(place_m.tolist())
-            return _prior(model, ours, _seen(self.environment.element, *frame))
-        return _prior(model, ours, None if self.up is None else _facing(self.up))
-
-
-def _prior(model: ContactModel, ours: Element | None, theirs: Element | None) -> tuple[Given, Array]:
-    return given(model, ours, theirs), pivots(model, ours, theirs)
+            theirs = _seen(self.environment.element, tuple(origin_m.tolist()), tuple(place_m.tolist()))
+        return given(model, ours, theirs), pivots(model, ours, theirs)
 
 
 @lru_cache(maxsize=512)

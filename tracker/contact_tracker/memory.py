@@ -104,7 +104,7 @@ def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[tuple[Know
     None is an unknown one; of the last contact, too, where the user knows what touched. An end of the edge
     met last counts as met; what else is next to the last contact does not: an edge through that vertex ...
     """
-    yield None, not any(known.onset_ns == last_ns for known in met), True
+    yield None, all(beside.onset_ns != last_ns for beside in met), True
     edges = [beside for beside in met if beside.known.kind == "e"][-1:] if kind == "v" else []
     for beside in met:
         last = beside.onset_ns == last_ns
