@@ -9,6 +9,7 @@ import numpy as np
 from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.form import directions
 from contact_tracker.contacts.given import Given
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
@@ -75,8 +76,7 @@ def _filled(known: Assumption, met: Assumption) -> Assumption | None:
 
 def _searched(model: ContactModel, given: Given) -> bool:
     """Whether directions are unknown: the rest is a linear problem."""
-    directions = np.delete(np.arange(model.family.SIZE), model.family.LINEAR)
-    return not given.told(model)[directions].all()
+    return not given.told(model)[directions(model.family.FORM)].all()
 
 
 def named(geometry: ContactGeometry, known: Assumption) -> ContactGeometry:

@@ -12,13 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts.base import Family, dot
-from contact_tracker.contacts.form import mean_of_alike
+from contact_tracker.contacts.form import directions, shifts, turns
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 TOLERANCE: Final = 1e-3
 """A fit has converged when a step would lower its cost by less than this (nats)."""
+FIRST_DAMPING: Final = 10.0
+"""Of turns, in nats per squared radian: a direction takes no step of a third of a radian lightly."""
+LEAST_DAMPING: Final = 1e-6
+MOST_DAMPING: Final = 1e12
+LESS: Final = 0.2
+MORE: Final = 8.0
+"""Times the damping after a step that has lowered the cost, and after one that has not."""
 LEAST_CURVATURE: Final = 1e-12
 LEAST_SHARE: Final = 1e-12
 
@@ -107,7 +114,7 @@ def minimise(
     left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
     of = np.arange(len(x)) if of is None else of
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
-    damping = np.full(len(x), 1e-3)
+    damping = np.full(len(x), FIRST_DAMPING)
     x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
     tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
     converged = np.zeros(len(x), bool)
@@ -124,7 +131,8 @@ def minimise(
         moved = family.normalise(x[rows] + (tangent[rows] @ step[..., None])[..., 0], anchors[rows])
         proposal, proposed_cost = complete(family, *these, anchors[rows], moved)
         better = proposed_cost < cost_now[rows]
-        damping[rows] = np.clip(damping[rows] * np.where(better, 0.2, 8.0), 1e-9, 1e6)
+        damping[rows] *= np.where(better, LESS, MORE)
+        damping[rows] = np.clip(damping[rows], LEAST_DAMPING, MOST_DAMPING)
         won = rows[better]
         if len(won):
             x[won], cost_now[won] = proposal[better], proposed_cost[better]
@@ -134,11 +142,12 @@ def minimise(
 
 
 def _step(family: Family, gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:
-    """Levenberg's and Marquardt's step (B, P), the same along whatever directions ``tangent`` is written."""
+    """Gauss-Newton's step (B, P) with damped turns; whatever they are, ``complete`` finds the shifts anew."""
     curvature = hessian.sum(axis=1) + held
     diagonal = np.einsum("bii->bi", curvature)
     # a direction without any curvature, as in an empty window, must not make the whole batch singular
-    diagonal += damping[:, None] * (diagonal @ mean_of_alike(family.FORM)) + LEAST_CURVATURE
+    diagonal += LEAST_CURVATURE
+    diagonal[:, turns(family.FORM)] += damping[:, None]
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 
 
@@ -166,28 +175,27 @@ def complete(
 ) -> tuple[Array, Array]:
     """x (B, S) with its coordinates where they cost least, its directions as they are, and its cost (B,).
 
-    That is a linear problem: rows are affine in the coordinates. Arguments as of ``minimise``.
+    That is a linear problem: rows are affine in the shifts. Arguments as of ``minimise``.
     """
     of = np.arange(len(x)) if of is None else of
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
-    linear = family.LINEAR
-    bare = x.copy()
-    bare[:, linear] = 0.0
-    moved = np.repeat(bare[:, None, :], len(linear) + 1, axis=1)
-    moved[:, np.arange(len(linear)) + 1, linear] = 1.0
-    design = np.swapaxes(family.rows(moved), 1, 2)
-    design[:, :, 1:] -= design[:, :, :1]
+    bare, told = np.zeros_like(x), directions(family.FORM)
+    bare[:, told] = x[:, told]
+    bare = family.normalise(bare, anchors)
+    along = np.swapaxes(family.tangent(bare, anchors)[..., shifts(family.FORM)], -1, -2)
+    slopes = along[:, None] @ family.rows_derivative(bare)
+    design = np.concatenate([family.rows(bare)[:, :, None], slopes], axis=2)
     gram = (design @ moments[:, None]) @ np.swapaxes(design, -1, -2)
-    weight = _per_metre(family, moments, row_weight, x)
+    weight = _per_metre(family, moments, row_weight, bare)
     gram = (weight[..., None, None] * gram).sum(axis=1)
-    normal = gram[:, 1:, 1:] + prior.precision[:, linear[:, None], linear]
-    pull = gram[:, 1:, 0] + prior.gradient(bare)[:, linear]
+    normal = gram[:, 1:, 1:] + along @ prior.precision @ np.swapaxes(along, -1, -2)
+    pull = gram[:, 1:, 0] + (along @ prior.gradient(bare)[..., None])[..., 0]
     trace = np.einsum("bll->b", normal)[:, None]
     np.einsum("bll->bl", normal)[...] += LEAST_SHARE * trace + LEAST_CURVATURE
-    bare[:, linear] = -np.linalg.solve(normal, pull[..., None])[..., 0]
-    x = family.normalise(bare, anchors)
-    one = np.concatenate([np.ones((len(x), 1)), x[:, linear]], axis=1)
-    squares = (one[:, None, :] @ gram @ one[..., None])[:, 0, 0]
+    shift = -np.linalg.solve(normal, pull[..., None])
+    x = bare + (np.swapaxes(along, -1, -2) @ shift)[..., 0]
+    one = np.concatenate([np.ones((len(x), 1, 1)), shift], axis=1)
+    squares = (np.swapaxes(one, 1, 2) @ gram @ one)[:, 0, 0]
     return x, 0.5 * squares + prior.cost(x)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.compiled import following, searching, seeing
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
-from contact_tracker.contacts.form import mean_of_alike
+from contact_tracker.contacts.form import shifts, turns
 from contact_tracker.lift import T
 
 Index = NDArray[np.int64]
@@ -127,8 +127,8 @@ def find(
 def _kind(model: ContactModel, reach_m: float) -> following.Kind:
     family = model.family
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
-    linear = np.array(family.LINEAR)
-    return following.Kind(family.FORM, model.body_in_1, linear, mean_of_alike(family.FORM), pull, flat)
+    form = family.FORM
+    return following.Kind(form, model.body_in_1, turns(form), shifts(form), pull, flat)
 
 
 def _rows(bank: Columns, changed: tuple[str, ...]) -> following.Rows:

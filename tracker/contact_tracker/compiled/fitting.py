@@ -5,188 +5,215 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled.forms import free, normalise, rows, scale_sq, slope
-from contact_tracker.compiled.jit import jit
-from contact_tracker.compiled.vectors import dot, multiply, solve
+from contact_tracker.compiled.forms import free, normalise, rows, scale_sq, slope, slope_of_last, unshift
+from contact_tracker.compiled.jit import jit, memory
+from contact_tracker.compiled.vectors import copy, dot, eliminate, multiply
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import Form
-from contact_tracker.fit import LEAST_CURVATURE, LEAST_SHARE
+from contact_tracker.fit import (
+    FIRST_DAMPING,
+    LEAST_CURVATURE,
+    LEAST_DAMPING,
+    LEAST_SHARE,
+    LESS,
+    MORE,
+    MOST_DAMPING,
+)
 
 Ints = NDArray[np.int64]
 
 
 class Problem(NamedTuple):
-    """What ``fit.minimise`` takes of W windows; ``alike`` is ``form.mean_of_alike``."""
+    """What ``fit.minimise`` takes of W windows; ``turns`` and ``shifts`` as in ``contacts.form``."""
 
+    form: Form
+    turns: Ints
+    shifts: Ints
     moments: Array
     row_weight: Array
     precision: Array
     information: Array
     constant: Array
     anchors: Array
-    alike: Array
 
 
 class Work(NamedTuple):
-    """Memory of one window: at its x the weights (K,) of the rows, their slopes (P, K, C) along the ``free``
-    directions (P, S), how much of the last row is in its slopes since its scale ``leans`` (P,) as well, and
-    what is ``held`` (P, P) by the prior; and what comes between."""
+    """Memory of one window. At its x: ``weight`` (K,) of the rows, ``slopes`` (P, K, C) along the ``free``
+    directions (P, S), by how much less the last row changes since its scale ``leans`` (P,) as well, and what
+    is ``held`` (P, P) by the prior.
+
+    Where a trial of coordinates has come to: ``rows`` (K, C) and the same times the moments, ``carried``,
+    their ``trial_weight`` (K,), free directions before shifting, ``axes``, and slopes of the last row along
+    the shifts, ``design`` (L, C), which times the moments are ``moved``. The rest comes between.
+    """
 
     weight: Array
-    leans: Array
     slopes: Array
     free: Array
-    rows: Array
-    design: Array
-    gradient: Array
+    leans: Array
     held: Array
+    rows: Array
+    carried: Array
+    trial_weight: Array
+    design: Array
+    moved: Array
+    axes: Array
+    pushed: Array
+    gradient: Array
     curvature: Array
+    before: Array
     step: Array
     trial: Array
-    gram: Array
-    slant: Array
     pull: Array
-    axis: Array
-    products: Array
+    pulled: Array
     turn: Array
 
 
-@jit
+@memory
 def work_for(count: int, columns: int, size: int, directions: int) -> Work:
     return Work(
         weight=np.empty(count),
-        leans=np.zeros(directions),
-        slopes=np.empty((directions, count, columns)),
+        slopes=np.zeros((directions, count, columns)),
         free=np.empty((directions, size)),
-        rows=np.empty((count, columns)),
-        design=np.empty((size, count, columns)),
-        gradient=np.empty(directions),
+        leans=np.zeros(directions),
         held=np.empty((directions, directions)),
+        rows=np.empty((count, columns)),
+        carried=np.empty((count, columns)),
+        trial_weight=np.empty(count),
+        design=np.zeros((directions, columns)),
+        moved=np.empty((directions, columns)),
+        axes=np.empty((directions, size)),
+        pushed=np.empty((count, columns)),
+        gradient=np.empty(directions),
         curvature=np.empty((directions, directions)),
+        before=np.empty((directions, directions)),
         step=np.empty(directions),
         trial=np.empty(size),
-        gram=np.empty((directions, directions)),
-        slant=np.empty(directions),
         pull=np.empty(size),
-        axis=np.zeros(size),
-        products=np.empty((2, max(columns, size))),
+        pulled=np.empty(size),
         turn=np.empty(9),
     )
 
 
 @jit
-def complete_one(form: Form, linear: Ints, problem: Problem, b: int, x: Array, work: Work) -> float:
+def complete_one(problem: Problem, b: int, x: Array, work: Work) -> float:
     """As ``fit.complete`` of window b, x in place; returns the cost."""
+    form, shifts, anchors = problem.form, problem.shifts, problem.anchors[b]
     moments, precision, information = problem.moments[b], problem.precision[b], problem.information[b]
-    last, columns, count = len(work.rows) - 1, len(moments), len(linear)
-    bare, along, design = work.products[0, :columns], work.products[1, :columns], work.design
-    gram, slant, normal = work.gram, work.slant, work.curvature[:count, :count]
-    for i in linear:
-        x[i] = 0.0
+    last, count, size = len(work.rows) - 1, len(shifts), len(x)
+    unshift(form, x)
+    normalise(form, x, anchors)
     rows(form, x, work.rows)
-    weight = problem.row_weight[b, last] / scale_sq(form, work.rows[last], moments, work.turn)
-    squares = 0.0
-    for k in range(last):  # angles do not depend on coordinates
-        multiply(work.rows[k], moments, bare)
-        squares += problem.row_weight[b, k] * dot(work.rows[k], bare)
-    multiply(work.rows[last], moments, bare)
-    squares += weight * dot(work.rows[last], bare)
+    free(form, x, anchors, work.axes)
+    scale = scale_sq(form, work.rows[last], moments, work.turn)
+    for k in range(last + 1):
+        multiply(work.rows[k], moments, work.carried[k])
+        work.trial_weight[k] = problem.row_weight[b, k] / (scale if k == last else 1.0)
+    weight = work.trial_weight[last]
     multiply(x, precision, work.pull)
-    trace = 0.0
+    for s in range(size):
+        work.pull[s] -= information[s]
+    normal, shift, pulled, trace = work.curvature[:count, :count], work.step[:count], work.pulled, 0.0
     for i in range(count):
-        work.axis[linear[i]] = 1.0
-        slope(form, x, work.axis, design[i])
-        work.axis[linear[i]] = 0.0
-        slant[i] = weight * dot(design[i, last], bare)
-        work.step[i] = information[linear[i]] - work.pull[linear[i]] - slant[i]
-        multiply(design[i, last], moments, along)
+        along = work.axes[shifts[i]]
+        slope_of_last(form, x, along, work.design[i])
+        multiply(work.design[i], moments, work.moved[i])
+        multiply(along, precision, pulled)
+        shift[i] = -weight * dot(work.design[i], work.carried[last]) - dot(along, work.pull)
         for j in range(i + 1):
-            gram[i, j] = gram[j, i] = weight * dot(design[j, last], along)
-            normal[i, j] = normal[j, i] = gram[i, j] + precision[linear[i], linear[j]]
+            normal[j, i] = weight * dot(work.design[j], work.moved[i]) + dot(work.axes[shifts[j]], pulled)
         trace += normal[i, i]
     for i in range(count):
         normal[i, i] += LEAST_SHARE * trace + LEAST_CURVATURE
-    solve(normal, work.step[:count])
+    eliminate(normal, shift)
     for i in range(count):
-        x[linear[i]] = work.step[i]
-    normalise(form, x, problem.anchors[b])
-    for i in range(count):
-        squares += 2.0 * x[linear[i]] * slant[i]
-        for j in range(count):
-            squares += x[linear[i]] * gram[i, j] * x[linear[j]]
+        along = work.axes[shifts[i]]
+        for s in range(size):
+            x[s] += shift[i] * along[s]
+        for c in range(len(moments)):
+            work.rows[last, c] += shift[i] * work.design[i, c]
+            work.carried[last, c] += shift[i] * work.moved[i, c]
+    squares = 0.0
+    for k in range(last + 1):
+        squares += work.trial_weight[k] * dot(work.rows[k], work.carried[k])
     multiply(x, precision, work.pull)
     cost: float = 0.5 * (squares + dot(x, work.pull)) - dot(x, information) + problem.constant[b]
     return cost
 
 
 @jit
-def _equations(form: Form, problem: Problem, b: int, x: Array, hessian: Array, work: Work) -> None:
-    """As ``fit._normal_equations`` of window b: free directions, gradient, hessian (K, P, P) and held."""
-    moments, precision, anchors = problem.moments[b], problem.precision[b], problem.anchors[b]
-    last, columns, size, count = len(work.rows) - 1, len(moments), len(x), len(work.gradient)
-    along, pulled = work.products[0, :columns], work.products[1, :size]
-    rows(form, x, work.rows)
-    scale = scale_sq(form, work.rows[last], moments, work.turn)
-    free(form, x, anchors, work.free)
-    multiply(x, precision, work.pull)
+def _equations(problem: Problem, b: int, x: Array, hessian: Array, work: Work) -> None:
+    """As ``fit._normal_equations`` of window b, at the x where ``complete_one`` has just come to: free
+    directions, gradient, hessian (K, P, P) and held."""
+    form, turns, shifts = problem.form, problem.turns, problem.shifts
+    moments, precision, information = problem.moments[b], problem.precision[b], problem.information[b]
+    last, count = len(work.rows) - 1, len(work.gradient)
+    free(form, x, problem.anchors[b], work.free)
+    hessian[:last] = 0.0
+    copy(work.trial_weight, work.weight)
+    weight = work.weight[last]
+    for s in range(len(x)):
+        work.pull[s] -= information[s]  # complete_one has left x times the precision there
     for p in range(count):
+        multiply(work.free[p], precision, work.pulled)
+        work.gradient[p] = dot(work.free[p], work.pull)
+        for q in range(p + 1):
+            work.held[p, q] = work.held[q, p] = dot(work.free[q], work.pulled)
+    for i in range(len(shifts)):
+        p = shifts[i]
+        copy(work.design[i], work.slopes[p, last])
+        work.gradient[p] += weight * dot(work.design[i], work.carried[last])
+        for j in range(i + 1):
+            q = shifts[j]
+            hessian[last, p, q] = hessian[last, q, p] = weight * dot(work.design[j], work.moved[i])
+    for i in range(len(turns)):
+        p = turns[i]
         slope(form, x, work.free[p], work.slopes[p])
         if form.q2 >= 0:  # per metre: the scale changes with x as well
             work.leans[p] = 0.5 * dot(work.turn, work.slopes[p, last, 9:18])
-            for c in range(columns):
+            for c in range(len(moments)):
                 work.slopes[p, last, c] -= work.leans[p] * work.rows[last, c]
-        work.gradient[p] = dot(work.free[p], work.pull) - dot(work.free[p], problem.information[b])
-        multiply(work.free[p], precision, pulled)
-        for q in range(p + 1):
-            work.held[p, q] = work.held[q, p] = dot(work.free[q], pulled)
-    for k in range(last + 1):
-        work.weight[k] = problem.row_weight[b, k] / (scale if k == last else 1.0)
-        for p in range(count):
-            multiply(work.slopes[p, k], moments, along)
-            work.gradient[p] += work.weight[k] * dot(work.rows[k], along)
-            for q in range(p + 1):
-                hessian[k, p, q] = hessian[k, q, p] = work.weight[k] * dot(work.slopes[q, k], along)
+        for k in range(last + 1):
+            multiply(work.slopes[p, k], moments, work.pushed[k])
+            work.gradient[p] += work.weight[k] * dot(work.slopes[p, k], work.carried[k])
+            for j in range(i + 1):
+                q = turns[j]
+                hessian[k, p, q] = hessian[k, q, p] = work.weight[k] * dot(work.slopes[q, k], work.pushed[k])
+        for j in range(len(shifts)):
+            q = shifts[j]
+            hessian[last, p, q] = hessian[last, q, p] = weight * dot(work.design[j], work.pushed[last])
 
 
 @jit
-def _step(hessian: Array, damping: float, alike: Array, work: Work) -> float:
+def _step(hessian: Array, damping: float, turns: Ints, work: Work) -> float:
     """As ``fit._step``; returns by how much it would lower the cost."""
-    curvature, diagonal, ridge = work.curvature, work.slant, work.gram[0]
+    curvature = work.curvature
     for p in range(len(work.step)):
         work.step[p] = -work.gradient[p]
-        for q in range(len(work.step)):
+        for q in range(p, len(work.step)):
             curvature[p, q] = work.held[p, q]
             for k in range(len(hessian)):
                 curvature[p, q] += hessian[k, p, q]
-        diagonal[p] = curvature[p, p]
-    multiply(diagonal, alike, ridge)
-    for p in range(len(work.step)):
-        curvature[p, p] += damping * ridge[p] + LEAST_CURVATURE
-    solve(curvature, work.step)
+        curvature[p, p] += LEAST_CURVATURE
+    for p in turns:
+        curvature[p, p] += damping
+    eliminate(curvature, work.step)
     return abs(dot(work.gradient, work.step))
 
 
 @jit
 def descend(
-    form: Form,
-    linear: Ints,
-    problem: Problem,
-    w: int,
-    x: Array,
-    steps: int,
-    tolerance: float,
-    hessian: Array,
-    work: Work,
+    problem: Problem, w: int, x: Array, steps: int, tolerance: float, hessian: Array, work: Work
 ) -> tuple[float, bool]:
-    """As ``fit.minimise`` of window w, from x (S,), in place; what ``work`` holds is that at x.
+    """As ``fit.minimise`` of window w, from x (S,), in place; what ``work`` holds at an x is at that one.
 
     Returns the cost, and whether it has converged.
     """
-    damping, left = 1e-3, steps
-    cost = complete_one(form, linear, problem, w, x, work)
-    _equations(form, problem, w, x, hessian, work)
+    damping, left = FIRST_DAMPING, steps
+    cost = complete_one(problem, w, x, work)
+    _equations(problem, w, x, hessian, work)
     while True:
-        if _step(hessian, damping, problem.alike, work) < tolerance:
+        if _step(hessian, damping, problem.turns, work) < tolerance:
             return cost, True
         if left <= 0:
             return cost, False
@@ -194,11 +221,10 @@ def descend(
         multiply(work.step, work.free, work.trial)
         for i in range(len(x)):
             work.trial[i] += x[i]
-        normalise(form, work.trial, problem.anchors[w])
-        proposed = complete_one(form, linear, problem, w, work.trial, work)
+        proposed = complete_one(problem, w, work.trial, work)
         better = proposed < cost
-        damping = min(max(damping * (0.2 if better else 8.0), 1e-9), 1e6)
+        damping = min(max(damping * (LESS if better else MORE), LEAST_DAMPING), MOST_DAMPING)
         if better:
-            x[:] = work.trial
+            copy(work.trial, x)
             cost = proposed
-            _equations(form, problem, w, x, hessian, work)
+            _equations(problem, w, x, hessian, work)

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.compiled import seeing
 from contact_tracker.compiled.fitting import Problem, Work, descend, work_for
 from contact_tracker.compiled.forms import normalise
-from contact_tracker.compiled.jit import SOURCES, jit, kernel
+from contact_tracker.compiled.jit import SOURCES, jit, kernel, memory
 from contact_tracker.compiled.pricing import volume
 from contact_tracker.compiled.seeing import Sums, Ticks, add_up, nothing
 from contact_tracker.compiled.vectors import at, dot, multiply, put
@@ -42,13 +43,13 @@ class Rows(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What sort of contact it is: see ``contacts.base``; ``pull`` (S,) of the weak prior and where it is
-    ``flat`` (S,)."""
+    """What sort of contact it is: see ``contacts``; ``pull`` (S,) of the weak prior and where it is ``flat``
+    (S,)."""
 
     form: Form
     body_in_1: bool
-    linear: Ints
-    alike: Array
+    turns: Ints
+    shifts: Ints
     pull: Array
     flat: Array
 
@@ -74,7 +75,7 @@ def _anchors(kind: Kind, rows: Rows, b: int, out: Array) -> None:
             out[i] = rows.pivot[b, i]
 
 
-@jit
+@memory
 def problem_of(kind: Kind, rows: Rows) -> Problem:
     """As ``following.before``."""
     count, size = rows.x.shape
@@ -94,7 +95,8 @@ def problem_of(kind: Kind, rows: Rows) -> Problem:
             precision[b, s, s] += kind.pull[s]
             information[b, s] += weak
             constant[b] += 0.5 * weak * mean[s]
-    return Problem(rows.moments, rows.row_weight, precision, information, constant, anchors, kind.alike)
+    known = precision, information, constant
+    return Problem(kind.form, kind.turns, kind.shifts, rows.moments, rows.row_weight, *known, anchors)
 
 
 @jit
@@ -160,14 +162,14 @@ def _kernels(sources: str) -> tuple[Any, Any]:
         (count, size), (_, each, directions, _) = rows.x.shape, rows.hessian.shape
         problem, seen = problem_of(kind, rows), nothing(count, each)
         work = work_for(each, rows.first.shape[1], size, directions)
-        residual, foretold = np.empty(each), np.empty(each)
+        looks, foretold = seeing.work_for(each), np.empty(each)
         for b in range(count):
             if steps[b] < 0:
                 continue
             x, hessian = rows.x[b], rows.hessian[b]
-            descend(kind.form, kind.linear, problem, b, x, steps[b], tolerance, hessian, work)
+            descend(problem, b, x, steps[b], tolerance, hessian, work)
             onset, certain = rows.onset[b], rows.certain[b]
-            add_up(kind.form, kind.body_in_1, x, onset, certain, ticks, weights.lengths, seen, b, residual)
+            add_up(kind.form, kind.body_in_1, x, onset, certain, ticks, weights.lengths, seen, b, looks)
             _weigh(kind, rows, problem, weights, seen, b, foretold, work)
 
     return grow, learn

@@ -65,6 +65,28 @@ def slope(form: Form, x: Array, v: Array, out: Array) -> None:
 
 
 @jit
+def slope_of_last(form: Form, x: Array, v: Array, out: Array) -> None:
+    """As ``slope`` of the last row (C,), where v shifts and turns nothing; other entries remain zero."""
+    p1, d2 = at(v, form.q1), at(x, form.d2)
+    if form.q2 >= 0:
+        d1 = at(x, form.d1)
+        outers(out, 0, d2, cross(p1, d1), cross(at(v, form.q2), d2), d1)
+    else:
+        outers(out, 0, d2, p1, NONE, NONE)
+        out[12] = -v[form.h]
+
+
+@jit
+def unshift(form: Form, x: Array) -> None:
+    """Coordinates zero, in place."""
+    for q in (form.q1, form.q2):
+        if q >= 0:
+            put(x, q, NONE)
+    if form.h >= 0:
+        x[form.h] = 0.0
+
+
+@jit
 def scale_sq(form: Form, row: Array, moments: Array, turn: Array) -> float:
     """As ``Family.scale_sq``; ``turn`` (9) becomes the derivative of its logarithm by ``outer(d2, d1)``."""
     if form.q2 < 0:

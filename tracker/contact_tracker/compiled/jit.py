@@ -7,23 +7,31 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 import numba
 
-from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR, TINY
-from contact_tracker.fit import LEAST_CURVATURE, LEAST_SHARE
+from contact_tracker import fit
+from contact_tracker.contacts import edge_edge
 
 P = ParamSpec("P")
 R = TypeVar("R")
 _njit: Any = numba.njit
-SOURCES: Final = sha256(
-    b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-    + repr((SINE_SQ_FLOOR, TINY, LEAST_CURVATURE, LEAST_SHARE)).encode()
-).hexdigest()
-"""Of the code here and the constants in it. To see whether what it kept is still true, numba looks only at
-the file of a kernel and at what the kernel closes over: those that close over this are compiled anew when any
-file changes."""
+_READ: Final = (*sorted(Path(__file__).parent.glob("*.py")), Path(fit.__file__), Path(edge_edge.__file__))
+SOURCES: Final = sha256(b"".join(path.read_bytes() for path in _READ)).hexdigest()
+"""Of the code here and of what it takes constants from. To see whether what it kept is still true, numba
+looks only at the file of a kernel and at what the kernel closes over: those that close over this are compiled
+anew when any file changes."""
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
-    """A part of kernels, compiled into each: calls would hand over hundreds of words of arrays."""
+    """A part of kernels, compiled into each: calls would hand over hundreds of words of arrays.
+
+    It works in the memory that it is handed: to count who holds which array, at every look at a row, takes
+    numba longer than all the arithmetic.
+    """
+    compiled: Callable[P, R] = _njit(function, error_model="numpy", forceinline=True, _nrt=False)
+    return compiled
+
+
+def memory(function: Callable[P, R]) -> Callable[P, R]:
+    """A part of kernels that makes arrays."""
     compiled: Callable[P, R] = _njit(function, error_model="numpy", forceinline=True)
     return compiled
 
@@ -33,5 +41,5 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     try:
         compiled: Callable[P, R] = _njit(function, error_model="numpy", cache=True)
     except RuntimeError:  # numba finds no folder
-        return jit(function)
+        return memory(function)
     return compiled

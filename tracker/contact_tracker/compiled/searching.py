@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.compiled.fitting import Problem, complete_one, descend, work_for
 from contact_tracker.compiled.following import Kind, Rows, problem_of
-from contact_tracker.compiled.forms import normalise
 from contact_tracker.compiled.forms import rows as rows_of
-from contact_tracker.compiled.jit import SOURCES, jit, kernel
+from contact_tracker.compiled.jit import SOURCES, jit, kernel, memory
 from contact_tracker.compiled.vectors import multiply
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR, TINY
@@ -28,7 +27,7 @@ def _pairs(v: Array, out: Array) -> None:
         i += len(v) - a
 
 
-@jit
+@memory
 def _halves(matrices: Array, size: int) -> Array:
     """Upper triangles of the first ``size`` rows of symmetric matrices, each a column: for ``_pairs``."""
     out = np.empty((size * (size + 1) // 2, len(matrices)))
@@ -41,7 +40,7 @@ def _halves(matrices: Array, size: int) -> Array:
     return out
 
 
-@jit
+@memory
 def _every_cost(kind: Kind, rows: Rows, problem: Problem) -> Array:
     """As ``fit.every_cost`` of the rows' own geometries, (N, N)."""
     form, (count, size), (_, each) = kind.form, rows.x.shape, rows.row_weight.shape
@@ -77,7 +76,7 @@ def _every_cost(kind: Kind, rows: Rows, problem: Problem) -> Array:
     return cost
 
 
-@jit
+@memory
 def _smallest(cost: Array, many: int) -> Ints:
     """Where the smallest are, in order."""
     return np.argsort(cost, kind="mergesort")[:many]
@@ -109,7 +108,7 @@ def _kernels(sources: str) -> tuple[Any, Any]:
         tolerance: float,
     ) -> Array:
         assert sources
-        form, size, (_, each, free, _) = kind.form, directions.shape[1], rows.hessian.shape
+        size, (_, each, free, _) = directions.shape[1], rows.hessian.shape
         problem = problem_of(kind, rows)
         work = work_for(each, rows.moments.shape[1], size, free)
         hessian = np.empty((each, free, free))
@@ -122,15 +121,12 @@ def _kernels(sources: str) -> tuple[Any, Any]:
                 for s in range(size):
                     if told[r, s]:
                         drawn[i, s] = mean[s]
-                normalise(form, drawn[i], problem.anchors[b])
-                cost[i] = complete_one(form, kind.linear, problem, b, drawn[i], work)
+                cost[i] = complete_one(problem, b, drawn[i], work)
             x = drawn[_smallest(cost, screened)]
             for steps, kept in rounds:
                 reached = np.empty(len(x))
                 for i in range(len(x)):
-                    reached[i], _ = descend(
-                        form, kind.linear, problem, b, x[i], steps, tolerance, hessian, work
-                    )
+                    reached[i], _ = descend(problem, b, x[i], steps, tolerance, hessian, work)
                 x = x[_smallest(reached, kept)]
             out[r] = x
         return out

@@ -1,17 +1,18 @@
 """Residuals and evidence of hypotheses on the ticks since their onsets, compiled: the sums of ``summed``."""
 
-from math import log1p, sqrt
-from typing import Any, NamedTuple
+from math import log, sqrt
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled.jit import SOURCES, jit, kernel
+from contact_tracker.compiled.jit import SOURCES, jit, kernel, memory
 from contact_tracker.compiled.vectors import NONE, Vector, across, at, cross, inner, mix
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR
 from contact_tracker.contacts.form import Form
 
+MOST: Final = 1e100
 T, U, TXR = 9, 12, 15  # where the lifted pose has them; R comes first
 
 
@@ -35,6 +36,19 @@ class Sums(NamedTuple):
     chi_sq: Array
     ticks: NDArray[np.int64]
     after: NDArray[np.int64]
+
+
+class Work(NamedTuple):
+    """Memory of one hypothesis: ``residual`` (K,) of a tick; ``narrowed`` (K,) by how many times the variance
+    under free motion exceeds the noise, multiplied over ticks: a logarithm takes longer."""
+
+    residual: Array
+    narrowed: Array
+
+
+@memory
+def work_for(rows: int) -> Work:
+    return Work(residual=np.empty(rows), narrowed=np.empty(rows))
 
 
 @jit
@@ -102,10 +116,11 @@ def _add(
     lengths: tuple[float, float],
     sums: Sums,
     b: int,
-    residual: Array,
+    work: Work,
 ) -> None:
     """What hypothesis b says of tick w."""
     radius_sq, pull = lengths
+    residual = work.residual
     if form.q2 >= 0:
         lever_sq, reach_sq, along = _crossed(form, x, ticks.pose[w], residual)
     else:
@@ -120,13 +135,16 @@ def _add(
             if len(ticks.uneven):
                 for i in range(3):
                     noise += along[i] * inner(at(ticks.uneven[w, i], 0), along)
-        ratio, square = excess / noise, residual[k] * residual[k] / noise
-        sums.precision[b, k] += position / noise
-        sums.chi_sq[b] += square
+        whole, square = noise + excess, residual[k] * residual[k]
+        inverse = 1.0 / (noise * whole)
+        sums.precision[b, k] += position * whole * inverse
+        sums.chi_sq[b] += square * whole * inverse
         if after:
-            gain = 0.5 * log1p(ratio)
-            sums.gain[b, k] += gain
-            sums.log_ratio[b] += gain - 0.5 * square * (ratio / (1.0 + ratio))
+            sums.log_ratio[b] -= 0.5 * square * excess * inverse
+            work.narrowed[k] *= whole * whole * inverse
+            if work.narrowed[k] > MOST:
+                sums.gain[b, k] += 0.5 * log(work.narrowed[k])
+                work.narrowed[k] = 1.0
     if after and ticks.free[0, w, 0] > 0.0:
         sums.log_ratio[b] -= pull * reach_sq
 
@@ -142,20 +160,24 @@ def add_up(
     lengths: tuple[float, float],
     sums: Sums,
     b: int,
-    residual: Array,
+    work: Work,
 ) -> None:
-    """As ``summed.summed`` of hypothesis b, x (S,); ``sums`` are zero before, ``residual`` (K,) is memory."""
-    first = len(ticks.number)
+    """As ``summed.summed`` of hypothesis b, x (S,); ``sums`` are zero before."""
+    first, end = len(ticks.number), len(ticks.number)
     while first > 0 and ticks.number[first - 1] >= onset:
         first -= 1
-    for w in range(first, len(ticks.number)):
+    sums.ticks[b] = end - first
+    work.narrowed[:] = 1.0
+    for w in range(first, end):
         after = ticks.number[w] > onset  # the first tick is given, and tells nothing
-        sums.ticks[b] += 1
         sums.after[b] += 1 if after else 0
-        _add(form, body_in_1, x, ticks, w, 1 if certain else 0, after, lengths, sums, b, residual)
+        _add(form, body_in_1, x, ticks, w, 1 if certain else 0, after, lengths, sums, b, work)
+    for k in range(len(work.narrowed)):
+        sums.gain[b, k] += 0.5 * log(work.narrowed[k])
+        sums.log_ratio[b] += sums.gain[b, k]
 
 
-@jit
+@memory
 def nothing(count: int, rows: int) -> Sums:
     return Sums(
         np.zeros(count),
@@ -180,9 +202,9 @@ def _kernel(sources: str) -> Any:
         lengths: tuple[float, float],
     ) -> Sums:
         assert sources
-        sums, residual = nothing(len(x), rows), np.empty(rows)
+        sums, work = nothing(len(x), rows), work_for(rows)
         for b in range(len(x)):
-            add_up(form, body_in_1, x[b], onset[b], certain[b], ticks, lengths, sums, b, residual)
+            add_up(form, body_in_1, x[b], onset[b], certain[b], ticks, lengths, sums, b, work)
         return sums
 
     return summed

@@ -68,6 +68,13 @@ def multiply(vector: Array, matrix: Array, out: Array) -> None:
 
 
 @jit
+def copy(values: Array, out: Array) -> None:
+    """Slices that are assigned would be copied twice, lest they overlap."""
+    for i in range(len(values)):
+        out[i] = values[i]
+
+
+@jit
 def dot(a: Array, b: Array) -> float:
     total = 0.0
     for i in range(len(a)):
@@ -76,22 +83,15 @@ def dot(a: Array, b: Array) -> float:
 
 
 @jit
-def solve(a: Array, b: Array) -> None:
-    """Solve ``a y = b`` in place, by elimination with pivots; y comes to stand where b was."""
+def eliminate(a: Array, b: Array) -> None:
+    """Solve ``a y = b`` of a positive definite a, of which the upper triangle is read; y comes to stand where
+    b was, and in a's diagonal what multiplies to its determinant."""
     n = len(b)
     for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if abs(a[i, k]) > abs(a[pivot, k]):
-                pivot = i
-        if pivot != k:
-            for j in range(k, n):
-                a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
-            b[k], b[pivot] = b[pivot], b[k]
         inverse = 1.0 / a[k, k]
         for i in range(k + 1, n):
-            factor = a[i, k] * inverse
-            for j in range(k + 1, n):
+            factor = a[k, i] * inverse
+            for j in range(i, n):
                 a[i, j] -= factor * a[k, j]
             b[i] -= factor * b[k]
     for k in range(n - 1, -1, -1):

@@ -58,8 +58,6 @@ class Family(Protocol):
 
     FORM: Form
     """Where in x things are: with it the residuals are those of T3-T6."""
-    LINEAR: NDArray[np.int64]
-    """Entries of x in which the residuals are affine once the directions are given."""
     RANDOM_STARTS: int
     """How many random directions a search screens: more where minima are narrow."""
 

@@ -32,7 +32,6 @@ ROWS: Final = 3
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
 FORM: Final = Form(d1=0, d2=3, h=6)
-LINEAR: Final = np.array([6])
 RANDOM_STARTS: Final = 4
 
 

@@ -1,4 +1,4 @@
-"""Where in its parameter vector a family keeps what, and which of its free directions are alike."""
+"""Where in its parameter vector a family keeps what, and which of its free directions turn or shift."""
 
 from functools import cache
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 class Form(NamedTuple):
@@ -21,12 +21,25 @@ class Form(NamedTuple):
 
 
 @cache
-def mean_of_alike(form: Form) -> Array:
-    """(P, P): means over free directions that are alike, whatever basis they are written in: turns of an
-    element, shifts of a line or a point, an offset."""
-    sizes: list[int] = []
+def directions(form: Form) -> Index:
+    """Entries of x that are unit vectors; the others are coordinates."""
+    return np.array([d + i for d in (form.d1, form.d2) if d >= 0 for i in range(3)])
+
+
+@cache
+def turns(form: Form) -> Index:
+    """Free directions (columns of ``Family.tangent``) that turn an element."""
+    return np.flatnonzero(_turns(form))
+
+
+@cache
+def shifts(form: Form) -> Index:
+    """The other ones, that shift a point, a line across itself, or a face: in them rows are affine."""
+    return np.flatnonzero(~_turns(form))
+
+
+def _turns(form: Form) -> NDArray[np.bool_]:
+    free: list[bool] = []
     for d, q in ((form.d1, form.q1), (form.d2, form.q2)):
-        sizes += [2] * (d >= 0) + [2 if d >= 0 else 3] * (q >= 0)
-    alike = np.repeat(np.arange(len(sizes) + 1), [*sizes, form.h >= 0])
-    same = alike[:, None] == alike
-    return np.asarray(same / same.sum(axis=1))
+        free += [True] * 2 * (d >= 0) + [False] * (2 if d >= 0 else 3) * (q >= 0)
+    return np.array(free + [False] * (form.h >= 0))
