@@ -3,50 +3,58 @@
 import numpy as np
 
 from contact_tracker import fit
-from contact_tracker.compiled.fitting import Problem, complete_one, descend, work_for
-from contact_tracker.compiled.jit import SOURCES, kernel
-from contact_tracker.contacts.form import shifts, turns
+from contact_tracker.bank import blank
+from contact_tracker.compiled import calls
+from contact_tracker.compiled.fitting import complete_one, descend, work_for
+from contact_tracker.compiled.hypothesis import row_of
+from contact_tracker.compiled.jit import jit, kernel
+from contact_tracker.fit import TOLERANCE
 
 
-def minimise(family, moments, row_weight, prior, anchors, x, iterations):
-    count, each, free = len(x), family.ROWS, family.PARAMETERS
+def minimise(model, moments, row_weight, prior, anchors, x, iterations):
+    count, each, free = len(x), model.family.ROWS, model.family.PARAMETERS
     found = fit.Fit(x.copy(), np.empty(count), np.empty((count, each, free, free)), np.empty(count, bool))
     steps = np.broadcast_to(iterations, count).astype(np.int64)
     columns = found.x, found.cost, found.hessian, found.converged
-    _minimise(_problem(family, moments, row_weight, prior, anchors), steps, *columns)
+    _minimise(*_problem(model, moments, row_weight, prior, anchors), steps, *columns)
     return found
 
 
-def complete(family, moments, row_weight, prior, anchors, x):
+def complete(model, moments, row_weight, prior, anchors, x):
     completed, cost = x.copy(), np.empty(len(x))
-    problem = _problem(family, moments, row_weight, prior, anchors)
-    _complete(problem, family.PARAMETERS, completed, cost)
+    _complete(*_problem(model, moments, row_weight, prior, anchors), completed, cost)
     return completed, cost
 
 
-def _problem(family, moments, row_weight, prior, anchors):
-    known = prior.precision, prior.information, prior.constant
-    arrays = turns(family.FORM), shifts(family.FORM), moments, row_weight, *known, anchors
-    return Problem(family.FORM, *(np.array(values, order="C") for values in arrays))
+def _problem(model, moments, row_weight, prior, anchors):
+    bank = blank(model, len(moments)).having(moments=moments, row_weight=row_weight)
+    known = prior.precision, prior.information, prior.constant, anchors
+    return calls._kind(model, 1.0), bank.words, *(np.array(part, order="C") for part in known)
 
 
-def _kernels(sources):
-    @kernel
-    def _minimise(problem, steps, x, cost, hessian, converged):
-        assert sources
-        work = work_for(hessian.shape[1], problem.moments.shape[1], x.shape[1], hessian.shape[2])
-        for b in range(len(x)):
-            cost[b], converged[b] = descend(problem, b, x[b], steps[b], fit_tolerance, hessian[b], work)
-
-    @kernel
-    def _complete(problem, free, x, cost):
-        assert sources
-        work = work_for(problem.row_weight.shape[1], problem.moments.shape[1], x.shape[1], free)
-        for b in range(len(x)):
-            cost[b] = complete_one(problem, b, x[b], work)
-
-    fit_tolerance = fit.TOLERANCE
-    return _minimise, _complete
+@jit
+def _descend(kind, table, b, x, steps, hessian, work):
+    return descend(kind, row_of(kind, table, b), x, steps, TOLERANCE, hessian, work)
 
 
-_minimise, _complete = _kernels(SOURCES)
+@jit
+def _complete_one(kind, table, b, x, work):
+    return complete_one(kind, row_of(kind, table, b), x, work)
+
+
+@kernel
+def _minimise(kind, table, precision, information, constant, anchors, steps, x, cost, hessian, converged):
+    work = work_for(kind)
+    for b in range(len(x)):
+        work.prior.precision[:], work.prior.information[:] = precision[b], information[b]
+        work.prior.constant[0], work.prior.anchors[:] = constant[b], anchors[b]
+        cost[b], converged[b] = _descend(kind, table, b, x[b], steps[b], hessian[b], work)
+
+
+@kernel
+def _complete(kind, table, precision, information, constant, anchors, x, cost):
+    work = work_for(kind)
+    for b in range(len(x)):
+        work.prior.precision[:], work.prior.information[:] = precision[b], information[b]
+        work.prior.constant[0], work.prior.anchors[:] = constant[b], anchors[b]
+        cost[b] = _complete_one(kind, table, b, x[b], work)

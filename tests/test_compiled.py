@@ -54,7 +54,7 @@ def problem(model, rng):
     anchors = model.anchors(rng.normal(size=(COUNT, 3)) * 0.1)
     weight = rng.uniform(0.01, 1.0, (COUNT, family.ROWS))
     x = family.normalise(rng.normal(size=(COUNT, family.SIZE)), anchors)
-    return family, moments * 1e6, weight, weak_prior(family, anchors, REACH_M), anchors, x
+    return moments * 1e6, weight, weak_prior(family, anchors, REACH_M), anchors, x
 
 
 def strange(kind, rng, family, moments, weight, prior, anchors, x):
@@ -75,11 +75,11 @@ def strange(kind, rng, family, moments, weight, prior, anchors, x):
         lifted = np.zeros(moments.shape[-1])
         lifted[[0, 4, 8, -1]] = 1.0
         moments[:] = np.outer(lifted, lifted) * 1e6
-    return family, moments, weight, prior, anchors, family.normalise(x, anchors)
+    return moments, weight, prior, anchors, family.normalise(x, anchors)
 
 
-def both_fits(given_, steps):
-    return fit.minimise(*given_, steps), kernels.minimise(*given_, steps)
+def both_fits(model, given_, steps):
+    return fit.minimise(model.family, *given_, steps), kernels.minimise(model, *given_, steps)
 
 
 def assert_same_fits(numpy, kernel, rel):
@@ -95,7 +95,7 @@ def assert_same_fits(numpy, kernel, rel):
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
 def test_fits_agree(model, steps, rel, seed):
-    assert_same_fits(*both_fits(problem(model, np.random.default_rng(seed)), steps), rel)
+    assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(seed)), steps), rel)
 
 
 @each_model
@@ -105,7 +105,7 @@ def test_fits_agree(model, steps, rel, seed):
 def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
     """In cost: x may be anywhere in directions that cost nothing."""
     rng = np.random.default_rng(seed)
-    numpy, kernel = both_fits(strange(kind, rng, *problem(model, rng)), 2)
+    numpy, kernel = both_fits(model, strange(kind, rng, model.family, *problem(model, rng)), 2)
     np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
     assert np.isfinite(kernel.x).all()
 
@@ -113,18 +113,18 @@ def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
 @each_model
 def test_each_window_takes_its_own_steps(model):
     steps = np.arange(COUNT) % 4
-    assert_same_fits(*both_fits(problem(model, np.random.default_rng(3)), steps), 1e-7)
+    assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(3)), steps), 1e-7)
 
 
 @each_model
 def test_what_is_no_number_stays_where_it_is(model):
     given_ = list(problem(model, np.random.default_rng(4)))
-    whole = kernels.minimise(*given_, 3)
-    given_[1] = given_[1].copy()
-    given_[1][5] = np.nan
+    whole = kernels.minimise(model, *given_, 3)
+    given_[0] = given_[0].copy()
+    given_[0][5] = np.nan
     given_[-1] = given_[-1].copy()
     given_[-1][7, model.family.FORM.d2] = np.nan
-    numpy, kernel = both_fits(given_, 3)
+    numpy, kernel = both_fits(model, given_, 3)
     np.testing.assert_array_equal(np.isnan(kernel.cost), np.isnan(numpy.cost))
     assert np.isnan(kernel.cost[[5, 7]]).all()
     assert not kernel.converged[[5, 7]].any()
@@ -137,7 +137,7 @@ def test_what_is_no_number_stays_where_it_is(model):
 @given(seed=seeds)
 def test_coordinates_agree(model, seed):
     given_ = problem(model, np.random.default_rng(seed))
-    numpy, kernel = fit.complete(*given_), kernels.complete(*given_)
+    numpy, kernel = fit.complete(model.family, *given_), kernels.complete(model, *given_)
     np.testing.assert_allclose(kernel[0], numpy[0], atol=1e-8)
     np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9, atol=1e-9)  # nats
 
@@ -192,7 +192,7 @@ def test_a_bank_grows_and_learns_alike(model, steps, pivoted):
         learned = both(learn, grown[0], model, window, SCALES, count)
         assert_same_columns(*learned, FOUND, 3e-5)
         for name in FOUND:
-            np.testing.assert_array_equal(vars(learned[1])[name][::3], vars(grown[0])[name][::3])
+            np.testing.assert_array_equal(getattr(learned[1], name)[::3], getattr(grown[0], name)[::3])
 
 
 @each_model
@@ -226,7 +226,7 @@ def costs(bank, model, x, of):
 
 def assert_same_columns(numpy, kernel, names, rel):
     for name in names:
-        reference, compiled_ = vars(numpy)[name], vars(kernel)[name]
+        reference, compiled_ = getattr(numpy, name), getattr(kernel, name)
         scale = np.abs(reference).max(initial=1e-12)
         np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=rel * scale, err_msg=name)
 

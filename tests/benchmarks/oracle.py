@@ -181,9 +181,9 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> 
 
 def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales) -> Bank:
     """The minimum next to x."""
-    begin = fresh(contact)._replace(searched=np.array([False]))
+    begin = replace(fresh(contact), searched=np.array([False]))
     for _ in range(ROUNDS):
-        fitted = hypotheses.fit_stretch(contact, window, scales, begin._replace(known_mean=x[None]))
+        fitted = hypotheses.fit_stretch(contact, window, scales, replace(begin, known_mean=x[None]))
         x = fitted.x[0]
     return fitted
 

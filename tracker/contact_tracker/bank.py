@@ -1,8 +1,8 @@
 """The living hypotheses of one contact as columns: what each knows, how they join and which are dropped."""
 
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, Final
+from functools import cached_property, lru_cache
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,12 @@ from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
+from contact_tracker.table import WORD, layout
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
 
 PATIENCE: Final = 16
 """Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
@@ -27,12 +29,33 @@ YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
 
+class _Column(Generic[Entry]):
+    """A column of the table, by the name it has in ``Bank``."""
+
+    def __init__(self, kind: type[Entry]) -> None:
+        self._is_flag = kind is np.bool_
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, bank: "Bank", owner: type) -> NDArray[Entry]:
+        view: NDArray[Any] = bank.table[self._name]
+        column = view != 0 if self._is_flag else view
+        vars(bank)[self._name] = column  # which is found first from now on
+        return column
+
+
 @dataclass(frozen=True, eq=False)
 class Bank:
     """H hypotheses of one contact, in order of onset; C, S, K, P as in ``contacts.base``.
 
     Parameters
     ----------
+    words : (H, words) what is known of each, in a row of the ``layout`` that ``table`` tells.
+    past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
+
+    Columns
+    -------
     onset, onset_ns : (H,) first tick, and when it began.
     number : (H,) tells hypotheses apart over the whole recording.
     entry : (H,) log weight with which it began.
@@ -52,38 +75,45 @@ class Bank:
         window.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
-    past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
     """
 
-    onset: Index
-    onset_ns: Index
-    number: Index
-    entry: Array
-    source: Index
-    known_mean: Array
-    known: Array
-    pivot: Array
-    pair: Index
-    certain: Bools
-    searched: Bools
-    met: Bools
-    first: Array
-    moments: Array
-    place_sum: Array
-    weight: Array
-    told: Array
-    x: Array
-    hessian: Array
-    row_weight: Array
-    lasted: Array
-    settled: Array
-    earned: Array
-    log_likelihood: Array
-    rms: Array
+    words: Array
+    layout: np.dtype[Any]
     past: Array
 
+    onset = _Column(np.int64)
+    onset_ns = _Column(np.int64)
+    number = _Column(np.int64)
+    source = _Column(np.int64)
+    pair = _Column(np.int64)
+    certain = _Column(np.bool_)
+    searched = _Column(np.bool_)
+    met = _Column(np.bool_)
+    entry = _Column(np.float64)
+    known_mean = _Column(np.float64)
+    known = _Column(np.float64)
+    pivot = _Column(np.float64)
+    first = _Column(np.float64)
+    moments = _Column(np.float64)
+    place_sum = _Column(np.float64)
+    weight = _Column(np.float64)
+    told = _Column(np.float64)
+    x = _Column(np.float64)
+    hessian = _Column(np.float64)
+    row_weight = _Column(np.float64)
+    lasted = _Column(np.float64)
+    settled = _Column(np.float64)
+    earned = _Column(np.float64)
+    log_likelihood = _Column(np.float64)
+    rms = _Column(np.float64)
+
     def __len__(self) -> int:
-        return len(self.onset)
+        return len(self.words)
+
+    @cached_property
+    def table(self) -> NDArray[Any]:
+        """The columns (H,) by their names, in the same memory."""
+        return self.words.view(self.layout)[:, 0]
 
     @property
     def joint(self) -> Array:
@@ -103,22 +133,25 @@ class Bank:
 
     def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``."""
-        other = object.__new__(Bank)
-        vars(other).update({name: column.take(rows, axis=0) for name, column in vars(self).items()})
+        return Bank(self.words.take(rows, axis=0), self.layout, self.past.take(rows, axis=0))
+
+    def having(self, **columns: NDArray[Any] | float) -> "Bank":
+        """The same with other columns."""
+        other = self.copy()
+        for name, column in columns.items():
+            other.table[name] = column
         return other
 
-    def having(self, **columns: NDArray[Any]) -> "Bank":
-        """The same with other columns; ``replace`` takes ten times as long."""
-        other = object.__new__(Bank)
-        vars(other).update(vars(self), **columns)
-        return other
+    def copy(self) -> "Bank":
+        """The same in memory of its own, as long as nobody else sees it to be written to."""
+        return Bank(self.words.copy(), self.layout, self.past)
 
     def putting(self, rows: Index, found: "Bank", which: Index) -> "Bank":
         """The same with the geometry and evidence of ``found``'s hypotheses ``which`` in ``rows``."""
-        changed = {name: vars(self)[name].copy() for name in FOUND}
-        for name, column in changed.items():
-            column[rows] = vars(found)[name].take(which, axis=0)
-        return self.having(**changed)
+        other = self.copy()
+        for name in FOUND:
+            other.table[name][rows] = found.table[name][which]
+        return other
 
 
 FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
@@ -143,39 +176,11 @@ def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) ->
 @lru_cache(maxsize=256)
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses of which nothing is known."""
-    family = model.family
-    c, s, k, p = len(family.COLUMNS), family.SIZE, family.ROWS, family.PARAMETERS
-    column, index = np.zeros(count), np.zeros(count, np.int64)
+    family, row = model.family, layout(model)
+    bank = Bank(np.zeros((count, row.itemsize // WORD)), row, np.zeros((count, lag, len(STATES))))
     # some directions; points at the body, which starts at the origin
-    anywhere = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(s) % 2), np.zeros(6))
-    return Bank(
-        onset=index,
-        onset_ns=index,
-        number=index,
-        entry=column,
-        source=index,
-        known_mean=np.zeros((count, s)),
-        known=np.zeros((count, s, s)),
-        pivot=np.full((count, 6), np.nan),
-        pair=index,
-        certain=np.zeros(count, bool),
-        searched=np.ones(count, bool),
-        met=np.zeros(count, bool),
-        first=np.zeros((count, c)),
-        moments=np.zeros((count, c, c)),
-        place_sum=np.zeros((count, 3)),
-        weight=column,
-        told=column,
-        x=np.tile(anywhere, (count, 1)),
-        hessian=np.zeros((count, k, p, p)),
-        row_weight=np.ones((count, k)),
-        lasted=column,
-        settled=column,
-        earned=column,
-        log_likelihood=column,
-        rms=column + 1.0,
-        past=np.zeros((count, lag, len(STATES))),
-    )
+    x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
+    return bank.having(x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)
 
 
 def add(
@@ -194,29 +199,31 @@ def add(
     Where nothing is known they start from the geometry of the best one so far; the first ones from any, the
     same whatever the world's axes are: ``turn`` (3, 3) is the body's orientation.
     """
-    count = begins.many
+    count, old = begins.many, len(bank)
     if not count:
         return bank
-    new = blank(model, count)
-    if len(bank):
+    words = np.concatenate([bank.words, _assuming(model, begins)])
+    both = Bank(words, bank.layout, np.concatenate([bank.past, past[None].repeat(count, axis=0)]))
+    new = both.table[old:]
+    if old:
         best = int(bank.joint.argmax())
-        x, row_weight = bank.x[best], bank.row_weight[best] + np.zeros_like(new.row_weight)
+        x, new["row_weight"] = bank.x[best], bank.row_weight[best]
     else:
-        x, row_weight = model.turned(new.x, turn), new.row_weight
-    new = new.having(
-        onset=new.onset + onset,
-        onset_ns=new.onset_ns + onset_ns,
-        number=np.arange(number, number + count),
-        entry=new.entry + entry,
-        **begins.assumed,
-        x=np.where(Given(begins.known_mean, begins.known).told(model), begins.known_mean, x),
-        row_weight=row_weight,
-        lasted=begins.log_share,
-        log_likelihood=begins.log_share,
-        past=past[None].repeat(count, axis=0),
+        x = model.turned(new["x"], turn)
+    told = Given(begins.known_mean, begins.known).told(model)
+    new["x"] = np.where(told, begins.known_mean, x)
+    new["onset"], new["onset_ns"], new["entry"] = onset, onset_ns, entry
+    new["number"] = np.arange(number, number + count)
+    return both
+
+
+@lru_cache(maxsize=32)  # for as long as nothing is learnt the same may begin
+def _assuming(model: ContactModel, begins: Begins) -> Array:
+    """Rows of hypotheses that have seen nothing yet."""
+    log_share = begins.log_share
+    return (
+        blank(model, begins.many).having(**begins.assumed, lasted=log_share, log_likelihood=log_share).words
     )
-    added = vars(new)
-    return bank.having(**{name: np.concatenate((column, added[name])) for name, column in vars(bank).items()})
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:

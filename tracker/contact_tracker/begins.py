@@ -1,6 +1,7 @@
 """What hypotheses of one contact assume when they begin, as columns."""
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
-class Begins(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Begins:
     """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight."""
 
     source: Index
@@ -30,12 +32,16 @@ class Begins(NamedTuple):
         return len(self.source)
 
     @property
-    def assumed(self) -> dict[str, NDArray[np.generic]]:
+    def assumed(self) -> dict[str, NDArray[Any]]:
         """The columns that a bank has as well."""
-        return {name: column for name, column in self._asdict().items() if name != "log_share"}
+        return {name: column for name, column in vars(self).items() if name != "log_share"}
+
+    def sharing(self, log_share: Array) -> "Begins":
+        """The same with other shares."""
+        return replace(self, log_share=log_share)
 
     def pick(self, rows: NDArray[np.generic]) -> "Begins":
-        return Begins(*(column[rows] for column in self))
+        return Begins(*(column[rows] for column in vars(self).values()))
 
 
 def fresh(model: ContactModel) -> Begins:

@@ -38,7 +38,7 @@ class Meeting(NamedTuple):
 
     def of(self, begins: Begins) -> Begins:
         """``begins`` with their shares of the contact's weight, given where the object is."""
-        return begins._replace(log_share=self.log_share).pick(self.log_share > _HOPELESS)
+        return begins.sharing(self.log_share).pick(self.log_share > _HOPELESS)
 
 
 def meeting(model: ContactModel, begins: Begins, newest: Window, scales: Scales) -> Meeting:

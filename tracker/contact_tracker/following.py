@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import FOUND, Bank, anchors_of, prior_of
+from contact_tracker.bank import Bank, anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, complexity
 from contact_tracker.summed import Sums, summed
@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-REFINE_STEPS: Final = 2
+REFINE_STEPS: Final = 1
 FIRST_TICKS: Final = 6.0
-FIRST_STEPS: Final = 6
+FIRST_STEPS: Final = 3
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
 NOT_AT_ALL: Final = -1
 AT_REST: Final = 1e-7
@@ -43,7 +43,9 @@ def grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return bank.having(**calls.grow(model, vars(bank), window, AT_REST))
+        grown = bank.copy()
+        calls.grow(model, grown.words, window, AT_REST)
+        return grown
     zeta, activity = window.zeta[-1], float(window.activity[-1])
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
     begins = bank.onset == window.index[-1]
@@ -93,7 +95,9 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return bank.having(**calls.learn(model, vars(bank), window, scales, steps, fit.TOLERANCE, FOUND))
+        learned = bank.copy()
+        calls.learn(model, learned.words, window, scales, steps, fit.TOLERANCE)
+        return learned
     if (steps == NOT_AT_ALL).any():
         rows = np.flatnonzero(steps != NOT_AT_ALL)
         learned = learn(bank.pick(rows), model, window, scales, steps[rows])

@@ -7,7 +7,6 @@ geometry, and how large each row's noise is, and how long it lasts, is told by i
 T26).
 """
 
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -84,8 +83,7 @@ def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
     # to what does not echo, the sensor's own noise, a tick beside its neighbours is worth more
     alone = (1.0 + errors.echo**2) / (1.0 - errors.echo**2)
-    polished = replace(
-        bank,
+    polished = bank.having(
         x=x,
         hessian=np.einsum("ktp,k,ktq->kpq", jacobian, errors.weight, jacobian)[None],
         moments=np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)[None],

@@ -67,7 +67,7 @@ def _offered(bank: Bank, model: ContactModel, scales: Scales) -> tuple[Index, In
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return calls.offered(model, vars(bank), scales, LEAST_GAIN)
+        return calls.offered(model, bank.words, scales, LEAST_GAIN)
     prior = before(bank, model, scales).prior
     costs = fit.every_cost(model.family, bank.moments, bank.row_weight, prior, bank.x)
     taker = np.flatnonzero(costs.min(axis=0) < costs.diagonal() - LEAST_GAIN)
@@ -100,7 +100,7 @@ def _from_scratch(bank: Bank, rows: Index, model: ContactModel, window: Window, 
         from contact_tracker.compiled import calls
 
         how = SCREENED, np.array(ROUNDS), fit.TOLERANCE
-        return calls.find(model, vars(bank), scales, rows, told, relaxed, directions, *how)
+        return calls.find(model, bank.words, scales, rows, told, relaxed, directions, *how)
     known = before(bank, model, scales)
     drawn = np.broadcast_to(directions, (len(rows), *directions.shape))
     x = np.where(told[:, None], mean[:, None], np.concatenate([relaxed, drawn], axis=1))

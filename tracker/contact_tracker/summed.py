@@ -37,7 +37,9 @@ def summed(
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return Sums(*calls.summed(model, x, onset, window, scales, certain))
+        totals, gain, precision = calls.summed(model, x, onset, window, scales, certain)
+        ratio, chi_sq, ticks, after = totals.T
+        return Sums(ratio, gain, precision, chi_sq, ticks.astype(np.int64), after.astype(np.int64))
     seen = log_ratio(model, x, window, scales, certain)
     mine, after = window.index >= onset[:, None], window.index > onset[:, None]
     relative = seen.row_weight * window.variance[:, :1]  # the moments' own weight is 1 over that

@@ -141,7 +141,7 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
         state,
         window=window,
         frames=frames,
-        banks=tuple(b.having(past=fixed_lag.grown(b.past, i)) for i, b in enumerate(banks)),
+        banks=tuple(replace(b, past=fixed_lag.grown(b.past, i)) for i, b in enumerate(banks)),
         ticks=state.ticks + 1,
         numbers=state.numbers + 1,
         outliers=state.outliers + tick.outliers,
@@ -165,7 +165,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         begun = begins[column]
         born = (state.ticks, tick.start_ns, numbers, float(entry[column]), past[column], turn, begun)
         living = bank.add(living, contact, *born)
-        more.append(living.having(past=fixed_lag.grown(living.past, column)))
+        more.append(replace(living, past=fixed_lag.grown(living.past, column)))
         numbers += begun.many
     windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(more))]
     grown = hypotheses.advance(more, windows, scales, stay[:FREE], model.search.margin_nats)

@@ -1,23 +1,19 @@
 """From the arrays of ``following``, ``search`` and ``summed`` to those of the kernels, and back."""
 
-from collections.abc import Mapping
 from functools import cache, lru_cache
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import following, searching, seeing
+from contact_tracker.compiled import following, hypothesis, searching, seeing
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import shifts, turns
 from contact_tracker.lift import T
+from contact_tracker.table import WORD, layout
 
 Index = NDArray[np.int64]
-Columns = Mapping[str, NDArray[Any]]
-
-GROWS: Final = ("first", "moments", "place_sum", "weight", "told", "x")
-"""Columns of a bank that change when it grows."""
 
 
 class Window(Protocol):
@@ -62,51 +58,43 @@ def summed(
     window: Window,
     scales: Scales,
     certain: NDArray[np.bool_],
-) -> seeing.Sums:
-    family, ticks = model.family, _ticks(window, model.body_in_1)
-    of_x, onset = _plain(x), np.require(onset, np.int64, ("C", "W"))
-    lengths = _lengths(scales)
-    sums: seeing.Sums = seeing.summed(
-        family.FORM, model.body_in_1, family.ROWS, of_x, onset, certain, ticks, lengths
-    )
+) -> tuple[Array, Array, Array]:
+    """``totals`` (B, 4) as in ``seeing.Sums``, and ``gain`` and ``precision`` (B, K)."""
+    form, rows = model.family.FORM, (len(x), model.family.ROWS)
+    sums = np.empty((len(x), 4)), np.empty(rows), np.empty(rows)
+    seen = _plain(x), _plain(onset), _plain(certain), _ticks(window, model.body_in_1), _lengths(scales)
+    seeing.summed(form, model.body_in_1, *seen, *sums)
     return sums
 
 
-def grow(model: ContactModel, bank: Columns, window: Window, least: float) -> dict[str, NDArray[Any]]:
-    """The columns that change."""
+def grow(model: ContactModel, words: Array, window: Window, least: float) -> None:
+    """A bank, in place."""
     zeta, heard = window.zeta[-1], float(window.activity[-1])
-    rows = _rows(bank, GROWS)
-    kind = _kind(model, 1.0)
     lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
-    following.grow(kind, rows, int(window.index[-1]), lifted, zeta[T].copy(), sigma, heard, least)
-    return {name: getattr(rows, name) for name in GROWS}
+    table, number = (words, words.view(np.int64)), int(window.index[-1])
+    following.grow(_kind(model, 1.0), *table, number, lifted, zeta[T].copy(), sigma, heard, least)
 
 
 def learn(
-    model: ContactModel,
-    bank: Columns,
-    window: Window,
-    scales: Scales,
-    steps: Index,
-    tolerance: float,
-    found: tuple[str, ...],
-) -> dict[str, NDArray[Any]]:
-    """The columns ``found``, which change."""
-    rows, kind = _rows(bank, found), _kind(model, scales.reach_m)
+    model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index, tolerance: float
+) -> None:
+    """A bank, in place."""
+    table, ticks = (words, words.view(np.int64)), _ticks(window, model.body_in_1)
     weights = following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
-    following.learn(kind, rows, _ticks(window, model.body_in_1), steps, tolerance, weights)
-    return {name: getattr(rows, name) for name in found}
+    following.learn(_kind(model, scales.reach_m), *table, ticks, steps, tolerance, weights)
 
 
-def offered(model: ContactModel, bank: Columns, scales: Scales, least: float) -> tuple[Index, Index]:
+def offered(model: ContactModel, words: Array, scales: Scales, least: float) -> tuple[Index, Index]:
     """Which rows another's geometry fits better, by more than ``least``, and whose fits them best."""
-    rows: tuple[Index, Index] = searching.offered(_kind(model, scales.reach_m), _rows(bank, ()), least)
-    return rows
+    giver = np.empty(len(words), np.int64)
+    searching.offered(_kind(model, scales.reach_m), words, least, giver)
+    taker = np.flatnonzero(giver != np.arange(len(words)))
+    return taker, giver[taker]
 
 
 def find(
     model: ContactModel,
-    bank: Columns,
+    words: Array,
     scales: Scales,
     which: Index,
     told: NDArray[np.bool_],
@@ -118,25 +106,22 @@ def find(
 ) -> Array:
     """Geometries (R, n, S) that the rows ``which`` find from ``relaxed`` (R, N, S) and ``directions``, with
     what is ``told`` (R, S) of them."""
-    rows, kind, starts = _rows(bank, ()), _kind(model, scales.reach_m), (_plain(relaxed), _plain(directions))
-    found: Array = searching.find(kind, rows, which, told, *starts, screened, rounds, tolerance)
+    kind, starts = _kind(model, scales.reach_m), (_plain(relaxed), _plain(directions))
+    found = np.empty((len(which), int(rounds[-1, 1]), model.family.SIZE))
+    many = min(screened, relaxed.shape[1] + len(directions))
+    searching.find(kind, words, which, told, *starts, many, rounds, tolerance, found)
     return found
 
 
 @cache
-def _kind(model: ContactModel, reach_m: float) -> following.Kind:
+def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     family = model.family
+    form, row = family.FORM, layout(model)
+    assert row.fields is not None
+    where = hypothesis.Where(*(row.fields[name][1] // WORD for name in hypothesis.Where._fields))
+    sizes = family.SIZE, len(family.COLUMNS), family.ROWS, family.PARAMETERS
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
-    form = family.FORM
-    return following.Kind(form, model.body_in_1, turns(form), shifts(form), pull, flat)
-
-
-def _rows(bank: Columns, changed: tuple[str, ...]) -> following.Rows:
-    """Columns as a kernel takes them: copies of those that it changes."""
-    columns = [
-        bank[name].copy() if name in changed else _plain(bank[name]) for name in following.Rows._fields
-    ]
-    return following.Rows(*columns)
+    return hypothesis.Kind(form, model.body_in_1, *sizes, turns(form), shifts(form), pull, flat, where)
 
 
 @lru_cache(maxsize=4)  # all contacts see the same

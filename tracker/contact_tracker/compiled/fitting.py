@@ -3,13 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.compiled.forms import free, normalise, rows, scale_sq, slope, slope_of_last, unshift
+from contact_tracker.compiled.hypothesis import Kind, Prior, Row
 from contact_tracker.compiled.jit import jit, memory
 from contact_tracker.compiled.vectors import copy, dot, eliminate, multiply
 from contact_tracker.contacts.base import Array
-from contact_tracker.contacts.form import Form
 from contact_tracker.fit import (
     FIRST_DAMPING,
     LEAST_CURVATURE,
@@ -20,33 +19,21 @@ from contact_tracker.fit import (
     MOST_DAMPING,
 )
 
-Ints = NDArray[np.int64]
-
-
-class Problem(NamedTuple):
-    """What ``fit.minimise`` takes of W windows; ``turns`` and ``shifts`` as in ``contacts.form``."""
-
-    form: Form
-    turns: Ints
-    shifts: Ints
-    moments: Array
-    row_weight: Array
-    precision: Array
-    information: Array
-    constant: Array
-    anchors: Array
-
 
 class Work(NamedTuple):
-    """Memory of one window. At its x: ``weight`` (K,) of the rows, ``slopes`` (P, K, C) along the ``free``
-    directions (P, S), by how much less the last row changes since its scale ``leans`` (P,) as well, and what
-    is ``held`` (P, P) by the prior.
+    """Memory of one window: its ``prior``, and what that needs, ``mean``.
+
+    At its x: ``weight`` (K,) of the rows, ``slopes`` (P, K, C) along the ``free`` directions (P, S), by how
+    much less the last row changes since its scale ``leans`` (P,) as well, and what is ``held`` (P, P) by the
+    prior.
 
     Where a trial of coordinates has come to: ``rows`` (K, C) and the same times the moments, ``carried``,
     their ``trial_weight`` (K,), free directions before shifting, ``axes``, and slopes of the last row along
     the shifts, ``design`` (L, C), which times the moments are ``moved``. The rest comes between.
     """
 
+    prior: Prior
+    mean: Array
     weight: Array
     slopes: Array
     free: Array
@@ -70,8 +57,12 @@ class Work(NamedTuple):
 
 
 @memory
-def work_for(count: int, columns: int, size: int, directions: int) -> Work:
+def work_for(kind: Kind) -> Work:
+    count, columns, size, directions = kind.each, kind.columns, kind.size, kind.free
+    prior = Prior(np.empty((size, size)), np.empty(size), np.empty(1), np.empty(6))
     return Work(
+        prior=prior,
+        mean=np.zeros(size),
         weight=np.empty(count),
         slopes=np.zeros((directions, count, columns)),
         free=np.empty((directions, size)),
@@ -96,10 +87,10 @@ def work_for(count: int, columns: int, size: int, directions: int) -> Work:
 
 
 @jit
-def complete_one(problem: Problem, b: int, x: Array, work: Work) -> float:
-    """As ``fit.complete`` of window b, x in place; returns the cost."""
-    form, shifts, anchors = problem.form, problem.shifts, problem.anchors[b]
-    moments, precision, information = problem.moments[b], problem.precision[b], problem.information[b]
+def complete_one(kind: Kind, row: Row, x: Array, work: Work) -> float:
+    """As ``fit.complete`` of one window, x in place; returns the cost."""
+    form, shifts, moments = kind.form, kind.shifts, row.moments
+    precision, information, anchors = work.prior.precision, work.prior.information, work.prior.anchors
     last, count, size = len(work.rows) - 1, len(shifts), len(x)
     unshift(form, x)
     normalise(form, x, anchors)
@@ -108,7 +99,7 @@ def complete_one(problem: Problem, b: int, x: Array, work: Work) -> float:
     scale = scale_sq(form, work.rows[last], moments, work.turn)
     for k in range(last + 1):
         multiply(work.rows[k], moments, work.carried[k])
-        work.trial_weight[k] = problem.row_weight[b, k] / (scale if k == last else 1.0)
+        work.trial_weight[k] = row.row_weight[k] / (scale if k == last else 1.0)
     weight = work.trial_weight[last]
     multiply(x, precision, work.pull)
     for s in range(size):
@@ -137,18 +128,18 @@ def complete_one(problem: Problem, b: int, x: Array, work: Work) -> float:
     for k in range(last + 1):
         squares += work.trial_weight[k] * dot(work.rows[k], work.carried[k])
     multiply(x, precision, work.pull)
-    cost: float = 0.5 * (squares + dot(x, work.pull)) - dot(x, information) + problem.constant[b]
+    cost: float = 0.5 * (squares + dot(x, work.pull)) - dot(x, information) + work.prior.constant[0]
     return cost
 
 
 @jit
-def _equations(problem: Problem, b: int, x: Array, hessian: Array, work: Work) -> None:
-    """As ``fit._normal_equations`` of window b, at the x where ``complete_one`` has just come to: free
+def _equations(kind: Kind, row: Row, x: Array, hessian: Array, work: Work) -> None:
+    """As ``fit._normal_equations`` of one window, at the x where ``complete_one`` has just come to: free
     directions, gradient, hessian (K, P, P) and held."""
-    form, turns, shifts = problem.form, problem.turns, problem.shifts
-    moments, precision, information = problem.moments[b], problem.precision[b], problem.information[b]
+    form, turns, shifts, moments = kind.form, kind.turns, kind.shifts, row.moments
+    precision, information = work.prior.precision, work.prior.information
     last, count = len(work.rows) - 1, len(work.gradient)
-    free(form, x, problem.anchors[b], work.free)
+    free(form, x, work.prior.anchors, work.free)
     hessian[:last] = 0.0
     copy(work.trial_weight, work.weight)
     weight = work.weight[last]
@@ -185,7 +176,7 @@ def _equations(problem: Problem, b: int, x: Array, hessian: Array, work: Work) -
 
 
 @jit
-def _step(hessian: Array, damping: float, turns: Ints, work: Work) -> float:
+def _step(kind: Kind, hessian: Array, damping: float, work: Work) -> float:
     """As ``fit._step``; returns by how much it would lower the cost."""
     curvature = work.curvature
     for p in range(len(work.step)):
@@ -195,7 +186,7 @@ def _step(hessian: Array, damping: float, turns: Ints, work: Work) -> float:
             for k in range(len(hessian)):
                 curvature[p, q] += hessian[k, p, q]
         curvature[p, p] += LEAST_CURVATURE
-    for p in turns:
+    for p in kind.turns:
         curvature[p, p] += damping
     eliminate(curvature, work.step)
     return abs(dot(work.gradient, work.step))
@@ -203,17 +194,17 @@ def _step(hessian: Array, damping: float, turns: Ints, work: Work) -> float:
 
 @jit
 def descend(
-    problem: Problem, w: int, x: Array, steps: int, tolerance: float, hessian: Array, work: Work
+    kind: Kind, row: Row, x: Array, steps: int, tolerance: float, hessian: Array, work: Work
 ) -> tuple[float, bool]:
-    """As ``fit.minimise`` of window w, from x (S,), in place; what ``work`` holds at an x is at that one.
+    """As ``fit.minimise`` of one window, from x (S,), in place; what ``work`` holds at an x is at that one.
 
     Returns the cost, and whether it has converged.
     """
     damping, left = FIRST_DAMPING, steps
-    cost = complete_one(problem, w, x, work)
-    _equations(problem, w, x, hessian, work)
+    cost = complete_one(kind, row, x, work)
+    _equations(kind, row, x, hessian, work)
     while True:
-        if _step(hessian, damping, problem.turns, work) < tolerance:
+        if _step(kind, hessian, damping, work) < tolerance:
             return cost, True
         if left <= 0:
             return cost, False
@@ -221,10 +212,10 @@ def descend(
         multiply(work.step, work.free, work.trial)
         for i in range(len(x)):
             work.trial[i] += x[i]
-        proposed = complete_one(problem, w, work.trial, work)
+        proposed = complete_one(kind, row, work.trial, work)
         better = proposed < cost
         damping = min(max(damping * (LESS if better else MORE), LEAST_DAMPING), MOST_DAMPING)
         if better:
             copy(work.trial, x)
             cost = proposed
-            _equations(problem, w, x, hessian, work)
+            _equations(kind, row, x, hessian, work)

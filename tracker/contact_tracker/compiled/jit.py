@@ -14,17 +14,15 @@ P = ParamSpec("P")
 R = TypeVar("R")
 _njit: Any = numba.njit
 _READ: Final = (*sorted(Path(__file__).parent.glob("*.py")), Path(fit.__file__), Path(edge_edge.__file__))
-SOURCES: Final = sha256(b"".join(path.read_bytes() for path in _READ)).hexdigest()
-"""Of the code here and of what it takes constants from. To see whether what it kept is still true, numba
-looks only at the file of a kernel and at what the kernel closes over: those that close over this are compiled
-anew when any file changes."""
+_SOURCES: Final = sha256(b"".join(path.read_bytes() for path in _READ)).hexdigest()
+"""Of the code here and of what it takes constants from."""
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
     """A part of kernels, compiled into each: calls would hand over hundreds of words of arrays.
 
-    It works in the memory that it is handed: to count who holds which array, at every look at a row, takes
-    numba longer than all the arithmetic.
+    It works in the memory that it is handed, and hands no array back to a ``kernel``: to count who holds
+    which array, at every look at a row, takes numba longer than all the arithmetic.
     """
     compiled: Callable[P, R] = _njit(function, error_model="numpy", forceinline=True, _nrt=False)
     return compiled
@@ -37,7 +35,12 @@ def memory(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compiled when it is first called, which takes seconds, and kept where there is a folder to write to."""
+    """Compiled when it is first called, which takes seconds, and kept where there is a folder to write to.
+
+    It is kept by a name that tells of all its parts: numba itself looks only at the kernel's own file to see
+    whether what it has kept is still true, and fails at what an older version has left.
+    """
+    function.__qualname__ = f"{function.__name__}_{_SOURCES[:16]}"
     try:
         compiled: Callable[P, R] = _njit(function, error_model="numpy", cache=True)
     except RuntimeError:  # numba finds no folder

@@ -1,17 +1,18 @@
 """Residuals and evidence of hypotheses on the ticks since their onsets, compiled: the sums of ``summed``."""
 
 from math import log, sqrt
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled.jit import SOURCES, jit, kernel, memory
+from contact_tracker.compiled.jit import jit, kernel, memory
 from contact_tracker.compiled.vectors import NONE, Vector, across, at, cross, inner, mix
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR
 from contact_tracker.contacts.form import Form
 
+LOG_RATIO, CHI_SQ, TICKS, AFTER = range(4)
 MOST: Final = 1e100
 T, U, TXR = 9, 12, 15  # where the lifted pose has them; R comes first
 
@@ -28,27 +29,23 @@ class Ticks(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """As ``summed.Sums``."""
+    """As ``summed.Sums`` of one hypothesis: ``gain`` and ``precision`` (K,), and the rest in ``totals``: of
+    LOG_RATIO, CHI_SQ, TICKS and AFTER.
 
-    log_ratio: Array
+    ``residual`` (K,) is that of a tick; ``narrowed`` (K,) by how many times the variance under free motion
+    exceeds the noise, multiplied over ticks: a logarithm takes longer.
+    """
+
+    totals: Array
     gain: Array
     precision: Array
-    chi_sq: Array
-    ticks: NDArray[np.int64]
-    after: NDArray[np.int64]
-
-
-class Work(NamedTuple):
-    """Memory of one hypothesis: ``residual`` (K,) of a tick; ``narrowed`` (K,) by how many times the variance
-    under free motion exceeds the noise, multiplied over ticks: a logarithm takes longer."""
-
     residual: Array
     narrowed: Array
 
 
 @memory
-def work_for(rows: int) -> Work:
-    return Work(residual=np.empty(rows), narrowed=np.empty(rows))
+def sums_for(each: int) -> Sums:
+    return Sums(np.empty(4), np.empty(each), np.empty(each), np.empty(each), np.empty(each))
 
 
 @jit
@@ -115,12 +112,10 @@ def _add(
     after: bool,
     lengths: tuple[float, float],
     sums: Sums,
-    b: int,
-    work: Work,
 ) -> None:
-    """What hypothesis b says of tick w."""
+    """What a hypothesis says of tick w."""
     radius_sq, pull = lengths
-    residual = work.residual
+    residual, totals = sums.residual, sums.totals
     if form.q2 >= 0:
         lever_sq, reach_sq, along = _crossed(form, x, ticks.pose[w], residual)
     else:
@@ -137,16 +132,16 @@ def _add(
                     noise += along[i] * inner(at(ticks.uneven[w, i], 0), along)
         whole, square = noise + excess, residual[k] * residual[k]
         inverse = 1.0 / (noise * whole)
-        sums.precision[b, k] += position * whole * inverse
-        sums.chi_sq[b] += square * whole * inverse
+        sums.precision[k] += position * whole * inverse
+        totals[CHI_SQ] += square * whole * inverse
         if after:
-            sums.log_ratio[b] -= 0.5 * square * excess * inverse
-            work.narrowed[k] *= whole * whole * inverse
-            if work.narrowed[k] > MOST:
-                sums.gain[b, k] += 0.5 * log(work.narrowed[k])
-                work.narrowed[k] = 1.0
+            totals[LOG_RATIO] -= 0.5 * square * excess * inverse
+            sums.narrowed[k] *= whole * whole * inverse
+            if sums.narrowed[k] > MOST:
+                sums.gain[k] += 0.5 * log(sums.narrowed[k])
+                sums.narrowed[k] = 1.0
     if after and ticks.free[0, w, 0] > 0.0:
-        sums.log_ratio[b] -= pull * reach_sq
+        totals[LOG_RATIO] -= pull * reach_sq
 
 
 @jit
@@ -159,55 +154,36 @@ def add_up(
     ticks: Ticks,
     lengths: tuple[float, float],
     sums: Sums,
-    b: int,
-    work: Work,
 ) -> None:
-    """As ``summed.summed`` of hypothesis b, x (S,); ``sums`` are zero before."""
+    """As ``summed.summed`` of one hypothesis x (S,)."""
     first, end = len(ticks.number), len(ticks.number)
     while first > 0 and ticks.number[first - 1] >= onset:
         first -= 1
-    sums.ticks[b] = end - first
-    work.narrowed[:] = 1.0
-    for w in range(first, end):
-        after = ticks.number[w] > onset  # the first tick is given, and tells nothing
-        sums.after[b] += 1 if after else 0
-        _add(form, body_in_1, x, ticks, w, 1 if certain else 0, after, lengths, sums, b, work)
-    for k in range(len(work.narrowed)):
-        sums.gain[b, k] += 0.5 * log(work.narrowed[k])
-        sums.log_ratio[b] += sums.gain[b, k]
+    after = first + 1 if first < end and ticks.number[first] == onset else first
+    sums.totals[:] = 0.0
+    sums.totals[TICKS], sums.totals[AFTER] = end - first, end - after
+    sums.gain[:], sums.precision[:], sums.narrowed[:] = 0.0, 0.0, 1.0
+    for w in range(first, end):  # the first tick is given, and tells nothing
+        _add(form, body_in_1, x, ticks, w, 1 if certain else 0, w >= after, lengths, sums)
+    for k in range(len(sums.gain)):
+        sums.gain[k] += 0.5 * log(sums.narrowed[k])
+        sums.totals[LOG_RATIO] += sums.gain[k]
 
 
-@memory
-def nothing(count: int, rows: int) -> Sums:
-    return Sums(
-        np.zeros(count),
-        np.zeros((count, rows)),
-        np.zeros((count, rows)),
-        np.zeros(count),
-        np.zeros(count, np.int64),
-        np.zeros(count, np.int64),
-    )
-
-
-def _kernel(sources: str) -> Any:
-    @kernel
-    def summed(
-        form: Form,
-        body_in_1: bool,
-        rows: int,
-        x: Array,
-        onset: NDArray[np.int64],
-        certain: NDArray[np.bool_],
-        ticks: Ticks,
-        lengths: tuple[float, float],
-    ) -> Sums:
-        assert sources
-        sums, work = nothing(len(x), rows), work_for(rows)
-        for b in range(len(x)):
-            add_up(form, body_in_1, x[b], onset[b], certain[b], ticks, lengths, sums, b, work)
-        return sums
-
-    return summed
-
-
-summed = _kernel(SOURCES)
+@kernel
+def summed(
+    form: Form,
+    body_in_1: bool,
+    x: Array,
+    onset: NDArray[np.int64],
+    certain: NDArray[np.bool_],
+    ticks: Ticks,
+    lengths: tuple[float, float],
+    totals: Array,
+    gain: Array,
+    precision: Array,
+) -> None:
+    sums = sums_for(gain.shape[1])
+    for b in range(len(x)):
+        add_up(form, body_in_1, x[b], onset[b], certain[b], ticks, lengths, sums)
+        totals[b], gain[b], precision[b] = sums.totals, sums.gain, sums.precision
