@@ -200,10 +200,17 @@ def descend(
 
     Returns the cost, and whether it has converged.
     """
-    damping, left = FIRST_DAMPING, steps
-    cost = complete_one(kind, row, x, work)
-    _equations(kind, row, x, hessian, work)
-    while True:
+    damping, left, cost = FIRST_DAMPING, steps, np.inf
+    copy(x, work.trial)
+    while True:  # what is compiled into this is long: once each, it stays at hand
+        proposed = complete_one(kind, row, work.trial, work)
+        better = proposed < cost
+        if better or left == steps:
+            copy(work.trial, x)
+            cost = proposed
+            _equations(kind, row, x, hessian, work)
+        if left < steps:
+            damping = min(max(damping * (LESS if better else MORE), LEAST_DAMPING), MOST_DAMPING)
         if _step(kind, hessian, damping, work) < tolerance:
             return cost, True
         if left <= 0:
@@ -212,10 +219,3 @@ def descend(
         multiply(work.step, work.free, work.trial)
         for i in range(len(x)):
             work.trial[i] += x[i]
-        proposed = complete_one(kind, row, work.trial, work)
-        better = proposed < cost
-        damping = min(max(damping * (LESS if better else MORE), LEAST_DAMPING), MOST_DAMPING)
-        if better:
-            copy(work.trial, x)
-            cost = proposed
-            _equations(kind, row, x, hessian, work)
