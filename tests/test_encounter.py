@@ -46,7 +46,9 @@ def tick(rotation, height_m):
 def meetings(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        begins = beginnings(knowledge, Memory(), 0.0, model, np.zeros(3), newest.zeta[-1, 9:12])
+        begins = beginnings(knowledge, Memory(), 0.0, np.zeros(3), newest.zeta[-1, 9:12])[
+            model.contact.column
+        ]
         found.append((assumptions(knowledge, model), meeting(model, begins, newest, SCALES)))
     return found
 

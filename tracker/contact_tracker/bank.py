@@ -202,7 +202,8 @@ def add(
     count, old = begins.many, len(bank)
     if not count:
         return bank
-    words = np.concatenate([bank.words, _assuming(model, begins)])
+    words, told = _assuming(model, begins)
+    words = np.concatenate([bank.words, words])
     both = Bank(words, bank.layout, np.concatenate([bank.past, past[None].repeat(count, axis=0)]))
     new = both.table[old:]
     if old:
@@ -210,7 +211,6 @@ def add(
         x, new["row_weight"] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new["x"], turn)
-    told = Given(begins.known_mean, begins.known).told(model)
     new["x"] = np.where(told, begins.known_mean, x)
     new["onset"], new["onset_ns"], new["entry"] = onset, onset_ns, entry
     new["number"] = np.arange(number, number + count)
@@ -218,12 +218,11 @@ def add(
 
 
 @lru_cache(maxsize=32)  # for as long as nothing is learnt the same may begin
-def _assuming(model: ContactModel, begins: Begins) -> Array:
-    """Rows of hypotheses that have seen nothing yet."""
-    log_share = begins.log_share
-    return (
-        blank(model, begins.many).having(**begins.assumed, lasted=log_share, log_likelihood=log_share).words
-    )
+def _assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
+    """Hypotheses (n, words) that have seen nothing yet, and what (n, S) of their x is known."""
+    new = blank(model, begins.many).having(**begins.assumed)
+    new = new.having(lasted=begins.log_share, log_likelihood=begins.log_share)
+    return new.words, Given(begins.known_mean, begins.known).told(model)
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:

@@ -38,13 +38,16 @@ def before(bank: Bank, model: ContactModel, scales: Scales) -> Before:
     return Before(prior_of(bank, model, anchors, scales.reach_m), anchors)
 
 
-def grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
-    """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise."""
+def grow(bank: Bank, model: ContactModel, window: Window, log_stay: float = 0.0) -> Bank:
+    """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise.
+
+    ``log_stay`` is the price of not having changed in it.
+    """
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
         grown = bank.copy()
-        calls.grow(model, grown.words, window, AT_REST)
+        calls.grow(model, grown.words, window, AT_REST, log_stay)
         return grown
     zeta, activity = window.zeta[-1], float(window.activity[-1])
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
@@ -56,6 +59,7 @@ def grow(bank: Bank, model: ContactModel, window: Window) -> Bank:
         place_sum=bank.place_sum + weight[:, None] * zeta[9:12],
         weight=bank.weight + weight,
         told=bank.told + np.where(begins, 1.0, activity),
+        lasted=bank.lasted + np.where(begins, 0.0, log_stay),
     )
     # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))

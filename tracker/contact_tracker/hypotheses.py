@@ -26,13 +26,11 @@ def advance(
     What is further behind the best than the ``margin`` (nats) waits for another geometry: its moments grow.
     All contacts take one step before any takes the next: what computes it is at hand then.
     """
-    newest = windows[0].index[-1]
     hopeless = [bank.joint < -margin for bank in banks]
     living = [
-        (bank.having(lasted=bank.lasted + np.where(bank.onset < newest, price, 0.0)), contact, window)
+        (grow(bank, contact, window, float(price)), contact, window)
         for bank, contact, window, price in zip(banks, CONTACT_MODELS, windows, log_stay, strict=True)
     ]
-    living = [(grow(bank, contact, window), contact, window) for bank, contact, window in living]
     living = [
         (follow(bank, contact, window, scales, far), contact, window)
         for (bank, contact, window), far in zip(living, hopeless, strict=True)

@@ -21,7 +21,7 @@ class Outlook(NamedTuple):
     chances of changing before the tick and of lasting through it; ``entry`` (7,), the log weights with which
     states begin."""
 
-    begins: list[Begins]
+    begins: tuple[Begins, ...]
     exposure: float
     change: Array
     stay: Array
@@ -34,10 +34,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     model = state.model
     first, origin_m = state.ticks == 0, state.averaging.origin_m
     recognised = model.geometry.recognised
-    begins = [
-        beginnings(state.knowledge, state.memory, recognised, contact, origin_m, window.zeta[-1, T])
-        for contact in CONTACT_MODELS
-    ]
+    begins = beginnings(state.knowledge, state.memory, recognised, origin_m, window.zeta[-1, T])
     exposed = exposure(float(window.activity[-1])) + state.withheld
     if not state.knowledge:
         change, stay = log_transition(model, exposed), log_stay(model, exposed)
@@ -50,7 +47,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         meeting(contact, some, newest.with_error(model.noise.beyond_floor(column)), scales)
         for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))
     ]
-    begins = [m.of(b) for m, b in zip(met, begins, strict=True)]
+    begins = tuple(m.of(b) for m, b in zip(met, begins, strict=True))
     change, stay = foreseen(log_transition(model, exposed), log_stay(model, exposed), met)
     if not first:
         return Outlook(begins, exposed, change, stay, hmm.enter(state.log_left, change))

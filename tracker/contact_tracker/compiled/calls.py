@@ -67,12 +67,13 @@ def summed(
     return sums
 
 
-def grow(model: ContactModel, words: Array, window: Window, least: float) -> None:
+def grow(model: ContactModel, words: Array, window: Window, least: float, log_stay: float) -> None:
     """A bank, in place."""
     zeta, heard = window.zeta[-1], float(window.activity[-1])
     lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
     table, number = (words, words.view(np.int64)), int(window.index[-1])
-    following.grow(_kind(model, 1.0), *table, number, lifted, zeta[T].copy(), sigma, heard, least)
+    kind, place = _kind(model, 1.0), zeta[T].copy()
+    following.grow(kind, *table, number, lifted, place, sigma, heard, least, log_stay)
 
 
 def learn(

@@ -56,6 +56,7 @@ def _grow(
     sigma: float,
     heard: float,
     least: float,
+    log_stay: float,
     anchors: Array,
 ) -> None:
     """As ``following.grow`` of hypothesis b; ``anchors`` (6,) is memory."""
@@ -70,6 +71,7 @@ def _grow(
         row.place_sum[i] += weight * place[i]
     numbers[where.weight] += weight
     numbers[where.told] += 1.0 if begins else heard
+    numbers[where.lasted] += 0.0 if begins else log_stay
     anchor(kind, row, numbers[where.weight], anchors)
     normalise(kind.form, row.x, anchors)
 
@@ -108,11 +110,12 @@ def grow(
     sigma: float,
     heard: float,
     least: float,
+    log_stay: float,
 ) -> None:
     anchors = np.empty(6)
     for b in range(len(table)):
         begins = whole[b, kind.where.onset] == number
-        _grow(kind, table, b, begins, lifted, place, sigma, heard, least, anchors)
+        _grow(kind, table, b, begins, lifted, place, sigma, heard, least, log_stay, anchors)
 
 
 @kernel
