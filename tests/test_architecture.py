@@ -21,6 +21,7 @@ LAYERS = (
     ("lift",),
     ("contacts", "paper"),
     ("fit",),
+    ("table",),
     ("compiled",),
     ("noise", "free_motion"),
     (

@@ -110,6 +110,9 @@ class Bank:
     def __len__(self) -> int:
         return len(self.words)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Bank, (self.words, self.layout, self.past)
+
     @cached_property
     def table(self) -> NDArray[Any]:
         """The columns (H,) by their names, in the same memory."""

@@ -28,7 +28,7 @@ DRAWS: Final = 64
 """So many sets of random directions take turns."""
 SCREENED: Final = 7
 """So many of all starts are followed at all, those that cost least before a step is taken."""
-ROUNDS: Final = ((3, 5), (4, 3), (5, 2))
+ROUNDS: Final = ((2, 5), (2, 3), (3, 2))
 """So many steps, and on from so many of the best."""
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
