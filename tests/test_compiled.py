@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker import compiled, fit, search
-from contact_tracker.bank import FOUND
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window, weak_prior
 from contact_tracker.following import NOT_AT_ALL, before, grow, learn
@@ -20,6 +19,7 @@ from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
 from contact_tracker.summed import summed
+from contact_tracker.table import FOUND
 from short import FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 

@@ -19,7 +19,6 @@ from scipy.stats import chi2
 from tracking import Tracked
 
 from contact_tracker import evidence, hmm, hypotheses
-from contact_tracker.bank import Bank
 from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.given import given
@@ -31,6 +30,7 @@ from contact_tracker.lift import T
 from contact_tracker.model import Model
 from contact_tracker.readout import shifted
 from contact_tracker.state import scales_of
+from contact_tracker.table import Bank
 from contact_tracker.transitions import exposure, log_initial, log_stay, log_transition
 from contact_tracker.truth import Truth, TruthInterval
 

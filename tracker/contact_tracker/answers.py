@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm, separability
 from contact_tracker.assumptions import assumptions
-from contact_tracker.bank import Bank
 from contact_tracker.beginnings import named
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
@@ -15,6 +14,7 @@ from contact_tracker.geometry import ContactGeometry
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.readout import geometry_of
 from contact_tracker.state import TrackerState, scales_of
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 

@@ -1,8 +1,7 @@
-"""The living hypotheses of one contact as columns: what each knows, how they join and which are dropped."""
+"""The living hypotheses of one contact: what each knew before, how they join and which are dropped."""
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any, Final, Generic, TypeVar
+from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +12,11 @@ from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
-from contact_tracker.table import WORD, layout
+from contact_tracker.table import WORD, Bank, layout
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
 
 PATIENCE: Final = 16
 """Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
@@ -27,138 +25,6 @@ MET_SHARE: Final = 0.35
 less."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
-
-
-class _Column(Generic[Entry]):
-    """A column of the table, by the name it has in ``Bank``."""
-
-    def __init__(self, kind: type[Entry]) -> None:
-        self._is_flag = kind is np.bool_
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, bank: "Bank", owner: type) -> NDArray[Entry]:
-        view: NDArray[Any] = bank.table[self._name]
-        column = view != 0 if self._is_flag else view
-        vars(bank)[self._name] = column  # which is found first from now on
-        return column
-
-
-@dataclass(frozen=True, eq=False)
-class Bank:
-    """H hypotheses of one contact, in order of onset; C, S, K, P as in ``contacts.base``.
-
-    Parameters
-    ----------
-    words : (H, words) what is known of each, in a row of the ``layout`` that ``table`` tells.
-    past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
-
-    Columns
-    -------
-    onset, onset_ns : (H,) first tick, and when it began.
-    number : (H,) tells hypotheses apart over the whole recording.
-    entry : (H,) log weight with which it began.
-    source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
-        the prior on x that they are.
-    pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
-    pair, certain, searched, met : (H,) which of the pairs of elements that the user knows it assumes, whether
-        both are given by that, whether directions are left that have to be searched for, and whether it
-        assumes elements that were met before.
-    first : (H, C) lifted first tick over its noise: what was given at the onset.
-    moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
-    told : (H,) how many ticks with motion it has seen.
-    x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
-    row_weight : (H, K) precision of the residuals relative to that of the position.
-    lasted : (H,) log prior probability of what it assumes and of having lasted so long.
-    settled, earned : (H,) of the log-likelihood ratio and of its gain, those of the ticks that have left the
-        window.
-    log_likelihood : (H,) of all data since the onset, against free motion.
-    rms : (H,) whitened root mean square residual.
-    """
-
-    words: Array
-    layout: np.dtype[Any]
-    past: Array
-
-    onset = _Column(np.int64)
-    onset_ns = _Column(np.int64)
-    number = _Column(np.int64)
-    source = _Column(np.int64)
-    pair = _Column(np.int64)
-    certain = _Column(np.bool_)
-    searched = _Column(np.bool_)
-    met = _Column(np.bool_)
-    entry = _Column(np.float64)
-    known_mean = _Column(np.float64)
-    known = _Column(np.float64)
-    pivot = _Column(np.float64)
-    first = _Column(np.float64)
-    moments = _Column(np.float64)
-    place_sum = _Column(np.float64)
-    weight = _Column(np.float64)
-    told = _Column(np.float64)
-    x = _Column(np.float64)
-    hessian = _Column(np.float64)
-    row_weight = _Column(np.float64)
-    lasted = _Column(np.float64)
-    settled = _Column(np.float64)
-    earned = _Column(np.float64)
-    log_likelihood = _Column(np.float64)
-    rms = _Column(np.float64)
-
-    def __len__(self) -> int:
-        return len(self.words)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Bank, (self.words, self.layout, self.past)
-
-    @cached_property
-    def table(self) -> NDArray[Any]:
-        """The columns (H,) by their names, in the same memory."""
-        return self.words.view(self.layout)[:, 0]
-
-    @property
-    def joint(self) -> Array:
-        """Log weight (H,) of a hypothesis with all that led to it."""
-        return self.entry + self.log_likelihood
-
-    @property
-    def log_weight(self) -> float:
-        """Log of the sum of all weights; -inf without any hypothesis."""
-        joint, top = self.joint, self.best
-        return top + float(np.log(np.exp(joint - top).sum())) if len(self) else -np.inf
-
-    @property
-    def best(self) -> float:
-        """Log weight of the best hypothesis; -inf without any."""
-        return float(self.joint.max()) if len(self) else -np.inf
-
-    def pick(self, rows: Index) -> "Bank":
-        """The hypotheses in ``rows``."""
-        return Bank(self.words.take(rows, axis=0), self.layout, self.past.take(rows, axis=0))
-
-    def having(self, **columns: NDArray[Any] | float) -> "Bank":
-        """The same with other columns."""
-        other = self.copy()
-        for name, column in columns.items():
-            other.table[name] = column
-        return other
-
-    def copy(self) -> "Bank":
-        """The same in memory of its own, as long as nobody else sees it to be written to."""
-        return Bank(self.words.copy(), self.layout, self.past)
-
-    def putting(self, rows: Index, found: "Bank", which: Index) -> "Bank":
-        """The same with the geometry and evidence of ``found``'s hypotheses ``which`` in ``rows``."""
-        other = self.copy()
-        for name in FOUND:
-            other.table[name][rows] = found.table[name][which]
-        return other
-
-
-FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
-"""Columns that change when a hypothesis learns."""
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:

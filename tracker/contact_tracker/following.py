@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import Bank, anchors_of, prior_of
+from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, complexity
 from contact_tracker.summed import Sums, summed
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

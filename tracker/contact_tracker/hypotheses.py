@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.bank import Bank, add, blank
+from contact_tracker.bank import add, blank
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
@@ -13,6 +13,7 @@ from contact_tracker.following import follow, grow, grow_whole
 from contact_tracker.lift import R
 from contact_tracker.search import search, searched
 from contact_tracker.summed import summed
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from contact_tracker import fit, lift
-from contact_tracker.bank import Bank, anchors_of, prior_of
+from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, Unobserved
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 

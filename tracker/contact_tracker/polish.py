@@ -12,10 +12,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.bank import Bank, anchors_of, prior_of
+from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, residual_noise
 from contact_tracker.fit import Prior
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import Bank, best_of
+from contact_tracker.bank import best_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import AT_REST, before, follow
 from contact_tracker.lift import R
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -10,11 +10,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.bank import Bank
 from contact_tracker.contacts.base import cross
 from contact_tracker.evidence import Window
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import R, T
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import bank
-from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
@@ -14,6 +13,7 @@ from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.memory import Memory
 from contact_tracker.model import Model
+from contact_tracker.table import Bank
 from contact_tracker.ticks import TickState
 from contact_tracker.transitions import log_initial
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import hypotheses, separability
 from contact_tracker.assumptions import assumptions
-from contact_tracker.bank import Bank
 from contact_tracker.beginnings import beginnings, named
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Window
@@ -21,6 +20,7 @@ from contact_tracker.model import Model
 from contact_tracker.polish import polish
 from contact_tracker.readout import geometry_of
 from contact_tracker.state import scales_of
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 

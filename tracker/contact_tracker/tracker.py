@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
 from contact_tracker.answers import answer, believe, remaining, touching
-from contact_tracker.bank import Bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
@@ -23,6 +22,7 @@ from contact_tracker.model import Model
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.state import TrackerState, scales_of, start
+from contact_tracker.table import Bank
 from contact_tracker.ticks import Tick
 from contact_tracker.transitions import exposure, log_transition
 

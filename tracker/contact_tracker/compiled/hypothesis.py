@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 
 
 class Where(NamedTuple):
-    """At which word of a row the columns of ``bank.Bank`` begin."""
+    """At which word of a row the columns of ``table.Bank`` begin."""
 
     onset: int
     certain: int
