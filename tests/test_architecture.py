@@ -148,6 +148,20 @@ def test_a_file_has_one_reason_to_exist(path: Path) -> None:
     assert ast.get_docstring(tree(path)), "the first line of a file says why it exists"
 
 
+def test_no_kernel_looks_at_rows_itself() -> None:
+    """Parts without reference counts may: what they handed to a kernel, it would let go of once too often."""
+    kernels = [
+        node
+        for path in (PACKAGE / "compiled").glob("*.py")
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.FunctionDef) and "kernel" in map(ast.unparse, node.decorator_list)
+    ]
+    assert kernels
+    for node in kernels:
+        called = {ast.unparse(call.func) for call in ast.walk(node) if isinstance(call, ast.Call)}
+        assert "row_of" not in called, node.name
+
+
 def test_the_package_itself_imports_nothing_heavy() -> None:
     assert list(imports(PACKAGE / "__init__.py")) == []
 

@@ -25,7 +25,7 @@ from touching import touching
 
 pytest.importorskip("numba")
 kernels = pytest.importorskip("kernels")
-GROWS = ("first", "moments", "place_sum", "weight", "told", "x")
+GROWS = ("first", "moments", "place_sum", "weight", "told", "lasted", "x")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
 COUNT = 12
@@ -95,6 +95,7 @@ def assert_same_fits(numpy, kernel, rel):
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
 def test_fits_agree(model, steps, rel, seed):
+    """Many steps carry rounding errors on: where one is as good as none, damping differs from then on."""
     assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(seed)), steps), rel)
 
 
@@ -185,7 +186,7 @@ def test_a_bank_grows_and_learns_alike(model, steps, pivoted):
                 rng.random(bank.pivot.shape) < 0.5, np.nan, 0.1 * rng.normal(size=bank.pivot.shape)
             )
             bank = bank.having(pivot=pivot)
-        grown = both(grow, bank, model, window)
+        grown = both(grow, bank, model, window, -0.3)
         assert_same_columns(*grown, GROWS, 1e-12)
         count = np.full(len(bank), steps)
         count[::3] = NOT_AT_ALL

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import lift
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts import CONTACT_MODELS, form
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.paper import direct, motion
 from touching import touching, x_of
@@ -49,6 +49,15 @@ def first_and_second(model, x):
         case _:
             lines = [np.append(d, np.cross(q, d)) for d, q in ((x[:3], x[3:6]), (x[6:9], x[9:12]))]
             return lines[0], lines[1]
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+def test_the_form_says_which_free_directions_turn(model):
+    rng = np.random.default_rng(0)
+    tangent = model.family.tangent(random_x(model, rng), rng.normal(size=6))
+    turned = np.abs(tangent[form.directions(model.family.FORM)]).max(axis=0) > 0
+    np.testing.assert_array_equal(np.flatnonzero(turned), form.turns(model.family.FORM))
+    np.testing.assert_array_equal(np.flatnonzero(~turned), form.shifts(model.family.FORM))
 
 
 def test_models_stand_in_the_order_of_the_labels():

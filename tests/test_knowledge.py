@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from contact_tracker import tracker
+from contact_tracker import compiled, tracker
 from contact_tracker.cli.main import run
 from contact_tracker.geometry import Line, Plane, Point
 from contact_tracker.knowledge import (
@@ -118,6 +118,18 @@ def test_what_was_known_is_known_better_afterwards():
 def test_what_is_not_listed_cannot_touch():
     for belief in with_everything().filtered:
         assert not belief.probability[[Contact.FE.column, Contact.FV.column, Contact.EE.column]].any()
+
+
+@pytest.mark.parametrize("in_use", [True, False])
+def test_contacts_that_nothing_listed_can_make_have_no_hypotheses(in_use, monkeypatch):
+    """Of an object that is one face: compiled or not."""
+    in_use = in_use and compiled.in_use()
+    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
+    face = next(k for k in surfaces()[0] if k.kind == "f")
+    knowledge = Knowledge(object=(face,), object_complete=True)
+    for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge).filtered:
+        assert belief.probability.sum() == pytest.approx(1.0)
+        assert not belief.probability[[Contact.EF.column, Contact.VF.column, Contact.EE.column]].any()
 
 
 @pytest.mark.parametrize("complete", [True, False])

@@ -86,11 +86,11 @@ def add(
     return both
 
 
-@lru_cache(maxsize=32)  # for as long as nothing is learnt the same may begin
+@lru_cache(maxsize=32)  # where the user knows nothing the same may begin until something is learnt
 def _assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     """Hypotheses (n, words) that have seen nothing yet, and what (n, S) of their x is known."""
-    new = blank(model, begins.many).having(**begins.assumed)
-    new = new.having(lasted=begins.log_share, log_likelihood=begins.log_share)
+    share = begins.log_share
+    new = blank(model, begins.many).having(**begins.assumed, lasted=share, log_likelihood=share)
     return new.words, Given(begins.known_mean, begins.known).told(model)
 
 

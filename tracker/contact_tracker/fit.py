@@ -2,7 +2,8 @@
 
 Levenberg-Marquardt in the free directions of x: with residuals ``c(x) . zeta`` the cost of a window is
 ``1/2 sum_k w_k c_k M c_k^T``, its gradient and its Gauss-Newton Hessian come from the same moments M
-(docs/theory.md, T15), so a step costs the same however long the window is.
+(docs/theory.md, T15), so a step costs the same however long the window is. Turns are damped; for given
+directions the shifts are a linear problem, which is solved anew after each step.
 """
 
 from dataclasses import dataclass
@@ -128,7 +129,7 @@ def minimise(
             return Fit(x, cost_now, hessian, converged)
         left[rows] -= 1
         these = moments[rows], row_weight[rows], prior.pick(rows)
-        moved = family.normalise(x[rows] + (tangent[rows] @ step[..., None])[..., 0], anchors[rows])
+        moved = x[rows] + (tangent[rows] @ step[..., None])[..., 0]
         proposal, proposed_cost = complete(family, *these, anchors[rows], moved)
         better = proposed_cost < cost_now[rows]
         damping[rows] *= np.where(better, LESS, MORE)

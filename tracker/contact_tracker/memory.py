@@ -86,6 +86,9 @@ class Memory:
         return tuple(Assumption(o, e, float(s)) for (o, e, _), s in zip(pairs, log_share, strict=True))
 
 
+NOTHING_MET: Final = Memory()
+
+
 def _kept(
     met: Sequence[Met], onset_ns: int, stamp_ns: int, element: Element, body_m: Array
 ) -> tuple[Met, ...]:

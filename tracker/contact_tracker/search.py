@@ -39,7 +39,7 @@ LEAST_GAIN: Final = 1e-3
 
 def search(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
     """Let hypotheses take the geometry of others where that is better, and some search from scratch."""
-    if (window.index[-1] + model.contact.column) % EVERY:
+    if not len(bank) or (window.index[-1] + model.contact.column) % EVERY:
         return bank
     taker, giver = _offered(bank, model, scales)
     if len(taker):
@@ -105,7 +105,6 @@ def _from_scratch(bank: Bank, rows: Index, model: ContactModel, window: Window, 
     known = before(bank, model, scales)
     drawn = np.broadcast_to(directions, (len(rows), *directions.shape))
     x = np.where(told[:, None], mean[:, None], np.concatenate([relaxed, drawn], axis=1))
-    x = model.family.normalise(x, known.anchors[rows, None])
     windows, of = (bank.moments, bank.row_weight, *known), rows.repeat(x.shape[1])
     x = _least(*fit.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), SCREENED)
     for steps, kept in ROUNDS:

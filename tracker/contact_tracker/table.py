@@ -25,15 +25,17 @@ class _Column(Generic[Entry]):
         self._word = np.float64 if kind is np.float64 else np.int64
 
     def field(self, sizes: Mapping[str, int]) -> tuple[Any, ...]:
-        """As numpy takes it."""
-        return self._name, self._word, tuple(sizes.get(str(size), size) for size in self._shape)
+        """Name, type and shape, as numpy takes them, with the ``sizes`` of C, S, K and P."""
+        shape = tuple(size if isinstance(size, int) else sizes[size] for size in self._shape)
+        return self._name, self._word, shape
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
     def __get__(self, bank: "Bank", owner: type) -> NDArray[Entry]:
         view: NDArray[Any] = bank.table[self._name]
-        column = view != 0 if self._is_flag else view
+        column = view != 0 if self._is_flag else view.view()
+        column.flags.writeable = False
         vars(bank)[self._name] = column  # which is found first from now on
         return column
 
@@ -140,7 +142,7 @@ class Bank:
         return other
 
     def copy(self) -> "Bank":
-        """The same in memory of its own, as long as nobody else sees it to be written to."""
+        """The same with rows of its own, which may be written to as long as no column has been read."""
         return Bank(self.words.copy(), self.layout, self.past)
 
     def putting(self, rows: Index, found: "Bank", which: Index) -> "Bank":

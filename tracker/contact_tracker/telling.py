@@ -15,7 +15,7 @@ from contact_tracker.geometry import ContactGeometry
 from contact_tracker.knowledge import Knowledge
 from contact_tracker.labels import Contact
 from contact_tracker.lift import T
-from contact_tracker.memory import Memory
+from contact_tracker.memory import NOTHING_MET
 from contact_tracker.model import Model
 from contact_tracker.polish import polish
 from contact_tracker.readout import geometry_of
@@ -77,7 +77,9 @@ def tell(stretch: Stretch) -> Told:
 def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
     """The best hypothesis of a contact about a whole stretch, if there can be one."""
     place_m = window.zeta[:, T].mean(axis=0)
-    begins = beginnings(stretch.knowledge, Memory(), 0.0, stretch.origin_m, place_m)[contact.contact.column]
+    begins = beginnings(stretch.knowledge, NOTHING_MET, 0.0, stretch.origin_m, place_m)[
+        contact.contact.column
+    ]
     own = window.with_error(stretch.model.noise.beyond_floor(contact.contact.column))
     return hypotheses.fit_stretch(contact, own, scales_of(stretch.model), begins)
 

@@ -27,7 +27,7 @@ def _fault() -> str:
     """Why numba, which is installed, cannot be used: it follows numpy with some delay."""
     try:
         import_module("contact_tracker.compiled.jit")
-    except (ImportError, AttributeError, SystemError) as error:
+    except (ImportError, AttributeError, SystemError, OSError) as error:
         reason = " ".join(str(error).split())
         warnings.warn(f"nothing is compiled, numba cannot be imported: {reason}", stacklevel=2)
         return reason

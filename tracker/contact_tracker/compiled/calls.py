@@ -71,9 +71,9 @@ def grow(model: ContactModel, words: Array, window: Window, least: float, log_st
     """A bank, in place."""
     zeta, heard = window.zeta[-1], float(window.activity[-1])
     lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
-    table, number = (words, words.view(np.int64)), int(window.index[-1])
+    table, now = (words, words.view(np.int64)), int(window.index[-1])
     kind, place = _kind(model, 1.0), zeta[T].copy()
-    following.grow(kind, *table, number, lifted, place, sigma, heard, least, log_stay)
+    following.grow(kind, *table, now, lifted, place, sigma, heard, least, log_stay)
 
 
 def learn(
@@ -108,8 +108,8 @@ def find(
     """Geometries (R, n, S) that the rows ``which`` find from ``relaxed`` (R, N, S) and ``directions``, with
     what is ``told`` (R, S) of them."""
     kind, starts = _kind(model, scales.reach_m), (_plain(relaxed), _plain(directions))
-    found = np.empty((len(which), int(rounds[-1, 1]), model.family.SIZE))
     many = min(screened, relaxed.shape[1] + len(directions))
+    found = np.empty((len(which), min(many, int(rounds[:, 1].min())), model.family.SIZE))
     searching.find(kind, words, which, told, *starts, many, rounds, tolerance, found)
     return found
 

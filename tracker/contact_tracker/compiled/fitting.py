@@ -23,9 +23,9 @@ from contact_tracker.fit import (
 class Work(NamedTuple):
     """Memory of one window: its ``prior``, and what that needs, ``mean``.
 
-    At its x: ``weight`` (K,) of the rows, ``slopes`` (P, K, C) along the ``free`` directions (P, S), by how
-    much less the last row changes since its scale ``leans`` (P,) as well, and what is ``held`` (P, P) by the
-    prior.
+    At its x: ``weight`` (K,) of the rows, ``slopes`` (P, K, C) along the ``free`` directions (P, S), the
+    share of the last row that is taken out of its own, since its scale changes, too, ``leans`` (P,), and what
+    is ``held`` (P, P) by the prior.
 
     Where a trial of coordinates has come to: ``rows`` (K, C) and the same times the moments, ``carried``,
     their ``trial_weight`` (K,), free directions before shifting, ``axes``, and slopes of the last row along

@@ -4,7 +4,6 @@ from math import exp, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.compiled.fitting import Work, descend, work_for
 from contact_tracker.compiled.forms import normalise
@@ -104,7 +103,7 @@ def grow(
     kind: Kind,
     table: Array,
     whole: Ints,
-    number: int,
+    now: int,
     lifted: Array,
     place: Array,
     sigma: float,
@@ -114,7 +113,7 @@ def grow(
 ) -> None:
     anchors = np.empty(6)
     for b in range(len(table)):
-        begins = whole[b, kind.where.onset] == number
+        begins = whole[b, kind.where.onset] == now
         _grow(kind, table, b, begins, lifted, place, sigma, heard, least, log_stay, anchors)
 
 
@@ -122,7 +121,7 @@ def grow(
 def learn(
     kind: Kind,
     table: Array,
-    whole: NDArray[np.int64],
+    whole: Ints,
     ticks: Ticks,
     steps: Ints,
     tolerance: float,

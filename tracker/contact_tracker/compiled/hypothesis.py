@@ -38,8 +38,8 @@ class Where(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What sort of contact it is, see ``contacts``: sizes S, C, K and P; ``pull`` (S,) of the weak prior and
-    where it is ``flat`` (S,)."""
+    """What sort of contact it is, see ``contacts``: the sizes S, C, K (of ``each`` pose) and P (``free``);
+    which directions are ``turns`` and ``shifts``; ``pull`` (S,) of the weak prior and where it is ``flat``."""
 
     form: Form
     body_in_1: bool

@@ -6,14 +6,18 @@ from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 import numba
+from numba.core.options import DefaultOptions
 
 from contact_tracker import fit
-from contact_tracker.contacts import edge_edge
+from contact_tracker.contacts import edge_edge, form
 
 P = ParamSpec("P")
 R = TypeVar("R")
 _njit: Any = numba.njit
-_READ: Final = (*sorted(Path(__file__).parent.glob("*.py")), Path(fit.__file__), Path(edge_edge.__file__))
+if not hasattr(DefaultOptions, "_nrt"):
+    raise ImportError("this version does not compile without reference counts")
+_OTHERS: Final = (fit.__file__, edge_edge.__file__, form.__file__)
+_READ: Final = (*sorted(Path(__file__).parent.glob("*.py")), *map(Path, _OTHERS))
 _SOURCES: Final = sha256(b"".join(path.read_bytes() for path in _READ)).hexdigest()
 """Of the code here and of what it takes constants from."""
 
@@ -38,7 +42,8 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compiled when it is first called, which takes seconds, and kept where there is a folder to write to.
 
     It is kept by a name that tells of all its parts: numba itself looks only at the kernel's own file to see
-    whether what it has kept is still true, and fails at what an older version has left.
+    whether what it has kept is still true, and fails at what an older version has left. That is never read
+    again, and remains.
     """
     function.__qualname__ = f"{function.__name__}_{_SOURCES[:16]}"
     try:

@@ -143,8 +143,9 @@ def _find(
     for r in range(len(rounds)):
         for i in range(left):
             cost[i], _ = descend(kind, row, x[i], rounds[r, 0], tolerance, hessian, work)
-        _best(x[:left], cost[:left], rounds[r, 1])
-        left = rounds[r, 1]
+        few = min(left, rounds[r, 1])
+        _best(x[:left], cost[:left], few)
+        left = few
 
 
 @kernel

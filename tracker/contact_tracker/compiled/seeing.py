@@ -12,8 +12,9 @@ from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.edge_edge import SINE_SQ_FLOOR
 from contact_tracker.contacts.form import Form
 
-LOG_RATIO, CHI_SQ, TICKS, AFTER = range(4)
+LOG_RATIO, CHI_SQ, TICKS, AFTER = range(4)  # in ``Sums.totals``
 MOST: Final = 1e100
+"""A product is taken the logarithm of before it overflows."""
 T, U, TXR = 9, 12, 15  # where the lifted pose has them; R comes first
 
 

@@ -57,7 +57,8 @@ class Family(Protocol):
     """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
 
     FORM: Form
-    """Where in x things are: with it the residuals are those of T3-T6."""
+    """Where in x things are: with it the residuals are those of T3-T6. Rows are affine in all of x that is no
+    direction, and the columns of ``tangent`` come in the order of ``form.turns`` and ``form.shifts``."""
     RANDOM_STARTS: int
     """How many random directions a search screens: more where minima are narrow."""
 
