@@ -50,8 +50,9 @@ def observed_geometry(
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
     left = ways[:, told < SHOWN]
     could = tangent @ left @ np.linalg.inv(left.T @ prior @ left) @ left.T @ tangent.T
-    found = model.geometry(one.x[0], covariance, scales.reach_m)
-    free = model.geometry(one.x[0], could, 0.0)
+    x = one.x[0].copy()  # it is given away
+    found = model.geometry(x, covariance, scales.reach_m)
+    free = model.geometry(x, could, 0.0)
     return ContactGeometry(
         replace(found.object, unobserved=_ways(free.object, scales.reach_m)),
         replace(found.environment, unobserved=_ways(free.environment, scales.reach_m)),

@@ -39,7 +39,7 @@ class Where(NamedTuple):
 
 class Kind(NamedTuple):
     """What sort of contact it is, see ``contacts``: the sizes S, C, K (of ``each`` pose) and P (``free``);
-    which directions are ``turns`` and ``shifts``; ``pull`` (S,) of the weak prior and where it is ``flat``."""
+    which are ``turns`` and ``shifts``; ``pull`` (S,) of the weak prior, ``flat`` where it has none."""
 
     form: Form
     body_in_1: bool
