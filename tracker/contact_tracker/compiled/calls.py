@@ -69,11 +69,10 @@ def summed(
 
 def grow(model: ContactModel, words: Array, window: Window, least: float, log_stay: float) -> None:
     """A bank, in place."""
-    zeta, heard = window.zeta[-1], float(window.activity[-1])
+    number, zeta, heard = int(window.index[-1]), window.zeta[-1], float(window.activity[-1])
     lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
-    table, now = (words, words.view(np.int64)), int(window.index[-1])
-    kind, place = _kind(model, 1.0), zeta[T].copy()
-    following.grow(kind, *table, now, lifted, place, sigma, heard, least, log_stay)
+    tick = following.Newest(number, lifted, zeta[T].copy(), sigma, heard, least, log_stay)
+    following.grow(_kind(model, 1.0), words, words.view(np.int64), tick)
 
 
 def learn(

@@ -23,6 +23,20 @@ class Weights(NamedTuple):
     independence: float
 
 
+class Newest(NamedTuple):
+    """The newest tick: its ``number`` in ``Window.index``; the ``lifted`` pose (C,) and the body's ``place``
+    (3,) with its noise ``sigma``; how far motion is ``heard`` above the noise, ``least`` of which counts; and
+    the price of not having changed in it, ``log_stay``."""
+
+    number: int
+    lifted: Array
+    place: Array
+    sigma: float
+    heard: float
+    least: float
+    log_stay: float
+
+
 @jit
 def _weigh(
     kind: Kind, row: Row, numbers: Array, weights: Weights, sums: Sums, foretold: Array, work: Work
@@ -45,32 +59,21 @@ def _weigh(
 
 
 @jit
-def _grow(
-    kind: Kind,
-    table: Array,
-    b: int,
-    begins: bool,
-    lifted: Array,
-    place: Array,
-    sigma: float,
-    heard: float,
-    least: float,
-    log_stay: float,
-    anchors: Array,
-) -> None:
+def _grow(kind: Kind, table: Array, whole: Ints, b: int, tick: Newest, anchors: Array) -> None:
     """As ``following.grow`` of hypothesis b; ``anchors`` (6,) is memory."""
-    row, numbers = row_of(kind, table, b), table[b]
-    weight, where = (1.0 if begins else max(heard, least)) / (sigma * sigma), kind.where
+    row, numbers, where, lifted = row_of(kind, table, b), table[b], kind.where, tick.lifted
+    begins = whole[b, where.onset] == tick.number
+    weight = (1.0 if begins else max(tick.heard, tick.least)) / (tick.sigma * tick.sigma)
     for c in range(kind.columns):
         if begins:
-            row.first[c] = lifted[c] / sigma
+            row.first[c] = lifted[c] / tick.sigma
         for d in range(kind.columns):
             row.moments[c, d] += weight * lifted[c] * lifted[d]
     for i in range(3):
-        row.place_sum[i] += weight * place[i]
+        row.place_sum[i] += weight * tick.place[i]
     numbers[where.weight] += weight
-    numbers[where.told] += 1.0 if begins else heard
-    numbers[where.lasted] += 0.0 if begins else log_stay
+    numbers[where.told] += 1.0 if begins else tick.heard
+    numbers[where.lasted] += 0.0 if begins else tick.log_stay
     anchor(kind, row, numbers[where.weight], anchors)
     normalise(kind.form, row.x, anchors)
 
@@ -99,22 +102,10 @@ def _learn(
 
 
 @kernel
-def grow(
-    kind: Kind,
-    table: Array,
-    whole: Ints,
-    now: int,
-    lifted: Array,
-    place: Array,
-    sigma: float,
-    heard: float,
-    least: float,
-    log_stay: float,
-) -> None:
+def grow(kind: Kind, table: Array, whole: Ints, tick: Newest) -> None:
     anchors = np.empty(6)
     for b in range(len(table)):
-        begins = whole[b, kind.where.onset] == now
-        _grow(kind, table, b, begins, lifted, place, sigma, heard, least, log_stay, anchors)
+        _grow(kind, table, whole, b, tick, anchors)
 
 
 @kernel

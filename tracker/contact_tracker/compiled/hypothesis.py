@@ -110,7 +110,7 @@ def anchor(kind: Kind, row: Row, weight: float, out: Array) -> None:
 
 @jit
 def know(kind: Kind, row: Row, weight: float, mean: Array, prior: Prior) -> None:
-    """As ``following.before``; ``mean`` (S,) is memory, zero where ``pull`` is."""
+    """As ``following.before``; ``mean`` (S,) is memory, zero but for points."""
     anchors = prior.anchors
     anchor(kind, row, weight, anchors)
     if kind.form.q1 >= 0:

@@ -1,0 +1,67 @@
+"""What takes memory online: what is resident after each step, in MB.
+
+    python tests/benchmarks/memory.py
+
+It reads /proc, as Linux has it. One thread: others have buffers of their own. The first run compiles kernels,
+which takes memory; look at the second.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib import import_module
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+RECORDING: Final = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
+POSES: Final = 1200
+LIBRARIES: Final = ("numpy", "scipy.linalg", "scipy.spatial.transform", "filterpy.kalman")
+
+
+def steps() -> Iterator[tuple[str, Callable[[], object]]]:
+    """What is done one after the other."""
+    yield "Python", lambda: None
+    for name in LIBRARIES:
+        yield name, partial(import_module, name)
+    yield "contact_tracker", partial(import_module, "contact_tracker.forward")
+    yield "numba", partial(import_module, "numba")
+    yield "its first kernel", first_kernel
+    yield f"{POSES} poses", follow
+
+
+def first_kernel() -> float:
+    """One that does next to nothing."""
+    one: float = import_module("numba").njit(lambda x: x + 1.0)(0.0)
+    return one
+
+
+def follow() -> int:
+    """The first poses of a recording, online, with the kernels that this needs."""
+    from contact_tracker.forward import forward
+    from contact_tracker.presets import load_model
+    from contact_tracker.recording import open_log
+
+    return len(list(forward(islice(open_log(str(RECORDING)), POSES), load_model())))
+
+
+def resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def main() -> int:
+    before = 0.0
+    for name, step in steps():
+        step()
+        after = resident_mb()
+        print(f"{name:24}{after - before:6.0f}{after:7.0f}")
+        before = after
+    return 0
+
+
+if __name__ == "__main__":
+    for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(threads, "1")
+    sys.exit(main())
