@@ -20,7 +20,7 @@ LAYERS = (
     ("knowledge",),
     ("lift",),
     ("contacts", "paper"),
-    ("fit",),
+    ("fit", "pace"),
     ("table",),
     ("compiled",),
     ("noise", "free_motion"),

@@ -11,6 +11,7 @@ from contact_tracker import compiled, fit
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, Window, complexity
+from contact_tracker.pace import AT_REST, FIRST_STEPS, FIRST_TICKS, REFINE_STEPS
 from contact_tracker.summed import Sums, summed
 from contact_tracker.table import Bank
 
@@ -18,13 +19,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-REFINE_STEPS: Final = 1
-FIRST_TICKS: Final = 6.0
-FIRST_STEPS: Final = 3
-"""In its first ticks with motion the geometry moves far, and takes so many steps."""
 NOT_AT_ALL: Final = -1
-AT_REST: Final = 1e-7
-"""Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 
 
 class Before(NamedTuple):
@@ -44,12 +39,6 @@ def grow(bank: Bank, model: ContactModel, window: Window, log_stay: float = 0.0)
 
     ``log_stay`` is the price of not having changed in it.
     """
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        grown = bank.copy()
-        calls.grow(model, grown.words, window, AT_REST, log_stay)
-        return grown
     zeta, activity = window.zeta[-1], float(window.activity[-1])
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
     begins = bank.onset == window.index[-1]
@@ -101,7 +90,7 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
         from contact_tracker.compiled import calls
 
         learned = bank.copy()
-        calls.learn(model, learned.words, window, scales, steps, fit.TOLERANCE)
+        calls.learn(model, learned.words, window, scales, steps)
         return learned
     if (steps == NOT_AT_ALL).any():
         rows = np.flatnonzero(steps != NOT_AT_ALL)

@@ -5,13 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.bank import add, blank
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import follow, grow, grow_whole
 from contact_tracker.lift import R
-from contact_tracker.search import search, searched
+from contact_tracker.pace import AT_REST
+from contact_tracker.search import adopted, is_due, lost, searched
 from contact_tracker.summed import summed
 from contact_tracker.table import Bank
 
@@ -25,18 +27,33 @@ def advance(
     changed in it.
 
     What is further behind the best than the ``margin`` (nats) waits for another geometry: its moments grow.
-    All contacts take one step before any takes the next: what computes it is at hand then.
     """
-    hopeless = [bank.joint < -margin for bank in banks]
-    living = [
-        (grow(bank, contact, window, float(price)), contact, window)
+    return [
+        advanced(bank, contact, window, scales, float(price), margin)
         for bank, contact, window, price in zip(banks, CONTACT_MODELS, windows, log_stay, strict=True)
     ]
-    living = [
-        (follow(bank, contact, window, scales, far), contact, window)
-        for (bank, contact, window), far in zip(living, hopeless, strict=True)
-    ]
-    return [search(bank, contact, window, scales) for bank, contact, window in living]
+
+
+def advanced(
+    bank: Bank, model: ContactModel, window: Window, scales: Scales, log_stay: float, margin: float
+) -> Bank:
+    """The same of one contact."""
+    if not len(bank):
+        return bank
+    due = is_due(model, window)
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        grown = bank.copy()
+        rows = calls.advance(model, grown.words, window, scales, log_stay, margin, due)
+        return searched(grown, rows, model, window, scales)
+    hopeless = bank.joint < -margin
+    grown = follow(grow(bank, model, window, log_stay), model, window, scales, hopeless)
+    if due:
+        grown = adopted(grown, model, window, scales)
+        if window.activity[-1] > AT_REST:
+            grown = searched(grown, lost(grown), model, window, scales)
+    return grown
 
 
 def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import following, hypothesis, searching, seeing
+from contact_tracker.compiled import advancing, following, hypothesis, searching, seeing
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import shifts, turns
@@ -67,50 +67,50 @@ def summed(
     return sums
 
 
-def grow(model: ContactModel, words: Array, window: Window, least: float, log_stay: float) -> None:
-    """A bank, in place."""
-    number, zeta, heard = int(window.index[-1]), window.zeta[-1], float(window.activity[-1])
-    lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
-    tick = following.Newest(number, lifted, zeta[T].copy(), sigma, heard, least, log_stay)
-    following.grow(_kind(model, 1.0), words, words.view(np.int64), tick)
-
-
-def learn(
-    model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index, tolerance: float
-) -> None:
-    """A bank, in place."""
-    table, ticks = (words, words.view(np.int64)), _ticks(window, model.body_in_1)
-    weights = following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
-    following.learn(_kind(model, scales.reach_m), *table, ticks, steps, tolerance, weights)
-
-
-def offered(model: ContactModel, words: Array, scales: Scales, least: float) -> tuple[Index, Index]:
-    """Which rows another's geometry fits better, by more than ``least``, and whose fits them best."""
-    giver = np.empty(len(words), np.int64)
-    searching.offered(_kind(model, scales.reach_m), words, least, giver)
-    taker = np.flatnonzero(giver != np.arange(len(words)))
-    return taker, giver[taker]
-
-
-def find(
+def advance(
     model: ContactModel,
     words: Array,
+    window: Window,
     scales: Scales,
-    which: Index,
+    log_stay: float,
+    margin: float,
+    due: bool,
+) -> Index:
+    """A bank, in place; returns the rows that are to search from scratch."""
+    number, zeta, heard = int(window.index[-1]), window.zeta[-1], float(window.activity[-1])
+    lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
+    tick = following.Newest(number, lifted, zeta[T].copy(), sigma, heard, log_stay)
+    table, ticks = (words, words.view(np.int64)), _ticks(window, model.body_in_1)
+    lost = np.empty(advancing.GROUPS, np.int64)
+    kind, weights = _kind(model, scales.reach_m), _weights(scales)
+    return lost[: advancing.advance(kind, *table, ticks, tick, weights, margin, due, lost)]
+
+
+def learn(model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index) -> None:
+    """A bank, in place."""
+    table, ticks = (words, words.view(np.int64)), _ticks(window, model.body_in_1)
+    following.learn(_kind(model, scales.reach_m), *table, ticks, steps, _weights(scales))
+
+
+def searched(
+    model: ContactModel,
+    words: Array,
+    window: Window,
+    scales: Scales,
+    rows: Index,
     told: NDArray[np.bool_],
     relaxed: Array,
     directions: Array,
-    screened: int,
-    rounds: Index,
-    tolerance: float,
-) -> Array:
-    """Geometries (R, n, S) that the rows ``which`` find from ``relaxed`` (R, N, S) and ``directions``, with
-    what is ``told`` (R, S) of them."""
-    kind, starts = _kind(model, scales.reach_m), (_plain(relaxed), _plain(directions))
-    many = min(screened, relaxed.shape[1] + len(directions))
-    found = np.empty((len(which), min(many, int(rounds[:, 1].min())), model.family.SIZE))
-    searching.find(kind, words, which, told, *starts, many, rounds, tolerance, found)
-    return found
+) -> None:
+    """A bank, in place, of which ``rows`` search from what ``search._starts`` gives."""
+    kind, ticks = _kind(model, scales.reach_m), _ticks(window, model.body_in_1)
+    found = np.empty((searching.KEPT, words.shape[1]))
+    starts = told, _plain(relaxed), _plain(directions)
+    searching.searched(kind, words, ticks, _weights(scales), rows, *starts, found, found.view(np.int64))
+
+
+def _weights(scales: Scales) -> following.Weights:
+    return following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
 
 
 @cache

@@ -8,11 +8,13 @@ import numpy as np
 from contact_tracker.compiled.fitting import Work, descend, work_for
 from contact_tracker.compiled.forms import normalise
 from contact_tracker.compiled.hypothesis import Ints, Kind, Row, anchor, know, row_of
-from contact_tracker.compiled.jit import jit, kernel
+from contact_tracker.compiled.jit import jit, kernel, memory, part
 from contact_tracker.compiled.pricing import volume
 from contact_tracker.compiled.seeing import AFTER, CHI_SQ, LOG_RATIO, TICKS, Sums, Ticks, add_up, sums_for
 from contact_tracker.compiled.vectors import dot, multiply
 from contact_tracker.contacts.base import Array
+from contact_tracker.fit import TOLERANCE
+from contact_tracker.pace import AT_REST, FIRST_STEPS, FIRST_TICKS, REFINE_STEPS
 
 
 class Weights(NamedTuple):
@@ -25,15 +27,14 @@ class Weights(NamedTuple):
 
 class Newest(NamedTuple):
     """The newest tick: its ``number`` in ``Window.index``; the ``lifted`` pose (C,) and the body's ``place``
-    (3,) with its noise ``sigma``; how far motion is ``heard`` above the noise, ``least`` of which counts; and
-    the price of not having changed in it, ``log_stay``."""
+    (3,) with its noise ``sigma``; how far motion is ``heard`` above the noise; and the price of not having
+    changed in it, ``log_stay``."""
 
     number: int
     lifted: Array
     place: Array
     sigma: float
     heard: float
-    least: float
     log_stay: float
 
 
@@ -58,12 +59,26 @@ def _weigh(
     numbers[where.rms] = sqrt(sums.totals[CHI_SQ] / (ticks * kind.each))
 
 
+class Minds(NamedTuple):
+    """Memory for what hypotheses learn, one after the other: of ``fitting`` and of ``seeing``, ``foretold``
+    (K,)."""
+
+    work: Work
+    sums: Sums
+    foretold: Array
+
+
+@memory
+def minds_for(kind: Kind) -> Minds:
+    return Minds(work_for(kind), sums_for(kind.each), np.empty(kind.each))
+
+
 @jit
-def _grow(kind: Kind, table: Array, whole: Ints, b: int, tick: Newest, anchors: Array) -> None:
+def grow_one(kind: Kind, table: Array, whole: Ints, b: int, tick: Newest, anchors: Array) -> None:
     """As ``following.grow`` of hypothesis b; ``anchors`` (6,) is memory."""
     row, numbers, where, lifted = row_of(kind, table, b), table[b], kind.where, tick.lifted
     begins = whole[b, where.onset] == tick.number
-    weight = (1.0 if begins else max(tick.heard, tick.least)) / (tick.sigma * tick.sigma)
+    weight = (1.0 if begins else max(tick.heard, AT_REST)) / (tick.sigma * tick.sigma)
     for c in range(kind.columns):
         if begins:
             row.first[c] = lifted[c] / tick.sigma
@@ -78,47 +93,28 @@ def _grow(kind: Kind, table: Array, whole: Ints, b: int, tick: Newest, anchors: 
     normalise(kind.form, row.x, anchors)
 
 
-@jit
-def _learn(
-    kind: Kind,
-    table: Array,
-    whole: Ints,
-    b: int,
-    ticks: Ticks,
-    steps: int,
-    tolerance: float,
-    weights: Weights,
-    sums: Sums,
-    foretold: Array,
-    work: Work,
+@part
+def learn_one(
+    kind: Kind, table: Array, whole: Ints, b: int, ticks: Ticks, steps: int, weights: Weights, minds: Minds
 ) -> None:
     """As ``following.learn`` of hypothesis b."""
-    row, numbers = row_of(kind, table, b), table[b]
+    row, numbers, work, sums = row_of(kind, table, b), table[b], minds.work, minds.sums
     know(kind, row, numbers[kind.where.weight], work.mean, work.prior)
-    descend(kind, row, row.x, steps, tolerance, row.hessian, work)
+    descend(kind, row, row.x, steps, TOLERANCE, row.hessian, work)
     onset, certain = whole[b, kind.where.onset], whole[b, kind.where.certain] != 0
     add_up(kind.form, kind.body_in_1, row.x, onset, certain, ticks, weights.lengths, sums)
-    _weigh(kind, row, numbers, weights, sums, foretold, work)
+    _weigh(kind, row, numbers, weights, sums, minds.foretold, work)
+
+
+@jit
+def steps_of(kind: Kind, table: Array, b: int) -> int:
+    """How many steps hypothesis b takes in every tick."""
+    return FIRST_STEPS if table[b, kind.where.told] < FIRST_TICKS else REFINE_STEPS
 
 
 @kernel
-def grow(kind: Kind, table: Array, whole: Ints, tick: Newest) -> None:
-    anchors = np.empty(6)
-    for b in range(len(table)):
-        _grow(kind, table, whole, b, tick, anchors)
-
-
-@kernel
-def learn(
-    kind: Kind,
-    table: Array,
-    whole: Ints,
-    ticks: Ticks,
-    steps: Ints,
-    tolerance: float,
-    weights: Weights,
-) -> None:
-    work, sums, foretold = work_for(kind), sums_for(kind.each), np.empty(kind.each)
+def learn(kind: Kind, table: Array, whole: Ints, ticks: Ticks, steps: Ints, weights: Weights) -> None:
+    minds = minds_for(kind)
     for b in range(len(table)):
         if steps[b] >= 0:
-            _learn(kind, table, whole, b, ticks, steps[b], tolerance, weights, sums, foretold, work)
+            learn_one(kind, table, whole, b, ticks, steps[b], weights, minds)

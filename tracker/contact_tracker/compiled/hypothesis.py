@@ -18,7 +18,10 @@ class Where(NamedTuple):
     """At which word of a row the columns of ``table.Bank`` begin."""
 
     onset: int
+    source: int
     certain: int
+    searched: int
+    entry: int
     lasted: int
     settled: int
     earned: int

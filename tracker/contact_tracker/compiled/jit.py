@@ -8,7 +8,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numba
 from numba.core.options import DefaultOptions
 
-from contact_tracker import fit
+from contact_tracker import fit, pace
 from contact_tracker.contacts import edge_edge, form
 
 P = ParamSpec("P")
@@ -16,7 +16,7 @@ R = TypeVar("R")
 _njit: Any = numba.njit
 if not hasattr(DefaultOptions, "_nrt"):
     raise ImportError("this version does not compile without reference counts")
-_OTHERS: Final = (fit.__file__, edge_edge.__file__, form.__file__)
+_OTHERS: Final = (fit.__file__, pace.__file__, edge_edge.__file__, form.__file__)
 _READ: Final = (*sorted(Path(__file__).parent.glob("*.py")), *map(Path, _OTHERS))
 _SOURCES: Final = sha256(b"".join(path.read_bytes() for path in _READ)).hexdigest()
 """Of the code here and of what it takes constants from."""
@@ -29,6 +29,12 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
     which array, at every look at a row, takes numba longer than all the arithmetic.
     """
     compiled: Callable[P, R] = _njit(function, error_model="numpy", forceinline=True, _nrt=False)
+    return compiled
+
+
+def part(function: Callable[P, R]) -> Callable[P, R]:
+    """As ``jit``, of what is large and called seldom: it is compiled once."""
+    compiled: Callable[P, R] = _njit(function, error_model="numpy", _nrt=False)
     return compiled
 
 

@@ -1,0 +1,28 @@
+"""How far hypotheses go in a tick: steps towards their minimum, and searches from afar."""
+
+from typing import Final
+
+import numpy as np
+
+REFINE_STEPS: Final = 1
+FIRST_TICKS: Final = 6.0
+FIRST_STEPS: Final = 3
+"""In its first ticks with motion the geometry moves far, and takes so many steps."""
+AT_REST: Final = 1e-7
+"""Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
+AGES: Final = (3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
+"""After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
+EVERY: Final = 3
+"""Searches wait for each other, so that one batch of this many ticks does for all."""
+DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
+"""Whether an age has been passed since the last batch."""
+SCREENED: Final = 7
+"""So many of all starts are followed at all, those that cost least before a step is taken."""
+ROUNDS: Final = ((2, 5), (2, 3), (3, 2))
+"""So many steps, and on from so many of the best."""
+WEIGHED: Final = 2
+"""So often what a search has found is weighed: the weights of the rows follow the geometry."""
+AT_THE_NOISE: Final = 1.2
+"""A whitened residual below which there is no better minimum to search for."""
+LEAST_GAIN: Final = 1e-3
+"""Nats by which another geometry must be better to be taken."""
