@@ -12,7 +12,7 @@ from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
-from contact_tracker.table import WORD, Bank, layout
+from contact_tracker.table import Bank, layout
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -46,7 +46,7 @@ def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) ->
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses of which nothing is known."""
     family, row = model.family, layout(model)
-    bank = Bank(np.zeros((count, row.itemsize // WORD)), row, np.zeros((count, lag, len(STATES))))
+    bank = Bank(np.zeros((count, row.words)), row, np.zeros((count, lag, len(STATES))))
     # some directions; points at the body, which starts at the origin
     x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
     return bank.having(x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)
@@ -74,15 +74,15 @@ def add(
     words, told = _assuming(model, begins)
     words = np.concatenate([bank.words, words])
     both = Bank(words, bank.layout, np.concatenate([bank.past, past[None].repeat(count, axis=0)]))
-    new = both.table[old:]
+    new = Bank(words[old:], bank.layout, both.past[old:])
     if old:
         best = int(bank.joint.argmax())
-        x, new["row_weight"] = bank.x[best], bank.row_weight[best]
+        x, new.cells("row_weight")[:] = bank.x[best], bank.row_weight[best]
     else:
-        x = model.turned(new["x"], turn)
-    new["x"] = np.where(told, begins.known_mean, x)
-    new["onset"], new["onset_ns"], new["entry"] = onset, onset_ns, entry
-    new["number"] = np.arange(number, number + count)
+        x = model.turned(new.cells("x"), turn)
+    new.cells("x")[:] = np.where(told, begins.known_mean, x)
+    new.cells("onset")[:], new.cells("onset_ns")[:], new.cells("entry")[:] = onset, onset_ns, entry
+    new.cells("number")[:] = np.arange(number, number + count)
     return both
 
 

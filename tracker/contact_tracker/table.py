@@ -1,9 +1,10 @@
 """The living hypotheses of one contact as a table: what is known of each."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
-from typing import Any, Final, Generic, TypeVar
+from functools import cache
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,27 +15,39 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
 
-WORD: Final = 8
+class Field(NamedTuple):
+    """Where in a row a column is: in words ``first`` to ``end``, with entries of a ``shape``."""
+
+    first: int
+    end: int
+    shape: tuple[int, ...]
+    whole: bool
+
+
+class Layout(NamedTuple):
+    """What is where in a row: ``fields`` by the columns' names, so many ``words`` in all."""
+
+    fields: dict[str, Field]
+    words: int
 
 
 class _Column(Generic[Entry]):
     """A column of the table, by the name it has in ``Bank``, and the shape of its entries."""
 
     def __init__(self, kind: type[Entry], *shape: str | int) -> None:
-        self._is_flag, self._shape = kind is np.bool_, shape
-        self._word = np.float64 if kind is np.float64 else np.int64
+        self._is_flag, self._whole, self._shape = kind is np.bool_, kind is not np.float64, shape
 
-    def field(self, sizes: Mapping[str, int]) -> tuple[Any, ...]:
-        """Name, type and shape, as numpy takes them, with the ``sizes`` of C, S, K and P."""
+    def field(self, first: int, sizes: Mapping[str, int]) -> Field:
+        """With the ``sizes`` of C, S, K and P."""
         shape = tuple(size if isinstance(size, int) else sizes[size] for size in self._shape)
-        return self._name, self._word, shape
+        return Field(first, first + math.prod(shape), shape, self._whole)
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
     def __get__(self, bank: "Bank", owner: type) -> NDArray[Entry]:
-        view: NDArray[Any] = bank.table[self._name]
-        column = view != 0 if self._is_flag else view.view()
+        cells: NDArray[Any] = bank.cells(self._name)
+        column = cells != 0 if self._is_flag else cells
         column.flags.writeable = False
         vars(bank)[self._name] = column  # which is found first from now on
         return column
@@ -74,7 +87,7 @@ class Bank:
     """
 
     words: Array
-    layout: np.dtype[Any]
+    layout: Layout
     past: Array
 
     onset = _Column(np.int64)
@@ -109,10 +122,11 @@ class Bank:
     def __reduce__(self) -> tuple[Any, ...]:
         return Bank, (self.words, self.layout, self.past)
 
-    @cached_property
-    def table(self) -> NDArray[Any]:
-        """The columns (H,) by their names, in the same memory."""
-        return self.words.view(self.layout)[:, 0]
+    def cells(self, name: str) -> NDArray[Any]:
+        """A column (H, ...), in the memory of the rows; flags as whole numbers."""
+        first, end, shape, whole = self.layout.fields[name]
+        words: NDArray[Any] = self.words.view(np.int64) if whole else self.words
+        return words[:, first:end].reshape(len(words), *shape) if shape else words[:, first]
 
     @property
     def joint(self) -> Array:
@@ -138,7 +152,7 @@ class Bank:
         """The same with other columns."""
         other = self.copy()
         for name, column in columns.items():
-            other.table[name] = column
+            other.cells(name)[...] = column
         return other
 
     def copy(self) -> "Bank":
@@ -149,7 +163,7 @@ class Bank:
         """The same with the geometry and evidence of ``found``'s hypotheses ``which`` in ``rows``."""
         other = self.copy()
         for name in FOUND:
-            other.table[name][rows] = found.table[name][which]
+            other.cells(name)[rows] = found.cells(name)[which]
         return other
 
 
@@ -158,8 +172,12 @@ FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
 
 
 @cache
-def layout(model: ContactModel) -> np.dtype[Any]:
-    """Type of a row of the contact's ``Bank``."""
-    family = model.family
+def layout(model: ContactModel) -> Layout:
+    """Of the rows of the contact's ``Bank``."""
+    family, fields, end = model.family, dict[str, Field](), 0
     sizes = {"C": len(family.COLUMNS), "S": family.SIZE, "K": family.ROWS, "P": family.PARAMETERS}
-    return np.dtype([column.field(sizes) for column in vars(Bank).values() if isinstance(column, _Column)])
+    for name, column in vars(Bank).items():
+        if isinstance(column, _Column):
+            fields[name] = column.field(end, sizes)
+            end = fields[name].end
+    return Layout(fields, end)

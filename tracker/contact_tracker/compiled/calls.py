@@ -11,7 +11,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import shifts, turns
 from contact_tracker.lift import T
-from contact_tracker.table import WORD, layout
+from contact_tracker.table import layout
 
 Index = NDArray[np.int64]
 
@@ -116,9 +116,8 @@ def _weights(scales: Scales) -> following.Weights:
 @cache
 def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     family = model.family
-    form, row = family.FORM, layout(model)
-    assert row.fields is not None
-    where = hypothesis.Where(*(row.fields[name][1] // WORD for name in hypothesis.Where._fields))
+    form, fields = family.FORM, layout(model).fields
+    where = hypothesis.Where(*(fields[name].first for name in hypothesis.Where._fields))
     sizes = family.SIZE, len(family.COLUMNS), family.ROWS, family.PARAMETERS
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
     return hypothesis.Kind(form, model.body_in_1, *sizes, turns(form), shifts(form), pull, flat, where)
