@@ -1,30 +1,41 @@
 """The living hypotheses of one contact: what each knew before, how they join and which are dropped."""
 
 from functools import lru_cache
-from typing import Final
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
+from contact_tracker.pace import MET_SHARE, PATIENCE, YOUNG
 from contact_tracker.table import Bank, layout
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-PATIENCE: Final = 16
-"""Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
-MET_SHARE: Final = 0.35
-"""Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
-less."""
-YOUNG: Final = 24
-"""Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
+
+class Birth(NamedTuple):
+    """What begins in a tick: ``onset`` and ``onset_ns`` of hypotheses that are numbered from ``number`` on,
+    one for each of ``begins``; the log weight ``entry`` and the ``past`` (L, 7) that they all have.
+
+    Where nothing is known they start from the geometry of the best one so far; the first ones from any, the
+    same whatever the world's axes are: ``turn`` (3, 3) is the body's orientation.
+    """
+
+    begins: Begins
+    onset: int
+    onset_ns: int
+    number: int
+    entry: float
+    past: Array
+    turn: Array
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
@@ -52,42 +63,35 @@ def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     return bank.having(x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)
 
 
-def add(
-    bank: Bank,
-    model: ContactModel,
-    onset: int,
-    onset_ns: int,
-    number: int,
-    entry: float,
-    past: Array,
-    turn: Array,
-    begins: Begins,
-) -> Bank:
-    """Hypotheses from tick ``onset`` on, one for each of ``begins``, numbered from ``number`` on.
-
-    Where nothing is known they start from the geometry of the best one so far; the first ones from any, the
-    same whatever the world's axes are: ``turn`` (3, 3) is the body's orientation.
-    """
-    count, old = begins.many, len(bank)
-    if not count:
+def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
+    """The bank with what begins."""
+    begins, old = birth.begins, len(bank)
+    if not begins.many:
         return bank
-    words, told = _assuming(model, begins)
-    words = np.concatenate([bank.words, words])
-    both = Bank(words, bank.layout, np.concatenate([bank.past, past[None].repeat(count, axis=0)]))
-    new = Bank(words[old:], bank.layout, both.past[old:])
+    born, told = assuming(model, begins)
+    both = Bank(np.concatenate([bank.words, born]), bank.layout, joined(bank, birth))
+    new = Bank(both.words[old:], bank.layout, both.past[old:])
     if old:
         best = int(bank.joint.argmax())
         x, new.cells("row_weight")[:] = bank.x[best], bank.row_weight[best]
     else:
-        x = model.turned(new.cells("x"), turn)
+        x = model.turned(new.cells("x"), birth.turn)
     new.cells("x")[:] = np.where(told, begins.known_mean, x)
-    new.cells("onset")[:], new.cells("onset_ns")[:], new.cells("entry")[:] = onset, onset_ns, entry
-    new.cells("number")[:] = np.arange(number, number + count)
+    new.cells("onset")[:], new.cells("onset_ns")[:] = birth.onset, birth.onset_ns
+    new.cells("number")[:] = birth.number + np.arange(begins.many)
+    new.cells("entry")[:] = birth.entry
     return both
 
 
+def joined(bank: Bank, birth: Birth) -> Array:
+    """Past (H + n, L, 7) of all."""
+    if not bank.past.shape[1]:
+        return np.zeros((len(bank) + birth.begins.many, *bank.past.shape[1:]))
+    return np.concatenate([bank.past, birth.past[None].repeat(birth.begins.many, axis=0)])
+
+
 @lru_cache(maxsize=32)  # where the user knows nothing the same may begin until something is learnt
-def _assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
+def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     """Hypotheses (n, words) that have seen nothing yet, and what (n, S) of their x is known."""
     share = begins.log_share
     new = blank(model, begins.many).having(**begins.assumed, lasted=share, log_likelihood=share)
@@ -95,7 +99,15 @@ def _assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
-    """Drop what is hopeless against ``best``, and thin out onsets the more the older they are."""
+    """Drop what is hopeless against ``best``, and thin out onsets the more the older they are.
+
+    Log weights are against ``best`` from then on.
+    """
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        rows, words = calls.prune(bank.words, bank.layout, now, best, margin)
+        return Bank(words, bank.layout, bank.past[rows])
     joint = bank.joint
     margins = np.where(bank.met, MET_SHARE * margin, margin)
     keep = (joint > best - margins) | ((bank.told <= PATIENCE) & bank.searched)
@@ -104,7 +116,8 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
         age = now + 1 - bank.onset[:old]
         span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
-    return bank if keep.all() else bank.pick(keep.nonzero()[0])
+    bank = bank.pick(keep.nonzero()[0])
+    return bank.having(entry=bank.entry - best)
 
 
 def best_of(group: Index, joint: Array) -> Bools:

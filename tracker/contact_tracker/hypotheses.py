@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.bank import add, blank
+from contact_tracker.bank import Birth, add, assuming, blank, joined
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
@@ -21,39 +21,54 @@ Array = NDArray[np.float64]
 
 
 def advance(
-    banks: Sequence[Bank], windows: Sequence[Window], scales: Scales, log_stay: Array, margin: float
+    banks: Sequence[Bank],
+    births: Sequence[Birth],
+    windows: Sequence[Window],
+    scales: Scales,
+    log_stay: Array,
+    margin: float,
 ) -> list[Bank]:
-    """Take in the newest tick of the windows, one for each contact; ``log_stay`` is the price of not having
-    changed in it.
+    """Take in the newest tick of the windows, one for each contact, and what begins with it; ``log_stay`` is
+    the price of not having changed in it.
 
     What is further behind the best than the ``margin`` (nats) waits for another geometry: its moments grow.
     """
     return [
-        advanced(bank, contact, window, scales, float(price), margin)
-        for bank, contact, window, price in zip(banks, CONTACT_MODELS, windows, log_stay, strict=True)
+        _advanced(bank, contact, birth, window, scales, float(price), margin)
+        for bank, contact, birth, window, price in zip(
+            banks, CONTACT_MODELS, births, windows, log_stay, strict=True
+        )
     ]
 
 
-def advanced(
-    bank: Bank, model: ContactModel, window: Window, scales: Scales, log_stay: float, margin: float
+def _advanced(
+    bank: Bank,
+    model: ContactModel,
+    birth: Birth,
+    window: Window,
+    scales: Scales,
+    log_stay: float,
+    margin: float,
 ) -> Bank:
-    """The same of one contact."""
-    if not len(bank):
+    if not len(bank) and not birth.begins.many:
         return bank
     due = is_due(model, window)
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        grown = bank.copy()
-        rows = calls.advance(model, grown.words, window, scales, log_stay, margin, due)
-        return searched(grown, rows, model, window, scales)
+        born = *assuming(model, birth.begins), birth.turn, birth.onset, birth.onset_ns, birth.number
+        words, rows = calls.advance(
+            model, bank.words, (*born, birth.entry), window, scales, log_stay, margin, due
+        )
+        return searched(Bank(words, bank.layout, joined(bank, birth)), rows, model, window, scales)
+    bank = add(bank, model, birth)
     hopeless = bank.joint < -margin
-    grown = follow(grow(bank, model, window, log_stay), model, window, scales, hopeless)
+    bank = follow(grow(bank, model, window, log_stay), model, window, scales, hopeless)
     if due:
-        grown = adopted(grown, model, window, scales)
+        bank = adopted(bank, model, window, scales)
         if window.activity[-1] > AT_REST:
-            grown = searched(grown, lost(grown), model, window, scales)
-    return grown
+            bank = searched(bank, lost(bank), model, window, scales)
+    return bank
 
 
 def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:
@@ -72,8 +87,8 @@ def fit_stretch(model: ContactModel, window: Window, scales: Scales, begins: Beg
     """
     begins = fresh(model) if begins is None else begins
     nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
-    past = nothing.past[:0].sum(axis=0)
-    bank = add(nothing, model, int(window.index[0]), 0, 0, 0.0, past, turn, begins)
+    birth = Birth(begins, int(window.index[0]), 0, 0, 0.0, nothing.past.sum(axis=0), turn)
+    bank = add(nothing, model, birth)
     if not len(bank):
         return bank
     bank = follow(grow_whole(bank, model, window), model, window, scales)

@@ -1,4 +1,4 @@
-"""How far hypotheses go in a tick: steps towards their minimum, and searches from afar."""
+"""How far hypotheses go in a tick, towards their minimum and in search of it, and how long they are kept."""
 
 from typing import Final
 
@@ -26,3 +26,10 @@ AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
+PATIENCE: Final = 16
+"""Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
+MET_SHARE: Final = 0.35
+"""Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
+less."""
+YOUNG: Final = 24
+"""Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""

@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
 
+
 class Field(NamedTuple):
     """Where in a row a column is: in words ``first`` to ``end``, with entries of a ``shape``."""
 
@@ -24,7 +25,8 @@ class Field(NamedTuple):
     whole: bool
 
 
-class Layout(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Layout:
     """What is where in a row: ``fields`` by the columns' names, so many ``words`` in all."""
 
     fields: dict[str, Field]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
 from contact_tracker.answers import answer, believe, remaining, touching
+from contact_tracker.bank import Birth
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
@@ -141,7 +142,7 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
         state,
         window=window,
         frames=frames,
-        banks=tuple(replace(b, past=fixed_lag.grown(b.past, i)) for i, b in enumerate(banks)),
+        banks=tuple(_older(b, column) for column, b in enumerate(banks)),
         ticks=state.ticks + 1,
         numbers=state.numbers + 1,
         outliers=state.outliers + tick.outliers,
@@ -160,26 +161,27 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     window, frames = _append(state, tick)
     begins, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
-    more, numbers, turn = [], state.numbers, tick.zeta[R].reshape(3, 3)
-    for column, (living, contact) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
-        begun = begins[column]
-        born = (state.ticks, tick.start_ns, numbers, float(entry[column]), past[column], turn, begun)
-        living = bank.add(living, contact, *born)
-        more.append(replace(living, past=fixed_lag.grown(living.past, column)))
+    births, numbers, turn = [], state.numbers, tick.zeta[R].reshape(3, 3)
+    for column, begun in enumerate(begins):
+        number, weight = numbers, float(entry[column])
+        births.append(Birth(begun, state.ticks, tick.start_ns, number, weight, past[column], turn))
         numbers += begun.many
-    windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(more))]
-    grown = hypotheses.advance(more, windows, scales, stay[:FREE], model.search.margin_nats)
+    windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(banks))]
+    grown = hypotheses.advance(banks, births, windows, scales, stay[:FREE], model.search.margin_nats)
     best = max(float(entry[FREE]), *(b.best for b in grown))
-    kept = [bank.prune(b, state.ticks, best, model.search.margin_nats) for b in grown]
-    log_left = np.array([*(b.log_weight for b in kept), entry[FREE]])
+    kept = [
+        bank.prune(_older(b, column), state.ticks, best, model.search.margin_nats)
+        for column, b in enumerate(grown)
+    ]
+    log_left = np.array([*(b.log_weight for b in kept), entry[FREE] - best])
     label = STATES[int(np.argmax(log_left))]
     pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in kept), fixed_lag.grown(past[FREE], FREE)]
     return replace(
         state,
         window=window,
         frames=frames,
-        banks=tuple(b.having(entry=b.entry - best) for b in kept),
-        log_left=log_left - best,
+        banks=tuple(kept),
+        log_left=log_left,
         ticks=state.ticks + 1,
         numbers=numbers + 1,
         outliers=state.outliers + tick.outliers,
@@ -191,6 +193,11 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         withheld=0.0,
         past=np.array(pasts),
     )
+
+
+def _older(living: Bank, column: int) -> Bank:
+    """With pasts that are one tick longer."""
+    return replace(living, past=fixed_lag.grown(living.past, column)) if living.past.shape[1] else living
 
 
 def _window_ticks(model: Model) -> int:

@@ -1,12 +1,13 @@
 """What ``hypotheses.advanced`` does to all hypotheses of one contact in a tick, compiled."""
 
 from math import isnan
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.compiled.following import (
     Minds,
-    Newest,
     Weights,
     grow_one,
     learn_one,
@@ -17,12 +18,60 @@ from contact_tracker.compiled.hypothesis import Ints, Kind
 from contact_tracker.compiled.jit import jit, kernel
 from contact_tracker.compiled.offering import costs_for, offer
 from contact_tracker.compiled.seeing import Ticks
-from contact_tracker.compiled.vectors import copy
+from contact_tracker.compiled.vectors import at, copy, inner
 from contact_tracker.contacts.base import Array
 from contact_tracker.pace import AGES, AT_REST, AT_THE_NOISE, DUE
 
 _AGES = np.array(AGES, float)
 GROUPS = 2 * (len(AGES) + 1)
+
+
+@jit
+def _joint(kind: Kind, table: Array, b: int) -> float:
+    joint: float = table[b, kind.where.entry] + table[b, kind.where.log_likelihood]
+    return joint
+
+
+class Birth(NamedTuple):
+    """As ``bank.Birth``: ``words`` (n, words) of hypotheses that have seen nothing, and what (n, S) is
+    ``told`` of their geometry."""
+
+    words: Array
+    told: NDArray[np.bool_]
+    turn: Array
+    onset: int
+    onset_ns: int
+    number: int
+    entry: float
+
+
+@jit
+def _join(kind: Kind, old: Array, birth: Birth, table: Array, whole: Ints) -> None:
+    """As ``bank.add``, into ``table`` (H + n, words)."""
+    where, count, best = kind.where, len(old), 0
+    for b in range(count):
+        copy(old[b], table[b])
+        if _joint(kind, old, b) > _joint(kind, old, best):
+            best = b
+    d = kind.form.d2 if kind.body_in_1 else kind.form.d1
+    for i in range(len(birth.words)):
+        b = count + i
+        row = table[b]
+        copy(birth.words[i], row)
+        whole[b, where.onset], whole[b, where.onset_ns] = birth.onset, birth.onset_ns
+        whole[b, where.number], row[where.entry] = birth.number + i, birth.entry
+        if count:
+            for k in range(kind.each):
+                row[where.row_weight + k] = old[best, where.row_weight + k]
+        elif d >= 0:
+            v = at(birth.words[i], where.x + d)
+            for j in range(3):
+                row[where.x + d + j] = inner(at(birth.turn[j], 0), v)
+        for s in range(kind.size):
+            if birth.told[i, s]:
+                row[where.x + s] = row[where.known_mean + s]
+            elif count:
+                row[where.x + s] = old[best, where.x + s]
 
 
 @jit
@@ -53,12 +102,6 @@ def _group(kind: Kind, table: Array, whole: Ints, b: int) -> int:
 
 
 @jit
-def _joint(kind: Kind, table: Array, b: int) -> float:
-    joint: float = table[b, kind.where.entry] + table[b, kind.where.log_likelihood]
-    return joint
-
-
-@jit
 def _lost(kind: Kind, table: Array, whole: Ints, best: Ints, lost: Ints) -> int:
     """As ``search.lost``, into ``lost``; returns how many. ``best`` (GROUPS,) is memory."""
     best[:] = -1
@@ -79,19 +122,23 @@ def _lost(kind: Kind, table: Array, whole: Ints, best: Ints, lost: Ints) -> int:
 @kernel
 def advance(
     kind: Kind,
+    old: Array,
+    birth: Birth,
     table: Array,
     whole: Ints,
     ticks: Ticks,
-    tick: Newest,
+    heard: float,
     weights: Weights,
+    log_stay: float,
     margin: float,
     due: bool,
     lost: Ints,
 ) -> int:
     minds, count = minds_for(kind), len(table)
+    _join(kind, old, birth, table, whole)
     for b in range(count):
         hopeless = _joint(kind, table, b) < -margin
-        grow_one(kind, table, whole, b, tick, minds.work.prior.anchors)
+        grow_one(kind, table, whole, b, ticks, heard, log_stay, minds.work)
         if not hopeless:
             learn_one(kind, table, whole, b, ticks, steps_of(kind, table, b), weights, minds)
     if not due:
@@ -99,6 +146,4 @@ def advance(
     giver = np.empty(count, np.int64)
     offer(kind, table, costs_for(kind, count), np.empty((count, count)), giver, minds.work)
     _adopt(kind, table, whole, ticks, weights, giver, np.empty((count, kind.size)), minds)
-    if tick.heard <= AT_REST:
-        return 0
-    return _lost(kind, table, whole, np.empty(GROUPS, np.int64), lost)
+    return _lost(kind, table, whole, np.empty(GROUPS, np.int64), lost) if heard > AT_REST else 0

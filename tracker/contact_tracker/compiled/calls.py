@@ -6,12 +6,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import advancing, following, hypothesis, searching, seeing
+from contact_tracker.compiled import advancing, dropping, following, hypothesis, searching, seeing
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import shifts, turns
-from contact_tracker.lift import T
-from contact_tracker.table import layout
+from contact_tracker.table import Layout, layout
 
 Index = NDArray[np.int64]
 
@@ -70,20 +69,40 @@ def summed(
 def advance(
     model: ContactModel,
     words: Array,
+    born: tuple[Any, ...],
     window: Window,
     scales: Scales,
     log_stay: float,
     margin: float,
     due: bool,
-) -> Index:
-    """A bank, in place; returns the rows that are to search from scratch."""
-    number, zeta, heard = int(window.index[-1]), window.zeta[-1], float(window.activity[-1])
-    lifted, sigma = _plain(model.lifted(zeta)), float(np.sqrt(window.variance[-1, 0]))
-    tick = following.Newest(number, lifted, zeta[T].copy(), sigma, heard, log_stay)
-    table, ticks = (words, words.view(np.int64)), _ticks(window, model.body_in_1)
-    lost = np.empty(advancing.GROUPS, np.int64)
-    kind, weights = _kind(model, scales.reach_m), _weights(scales)
-    return lost[: advancing.advance(kind, *table, ticks, tick, weights, margin, due, lost)]
+) -> tuple[Array, Index]:
+    """The rows of a bank and what is ``born`` (``advancing.Birth``), a tick on; and which are to search from
+    scratch."""
+    birth = advancing.Birth(*born)
+    table = np.empty((len(words) + len(birth.words), words.shape[1]))
+    lost, heard = np.empty(advancing.GROUPS, np.int64), float(window.activity[-1])
+    many = advancing.advance(
+        _kind(model, scales.reach_m),
+        words,
+        birth,
+        table,
+        table.view(np.int64),
+        _ticks(window, model.body_in_1),
+        heard,
+        _weights(scales),
+        log_stay,
+        margin,
+        due,
+        lost,
+    )
+    return table, lost[:many]
+
+
+def prune(words: Array, layout: Layout, now: int, best: float, margin: float) -> tuple[Index, Array]:
+    """Which rows of a bank are kept, and these, their weights against ``best``."""
+    rows, kept = np.empty(len(words), np.int64), np.empty(words.shape)
+    many = dropping.prune(_where(layout), words, words.view(np.int64), now, best, margin, rows, kept)
+    return rows[:many], kept[:many]
 
 
 def learn(model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index) -> None:
@@ -116,11 +135,16 @@ def _weights(scales: Scales) -> following.Weights:
 @cache
 def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     family = model.family
-    form, fields = family.FORM, layout(model).fields
-    where = hypothesis.Where(*(fields[name].first for name in hypothesis.Where._fields))
-    sizes = family.SIZE, len(family.COLUMNS), family.ROWS, family.PARAMETERS
+    form, where = family.FORM, _where(layout(model))
+    columns = np.array(family.COLUMNS, np.int64)
+    sizes = family.SIZE, len(columns), columns, family.ROWS, family.PARAMETERS
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
     return hypothesis.Kind(form, model.body_in_1, *sizes, turns(form), shifts(form), pull, flat, where)
+
+
+@cache
+def _where(layout: Layout) -> hypothesis.Where:
+    return hypothesis.Where(*(layout.fields[name].first for name in hypothesis.Where._fields))
 
 
 @lru_cache(maxsize=4)  # all contacts see the same

@@ -10,8 +10,19 @@ from contact_tracker.compiled.forms import normalise
 from contact_tracker.compiled.hypothesis import Ints, Kind, Row, anchor, know, row_of
 from contact_tracker.compiled.jit import jit, kernel, memory, part
 from contact_tracker.compiled.pricing import volume
-from contact_tracker.compiled.seeing import AFTER, CHI_SQ, LOG_RATIO, TICKS, Sums, Ticks, add_up, sums_for
-from contact_tracker.compiled.vectors import dot, multiply
+from contact_tracker.compiled.seeing import (
+    AFTER,
+    CHI_SQ,
+    LOG_RATIO,
+    TICKS,
+    Sums,
+    T,
+    Ticks,
+    U,
+    add_up,
+    sums_for,
+)
+from contact_tracker.compiled.vectors import NONE, at, dot, mix, multiply
 from contact_tracker.contacts.base import Array
 from contact_tracker.fit import TOLERANCE
 from contact_tracker.pace import AT_REST, FIRST_STEPS, FIRST_TICKS, REFINE_STEPS
@@ -23,19 +34,6 @@ class Weights(NamedTuple):
     lengths: tuple[float, float]
     foreknowledge: float
     independence: float
-
-
-class Newest(NamedTuple):
-    """The newest tick: its ``number`` in ``Window.index``; the ``lifted`` pose (C,) and the body's ``place``
-    (3,) with its noise ``sigma``; how far motion is ``heard`` above the noise; and the price of not having
-    changed in it, ``log_stay``."""
-
-    number: int
-    lifted: Array
-    place: Array
-    sigma: float
-    heard: float
-    log_stay: float
 
 
 @jit
@@ -74,23 +72,29 @@ def minds_for(kind: Kind) -> Minds:
 
 
 @jit
-def grow_one(kind: Kind, table: Array, whole: Ints, b: int, tick: Newest, anchors: Array) -> None:
-    """As ``following.grow`` of hypothesis b; ``anchors`` (6,) is memory."""
-    row, numbers, where, lifted = row_of(kind, table, b), table[b], kind.where, tick.lifted
-    begins = whole[b, where.onset] == tick.number
-    weight = (1.0 if begins else max(tick.heard, AT_REST)) / (tick.sigma * tick.sigma)
+def grow_one(
+    kind: Kind, table: Array, whole: Ints, b: int, ticks: Ticks, heard: float, log_stay: float, work: Work
+) -> None:
+    """As ``following.grow`` of hypothesis b, by the newest of ``ticks``, in which so much motion is
+    ``heard``."""
+    row, numbers, where = row_of(kind, table, b), table[b], kind.where
+    pose, precision = ticks.pose[-1], 1.0 / ticks.variance[-1, 0]
+    begins = whole[b, where.onset] == ticks.number[-1]
+    weight = precision * (1.0 if begins else max(heard, AT_REST))
     for c in range(kind.columns):
+        entry = pose[kind.lifted[c]]
         if begins:
-            row.first[c] = lifted[c] / tick.sigma
+            row.first[c] = entry * sqrt(precision)
         for d in range(kind.columns):
-            row.moments[c, d] += weight * lifted[c] * lifted[d]
+            row.moments[c, d] += weight * entry * pose[kind.lifted[d]]
+    place = at(pose, T) if kind.body_in_1 else mix(-1.0, at(pose, U), 0.0, NONE)
     for i in range(3):
-        row.place_sum[i] += weight * tick.place[i]
+        row.place_sum[i] += weight * place[i]
     numbers[where.weight] += weight
-    numbers[where.told] += 1.0 if begins else tick.heard
-    numbers[where.lasted] += 0.0 if begins else tick.log_stay
-    anchor(kind, row, numbers[where.weight], anchors)
-    normalise(kind.form, row.x, anchors)
+    numbers[where.told] += 1.0 if begins else heard
+    numbers[where.lasted] += 0.0 if begins else log_stay
+    anchor(kind, row, numbers[where.weight], work.prior.anchors)
+    normalise(kind.form, row.x, work.prior.anchors)
 
 
 @part

@@ -18,9 +18,12 @@ class Where(NamedTuple):
     """At which word of a row the columns of ``table.Bank`` begin."""
 
     onset: int
+    onset_ns: int
+    number: int
     source: int
     certain: int
     searched: int
+    met: int
     entry: int
     lasted: int
     settled: int
@@ -42,12 +45,14 @@ class Where(NamedTuple):
 
 class Kind(NamedTuple):
     """What sort of contact it is, see ``contacts``: the sizes S, C, K (of ``each`` pose) and P (``free``);
-    which are ``turns`` and ``shifts``; ``pull`` (S,) of the weak prior, ``flat`` where it has none."""
+    which entries of a pose are ``lifted`` (C,), which directions are ``turns`` and ``shifts``; ``pull`` (S,)
+    of the weak prior, ``flat`` where it has none."""
 
     form: Form
     body_in_1: bool
     size: int
     columns: int
+    lifted: Ints
     each: int
     free: int
     turns: Ints
