@@ -1,4 +1,4 @@
-"""The parts of the kernels that fit one window, called as ``fit.minimise`` and ``fit.complete`` are."""
+"""Parts of the kernels, called as the functions are that they stand for."""
 
 import numpy as np
 
@@ -6,8 +6,10 @@ from contact_tracker import fit
 from contact_tracker.bank import blank
 from contact_tracker.compiled import calls
 from contact_tracker.compiled.fitting import complete_one, descend, work_for
+from contact_tracker.compiled.following import grow_one
 from contact_tracker.compiled.hypothesis import row_of
 from contact_tracker.compiled.jit import jit, kernel
+from contact_tracker.compiled.offering import costs_for, offer
 from contact_tracker.fit import TOLERANCE
 
 
@@ -30,6 +32,34 @@ def _problem(model, moments, row_weight, prior, anchors):
     bank = blank(model, len(moments)).having(moments=moments, row_weight=row_weight)
     known = prior.precision, prior.information, prior.constant, anchors
     return calls._kind(model, 1.0), bank.words, *(np.array(part, order="C") for part in known)
+
+
+def grow(bank, model, window, log_stay):
+    """As ``following.grow``."""
+    grown = bank.copy()
+    heard, ticks = float(window.activity[-1]), calls._ticks(window, model.body_in_1)
+    _grow(calls._kind(model, 1.0), grown.words, grown.words.view(np.int64), ticks, heard, log_stay)
+    return grown
+
+
+def givers(bank, model, reach_m):
+    """Whose geometry each hypothesis takes in ``search.adopted``."""
+    giver = np.empty(len(bank), np.int64)
+    _offer(calls._kind(model, reach_m), bank.words, giver)
+    return giver
+
+
+@kernel
+def _grow(kind, table, whole, ticks, heard, log_stay):
+    work = work_for(kind)
+    for b in range(len(table)):
+        grow_one(kind, table, whole, b, ticks, heard, log_stay, work)
+
+
+@kernel
+def _offer(kind, table, giver):
+    count = len(table)
+    offer(kind, table, costs_for(kind, count), np.empty((count, count)), giver, work_for(kind))
 
 
 @jit

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,13 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact_tracker import compiled, fit, search
+from contact_tracker import compiled, fit, search, tracker
+from contact_tracker.bank import blank, prune
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window, weak_prior
 from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
+from contact_tracker.pace import LEAST_GAIN
 from contact_tracker.summed import summed
 from contact_tracker.table import FOUND
 from short import FACE_TO_EDGE, MODEL, recorded
@@ -167,10 +170,14 @@ def test_sums_over_ticks_agree(model, uneven, seed):
 
 
 @cache
+def passed():
+    """A recording, tick by tick."""
+    return list(forward(recorded(FACE_TO_EDGE).poses[:700], MODEL))
+
+
 def states():
-    """The tracker as it stands after some ticks of a recording."""
-    seen = list(forward(recorded(FACE_TO_EDGE).poses[:700], MODEL))
-    return [seen[k].state for k in (4, 12, 30)]
+    """The tracker as it stands after some ticks."""
+    return [passed()[k].state for k in (4, 12, 30)]
 
 
 @each_model
@@ -186,14 +193,14 @@ def test_a_bank_grows_and_learns_alike(model, steps, pivoted):
                 rng.random(bank.pivot.shape) < 0.5, np.nan, 0.1 * rng.normal(size=bank.pivot.shape)
             )
             bank = bank.having(pivot=pivot)
-        grown = both(grow, bank, model, window, -0.3)
-        assert_same_columns(*grown, GROWS, 1e-12)
+        grown = grow(bank, model, window, -0.3)
+        assert_same_columns(grown, kernels.grow(bank, model, window, -0.3), GROWS, 1e-12)
         count = np.full(len(bank), steps)
         count[::3] = NOT_AT_ALL
-        learned = both(learn, grown[0], model, window, SCALES, count)
+        learned = both(learn, grown, model, window, SCALES, count)
         assert_same_columns(*learned, FOUND, 3e-5)
         for name in FOUND:
-            np.testing.assert_array_equal(getattr(learned[1], name)[::3], getattr(grown[0], name)[::3])
+            np.testing.assert_array_equal(getattr(learned[1], name)[::3], getattr(grown, name)[::3])
 
 
 @each_model
@@ -201,28 +208,63 @@ def test_what_others_offer_agrees(model):
     takers = 0
     for state in states():
         bank = state.banks[model.contact.column]
-        numpy, kernel = both(search._offered, bank, model, SCALES)
-        np.testing.assert_array_equal(kernel, numpy)
-        takers += len(numpy[0])
+        costs = fit.every_cost(
+            model.family, bank.moments, bank.row_weight, before(bank, model, SCALES).prior, bank.x
+        )
+        gains = costs.min(axis=0) < costs.diagonal() - LEAST_GAIN
+        numpy = np.where(gains, costs.argmin(axis=0), np.arange(len(bank)))
+        np.testing.assert_array_equal(kernels.givers(bank, model, REACH_M), numpy)
+        takers += gains.sum()
     assert takers or model.contact is Contact.FF  # which has one minimum
 
 
 @each_model
-def test_searches_find_what_costs_the_same(model):
+def test_searches_find_what_is_as_good(model):
     """Where directions cost nothing they may find others."""
+    better = 0
     for state in states():
         bank, window = state.banks[model.contact.column], state.window
         rows = np.arange(len(bank))[:: max(len(bank) // 3, 1)]
-        numpy, kernel = both(search._from_scratch, bank, rows, model, window, SCALES)
-        np.testing.assert_allclose(
-            *(costs(bank, model, x, rows.repeat(x.shape[1])) for x in (numpy, kernel)), rtol=1e-4, atol=1e-4
-        )
+        lost = bank.having(x=model.turned(bank.x, np.eye(3)[[1, 2, 0]]), log_likelihood=-np.inf)
+        numpy, kernel = both(search.searched, lost, rows, model, window, SCALES)
+        np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, rtol=1e-3, atol=1e-3)
+        assert np.isfinite(kernel.log_likelihood[rows]).all()
+        better += len(rows)
+    assert better > 6
 
 
-def costs(bank, model, x, of):
-    known = before(bank, model, SCALES)
-    x = x.reshape(len(of), -1)
-    return fit.minimise(model.family, bank.moments, bank.row_weight, *known, x, 0, of=of).cost
+@pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
+def test_a_tick_is_taken_in_alike(k):
+    """With what begins in it, what searches, which contacts do in turn, and what is dropped."""
+    seen = passed()
+    numpy, kernel = both(lambda: tracker.observe(seen[k].state, seen[k + 1].tick)[0])
+    for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
+        for name in ("number", "onset", "onset_ns", "source", "met"):
+            np.testing.assert_array_equal(getattr(compiled_, name), getattr(reference, name))
+        assert_same_columns(reference, compiled_, ("told", "moments", "first", "entry", "lasted"), 1e-6)
+        matters = reference.joint > -30.0
+        np.testing.assert_allclose(compiled_.joint[matters], reference.joint[matters], atol=2e-2)
+    np.testing.assert_allclose(kernel.log_left, numpy.log_left, atol=1e-2)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=seeds, margin=st.floats(0.0, 60.0))
+def test_what_is_dropped_agrees(seed, margin):
+    rng = np.random.default_rng(seed)
+    count, now = int(rng.integers(0, 60)), 800
+    bank = blank(CONTACT_MODELS[0], count, lag=2).having(
+        onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
+        told=rng.uniform(0.0, 40.0, count),
+        searched=rng.random(count) > 0.5,
+        met=rng.random(count) > 0.5,
+        log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
+        entry=-1.0,
+        number=np.arange(count),
+    )
+    bank = replace(bank, past=rng.random(bank.past.shape))
+    numpy, kernel = both(prune, bank, now, -2.5, margin)
+    np.testing.assert_array_equal(kernel.words, numpy.words)
+    np.testing.assert_array_equal(kernel.past, numpy.past)
 
 
 def assert_same_columns(numpy, kernel, names, rel):

@@ -20,7 +20,7 @@ SCREENED: Final = 7
 """So many of all starts are followed at all, those that cost least before a step is taken."""
 ROUNDS: Final = ((2, 5), (2, 3), (3, 2))
 """So many steps, and on from so many of the best."""
-WEIGHED: Final = 2
+WEIGHED: Final = 1
 """So often what a search has found is weighed: the weights of the rows follow the geometry."""
 AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
