@@ -71,13 +71,11 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def follow(
-    bank: Bank, model: ContactModel, window: Window, scales: Scales, hopeless: Bools | None = None
-) -> Bank:
-    """``learn`` as far as is due in every tick, of what is ``hopeless`` (H,) nothing."""
+def follow(bank: Bank, model: ContactModel, window: Window, scales: Scales, far: Bools | None = None) -> Bank:
+    """``learn`` as far as is due in every tick, of what is ``far`` behind (H,) nothing."""
     steps = REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.told < FIRST_TICKS)
-    if hopeless is not None:
-        steps[hopeless] = NOT_AT_ALL
+    if far is not None:
+        steps[far] = NOT_AT_ALL
     return learn(bank, model, window, scales, steps)
 
 

@@ -12,7 +12,7 @@ from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import follow, grow, grow_whole
 from contact_tracker.lift import R
-from contact_tracker.pace import AT_REST
+from contact_tracker.pace import AT_REST, FAR_NATS, FIRST_TICKS
 from contact_tracker.search import adopted, is_due, lost, searched
 from contact_tracker.summed import summed
 from contact_tracker.table import Bank
@@ -31,7 +31,8 @@ def advance(
     """Take in the newest tick of the windows, one for each contact, and what begins with it; ``log_stay`` is
     the price of not having changed in it.
 
-    What is further behind the best than the ``margin`` (nats) waits for another geometry: its moments grow.
+    What is further behind the best than the ``margin`` (nats) waits for another geometry, and what is behind
+    at all may wait for some ticks: its moments grow.
     """
     return [
         _advanced(bank, contact, birth, window, scales, float(price), margin)
@@ -62,8 +63,9 @@ def _advanced(
         )
         return searched(Bank(words, bank.layout, joined(bank, birth)), rows, model, window, scales)
     bank = add(bank, model, birth)
-    hopeless = bank.joint < -margin
-    bank = follow(grow(bank, model, window, log_stay), model, window, scales, hopeless)
+    waits = not due and bank.told >= FIRST_TICKS
+    far = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)
+    bank = follow(grow(bank, model, window, log_stay), model, window, scales, far)
     if due:
         bank = adopted(bank, model, window, scales)
         if window.activity[-1] > AT_REST:

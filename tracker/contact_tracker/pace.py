@@ -10,6 +10,9 @@ FIRST_STEPS: Final = 3
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
+FAR_NATS: Final = 14.0
+"""What is further behind the best learns only when searches are due, once it has seen its first ticks: until
+then it grows."""
 AGES: Final = (3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3

@@ -20,7 +20,7 @@ from contact_tracker.compiled.offering import costs_for, offer
 from contact_tracker.compiled.seeing import Ticks
 from contact_tracker.compiled.vectors import at, copy, inner
 from contact_tracker.contacts.base import Array
-from contact_tracker.pace import AGES, AT_REST, AT_THE_NOISE, DUE
+from contact_tracker.pace import AGES, AT_REST, AT_THE_NOISE, DUE, FAR_NATS, FIRST_TICKS
 
 _AGES = np.array(AGES, float)
 GROUPS = 2 * (len(AGES) + 1)
@@ -137,9 +137,10 @@ def advance(
     minds, count = minds_for(kind), len(table)
     _join(kind, old, birth, table, whole)
     for b in range(count):
-        hopeless = _joint(kind, table, b) < -margin
+        waits = not due and table[b, kind.where.told] >= FIRST_TICKS
+        learns = _joint(kind, table, b) >= -(min(margin, FAR_NATS) if waits else margin)
         grow_one(kind, table, whole, b, ticks, heard, log_stay, minds.work)
-        if not hopeless:
+        if learns:
             learn_one(kind, table, whole, b, ticks, steps_of(kind, table, b), weights, minds)
     if not due:
         return 0

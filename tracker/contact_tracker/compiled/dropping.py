@@ -23,8 +23,11 @@ def _has_chances(where: Where, table: Array, whole: Ints, b: int, best: float, m
 @jit
 def _span(where: Where, whole: Ints, b: int, now: int) -> tuple[int, int]:
     """Of so many ticks' onsets one is kept, and which span of them it is in."""
-    onset, ticks = whole[b, where.onset], 1
-    while now + 1 - onset >= YOUNG * ticks:
+    onset = whole[b, where.onset]
+    age, ticks = now + 1 - onset, 2
+    if age <= YOUNG:
+        return 1, onset
+    while age >= YOUNG * ticks:
         ticks *= 2
     return ticks, onset // ticks
 
