@@ -8,7 +8,7 @@ import pytest
 
 from contact_tracker.assumptions import UNLISTED, assumptions
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts.given import given, pivots
+from contact_tracker.contacts.given import Given, given
 from contact_tracker.forward import forward
 from contact_tracker.geometry import Line, canonical, numbers
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
@@ -35,9 +35,9 @@ def touching(contact):
 def prior(model, object=True, environment=True):
     poses, ours, theirs = touching(model.contact)
     pair = ours if object else None, theirs if environment else None
-    pivot = pivots(model, *pair)
+    known, (pivot,) = given(model, [pair])
     anchors = np.where(np.isnan(pivot), model.anchors(poses.position_m.mean(axis=0)), pivot)
-    return given(model, *pair), anchors
+    return Given(known.mean[0], known.information[0]), anchors
 
 
 @each_contact
@@ -141,7 +141,7 @@ def test_nothing_known_is_one_unknown_pair():
     for model in CONTACT_MODELS:
         (pair,) = assumptions(NOTHING, model)
         assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
-        known, pivot = pair.given(model, np.zeros(3), np.zeros(3))
+        known, pivot = given(model, [pair.pair(np.zeros(3), np.zeros(3))])
         assert not known.information.any()
         assert np.isnan(pivot).all()
 
@@ -154,11 +154,12 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     (pair,) = assumptions(Knowledge(up=up), v_f)
-    known, _ = pair.given(v_f, np.array([5.0, 6.0, 7.0]), np.zeros(3))
-    np.testing.assert_allclose(known.mean[3:6], up.direction)
+    known, _ = given(v_f, [pair.pair(np.array([5.0, 6.0, 7.0]), np.zeros(3))])
+    mean, information = known.mean[0], known.information[0]
+    np.testing.assert_allclose(mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
-    assert tilt @ known.information @ tilt == pytest.approx(0.02**-2, rel=1e-3)
-    assert np.abs(known.information[[0, 1, 2, 6]][:, [0, 1, 2, 6]]).max() < 1e-5
+    assert tilt @ information @ tilt == pytest.approx(0.02**-2, rel=1e-3)
+    assert np.abs(information[[0, 1, 2, 6]][:, [0, 1, 2, 6]]).max() < 1e-5
 
 
 @pytest.mark.parametrize("along_m", [0.0, 0.5, 3.0])

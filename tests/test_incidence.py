@@ -53,15 +53,14 @@ def cost(kind, known, element, body_m):
     """Half the squared distance of an object's element from what is known of it."""
     model = CONTACT_MODELS[WITH[kind].column]
     anchors = np.tile(body_m, 2)
-    pivot = contacts_given.pivots(model, known, None)
-    prior = contacts_given.given(model, known, None)
+    prior, (pivot,) = contacts_given.given(model, [(known, None)])
     x, size = np.ones(model.family.SIZE), len(numbers(element))
     part = slice(0, size) if model.body_in_1 else slice(model.family.SIZE - size, model.family.SIZE)
     x[part] = numbers(element)
     x = model.family.normalise(x, np.where(np.isnan(pivot), anchors, pivot))
     off = np.zeros_like(x)
-    off[part] = x[part] - prior.mean[part]
-    return 0.5 * off @ prior.information @ off
+    off[part] = x[part] - prior.mean[0, part]
+    return 0.5 * off @ prior.information[0] @ off
 
 
 def unit_across(direction, other):

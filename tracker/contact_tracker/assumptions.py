@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given, given, pivots
+from contact_tracker.contacts.given import Pair
 from contact_tracker.geometry import Array, Element, Plane, by_foot
 from contact_tracker.knowledge import Knowledge, Known, Up
 from contact_tracker.readout import shifted
@@ -41,15 +41,14 @@ class Assumption:
         """Whether nothing of the geometry is left to be found."""
         return self.object is not None and self.environment is not None
 
-    def given(self, model: ContactModel, origin_m: Array, place_m: Array) -> tuple[Given, Array]:
-        """The prior on x, and the anchors (6,) of its own that it has: near to where the body is, at
-        ``place_m`` (3,) from the world's origin ``origin_m`` (3,) in which x is, lest a line's place hang on
-        its direction."""
+    def pair(self, origin_m: Array, place_m: Array) -> Pair:
+        """The elements as they are seen from the world's origin ``origin_m`` (3,) in which x is, a line by
+        its point near to where the body is, ``place_m`` (3,) from there, lest that hang on its direction."""
         ours = None if self.object is None else _seen(self.object.element, _HERE, _HERE)
         theirs = None if self.up is None else _facing(self.up)
         if self.environment is not None:
             theirs = _seen(self.environment.element, tuple(origin_m.tolist()), tuple(place_m.tolist()))
-        return given(model, ours, theirs), pivots(model, ours, theirs)
+        return ours, theirs
 
 
 @lru_cache(maxsize=512)

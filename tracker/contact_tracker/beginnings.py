@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.form import directions
-from contact_tracker.contacts.given import Given
+from contact_tracker.contacts.given import given
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
@@ -53,22 +53,32 @@ def _of(
     frame: tuple[Array, Array],
 ) -> Begins:
     met = memory.assumptions(model)
-    rows: list[tuple[Any, ...]] = []
+    rows: list[tuple[Assumption, float, int, bool]] = []
     for number, known in enumerate(assumptions(knowledge, model)):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
         own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
         whole = float(np.logaddexp.reduce([other.log_share for other in filled]))
-        prior, pivot = known.given(model, *frame)
-        source = 1 + len(rows) if prior.information.any() else 0
-        alone = known.certain, _searched(model, prior), False
-        rows.append((source, own_share, *prior, pivot, number, *alone))
+        rows.append((known, own_share, number, False))
         for other in filled:
             share = known.log_share + float(np.log(recognised)) + other.log_share - whole
-            prior, pivot = other.given(model, *frame)
-            rows.append((1 + len(rows), share, *prior, pivot, number, False, False, True))
+            rows.append((other, share, number, True))
     if not rows:
         return fresh(model).pick(np.zeros(0, np.int64))
-    return Begins(*map(np.array, zip(*rows, strict=True)))
+    assumed, log_share, pair, is_met = zip(*rows, strict=True)
+    prior, pivot = given(model, [one.pair(*frame) for one in assumed])
+    recalled, told = np.array(is_met), prior.told(model)[:, directions(model.family.FORM)]
+    something = prior.information.any(axis=(1, 2)) | recalled
+    return Begins(
+        source=np.where(something, 1 + np.arange(len(rows)), 0),
+        log_share=np.array(log_share),
+        known_mean=prior.mean,
+        known=prior.information,
+        pivot=pivot,
+        pair=np.array(pair),
+        certain=np.array([one.certain for one in assumed]) & ~recalled,
+        searched=~told.all(axis=1) & ~recalled,  # directions are unknown: the rest is a linear problem
+        met=recalled,
+    )
 
 
 def _filled(known: Assumption, met: Assumption) -> Assumption | None:
@@ -77,11 +87,6 @@ def _filled(known: Assumption, met: Assumption) -> Assumption | None:
         return None
     object, environment = known.object or met.object, known.environment or met.environment
     return Assumption(object, environment, met.log_share, None if environment else known.up)
-
-
-def _searched(model: ContactModel, given: Given) -> bool:
-    """Whether directions are unknown: the rest is a linear problem."""
-    return not given.told(model)[directions(model.family.FORM)].all()
 
 
 def named(geometry: ContactGeometry, known: Assumption) -> ContactGeometry:

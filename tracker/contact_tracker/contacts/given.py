@@ -3,7 +3,8 @@
 Normals point out of the bodies that they bound, so that faces that touch look at each other.
 """
 
-from functools import lru_cache
+from collections.abc import Sequence
+from functools import cache, lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,14 +38,41 @@ class Given(NamedTuple):
         return told
 
 
-def pivots(model: ContactModel, object: Element | None, environment: Element | None) -> Array:
-    """Anchors (6,) of a prior of these elements: the points that lines go through, NaN where the body is.
+Pair = tuple[Element | None, Element | None]
+"""Of the object and of the environment; None is an unknown one."""
 
+
+def given(model: ContactModel, pairs: Sequence[Pair]) -> tuple[Given, Array]:
+    """Priors (n, ...) of a contact of n pairs of elements, and their anchors.
+
+    Elements have covariances, and are given in the frames in which x is. A direction is zero where it is
+    unknown, or known in part.
+
+    Returns
+    -------
+    The priors; and (n, 6) the points that lines go through, NaN where they are anchored where the body is.
     The foot of a line depends on its direction and on where the body is, unless it is a point that is known.
     """
-    pair = (object, environment) if model.body_in_1 else (environment, object)
-    anywhere = np.full(3, np.nan)
-    return np.concatenate([e.point_m if isinstance(e, Line) and _goes_through(e) else anywhere for e in pair])
+    firsts, seconds = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
+    pivots = np.array([[_pivot(e) for e in side] for side in (firsts, seconds)]).swapaxes(0, 1)
+    pivots = pivots.reshape(len(pairs), 6)
+    if model.family is face_face:
+        faces = [_faces(*pair) for pair in zip(firsts, seconds, strict=True)]
+        return Given(*(np.array(part) for part in zip(*faces, strict=True))), pivots
+    kinds = model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
+    size, first = model.family.SIZE, 0
+    mean, information = np.zeros((len(pairs), size)), np.zeros((len(pairs), size, size))
+    for kind, side in zip(kinds, (firsts, seconds), strict=True):
+        part = slice(first, first + _WIDTHS[kind])
+        parts = [_unknown(kind) if element is None else _part(element) for element in side]
+        mean[:, part] = [one.mean for one in parts]
+        information[:, part, part] = [one.information for one in parts]
+        first = part.stop
+    return Given(mean, information), pivots
+
+
+def _pivot(element: Element | None) -> Array:
+    return element.point_m if isinstance(element, Line) and _goes_through(element) else _ANYWHERE
 
 
 def _goes_through(line: Line) -> bool:
@@ -52,34 +80,23 @@ def _goes_through(line: Line) -> bool:
     return bool(line.direction.any() or not _covariance(line)[:3, :3].any())
 
 
-def given(model: ContactModel, object: Element | None, environment: Element | None) -> Given:
-    """The prior of a contact of these elements; None is an unknown one.
-
-    Elements have covariances, and are given in the frames in which x is, with its anchors where ``pivots``
-    says so. A direction is zero where it is unknown, or known in part.
-    """
-    first, second = (object, environment) if model.body_in_1 else (environment, object)
-    if model.family is face_face:
-        assert not isinstance(first, Line | Point)
-        assert not isinstance(second, Line | Point)
-        return _faces(first, second)
-    kinds = model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
-    widths = [_WIDTHS[kind] for kind in kinds]
-    mean, information = np.zeros(sum(widths)), np.zeros((sum(widths), sum(widths)))
-    if first is not None:
-        mean[: widths[0]], information[: widths[0], : widths[0]] = _part(first)
-    if second is not None:
-        mean[widths[0] :], information[widths[0] :, widths[0] :] = _part(second)
-    return Given(mean, information)
-
-
 _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
 _LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
 
 
+_ANYWHERE: Final = np.full(3, np.nan)
+
+
+@cache
+def _unknown(kind: str) -> Given:
+    return Given(np.zeros(_WIDTHS[kind]), np.zeros((_WIDTHS[kind], _WIDTHS[kind])))
+
+
 @lru_cache(maxsize=256)
-def _faces(first: Plane | None, second: Plane | None) -> Given:
+def _faces(first: Element | None, second: Element | None) -> Given:
     """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
+    assert not isinstance(first, Line | Point)
+    assert not isinstance(second, Line | Point)
     size = face_face.SIZE
     mean, covariance, known = np.zeros(size), np.zeros((size, size)), np.zeros(size)
     if first is not None:
