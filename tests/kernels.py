@@ -10,6 +10,7 @@ from contact_tracker.compiled.following import grow_one
 from contact_tracker.compiled.hypothesis import row_of
 from contact_tracker.compiled.jit import jit, kernel
 from contact_tracker.compiled.offering import costs_for, offer
+from contact_tracker.compiled.relaxing import relax, relaxed_for
 from contact_tracker.fit import TOLERANCE
 
 
@@ -47,6 +48,21 @@ def givers(bank, model, reach_m):
     giver = np.empty(len(bank), np.int64)
     _offer(calls._kind(model, reach_m), bank.words, giver)
     return giver
+
+
+def starts(model, moments):
+    """As ``Family.starts`` of moments (B, C, C)."""
+    kind = calls._kind(model, 1.0)
+    out = np.empty((len(moments), kind.relaxed, kind.size))
+    _relax(kind, moments, out)
+    return out
+
+
+@kernel
+def _relax(kind, moments, out):
+    memory = relaxed_for(kind)
+    for b in range(len(moments)):
+        relax(kind, moments[b], out[b], memory)
 
 
 @kernel

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from contact_tracker import compiled, fit, search, tracker
 from contact_tracker.bank import blank, prune
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, Window, weak_prior
 from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
@@ -201,6 +202,21 @@ def test_a_bank_grows_and_learns_alike(model, steps, pivoted):
         assert_same_columns(*learned, FOUND, 3e-5)
         for name in FOUND:
             np.testing.assert_array_equal(getattr(learned[1], name)[::3], getattr(grown, name)[::3])
+
+
+@each_model
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_relaxed_problems_have_the_same_solutions(model, seed):
+    """Of any moments, where none is as good as another, up to signs: a face has two sides, a line two ends."""
+    columns = len(model.family.COLUMNS)
+    roots = np.random.default_rng(seed).normal(size=(COUNT, columns, 3 * columns))
+    moments = roots @ np.swapaxes(roots, 1, 2)
+    family, (numpy, kernel) = model.family, (model.family.starts(moments), kernels.starts(model, moments))
+    told = directions(family.FORM).reshape(-1, 3)
+    assert not np.delete(kernel, told.ravel(), axis=2).any()
+    cosine = np.einsum("bnds,bnds->bnd", numpy[..., told], kernel[..., told])
+    np.testing.assert_allclose(np.abs(cosine), 1.0, atol=1e-6)
 
 
 @each_model

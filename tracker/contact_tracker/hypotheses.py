@@ -13,7 +13,7 @@ from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import follow, grow, grow_whole
 from contact_tracker.lift import R
 from contact_tracker.pace import AT_REST, FAR_NATS, FIRST_TICKS
-from contact_tracker.search import adopted, is_due, lost, searched
+from contact_tracker.search import adopted, directions, is_due, lost, searched
 from contact_tracker.summed import summed
 from contact_tracker.table import Bank
 
@@ -58,10 +58,11 @@ def _advanced(
         from contact_tracker.compiled import calls
 
         born = *assuming(model, birth.begins), birth.turn, birth.onset, birth.onset_ns, birth.number
-        words, rows = calls.advance(
-            model, bank.words, (*born, birth.entry), window, scales, log_stay, margin, due
+        drawn = directions(model, window) if due else None
+        words = calls.advance(
+            model, bank.words, (*born, birth.entry), window, scales, log_stay, margin, drawn
         )
-        return searched(Bank(words, bank.layout, joined(bank, birth)), rows, model, window, scales)
+        return Bank(words, bank.layout, joined(bank, birth))
     bank = add(bank, model, birth)
     waits = not due and bank.told >= FIRST_TICKS
     far = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)

@@ -18,7 +18,6 @@ from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _AGES: Final = np.array(AGES, float)
 DRAWS: Final = 64
@@ -46,14 +45,14 @@ def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scale
     """Let ``rows`` search from scratch, and keep what is better."""
     if not len(rows):
         return bank
-    starts = _starts(bank, rows, model, window)
+    drawn = directions(model, window)
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
         better = bank.copy()
-        calls.searched(model, better.words, window, scales, rows, *starts)
+        calls.searched(model, better.words, window, scales, rows, drawn)
         return better
-    x = _found(bank, rows, model, scales, *starts)
+    x = _found(bank, rows, model, scales, drawn)
     many = x.shape[1]
     some = bank.pick(rows.repeat(many)).having(x=x.reshape(-1, x.shape[-1]))
     for _ in range(WEIGHED):
@@ -75,29 +74,18 @@ def lost(bank: Bank) -> Index:
     return np.asarray(rows[best_of(kind, bank.joint[rows])])
 
 
-def _starts(bank: Bank, rows: Index, model: ContactModel, window: Window) -> tuple[Bools, Array, Array]:
-    """What is told (R, S) of the geometry of ``rows``; where their relaxed problems have their solutions,
-    (R, N, S), and directions (M, S) at random."""
+def _found(bank: Bank, rows: Index, model: ContactModel, scales: Scales, drawn: Array) -> Array:
+    """The best geometries (R, n, S) that ``rows`` find without regard to where they are.
+
+    They start from the best of the relaxed problem's solutions and of the directions ``drawn`` (N, S).
+    """
     moments = bank.moments[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + 1e-12 * trace * np.eye(moments.shape[-1]))
-    told = Given(bank.known_mean[rows], bank.known[rows]).told(model)
-    return told, relaxed, _directions(model, window, int(window.index[-1]))
-
-
-def _found(
-    bank: Bank,
-    rows: Index,
-    model: ContactModel,
-    scales: Scales,
-    told: Bools,
-    relaxed: Array,
-    directions: Array,
-) -> Array:
-    """The best geometries (R, n, S) that ``rows`` find without regard to where they are, from ``_starts``."""
     known, mean = before(bank, model, scales), bank.known_mean[rows]
-    drawn = np.broadcast_to(directions, (len(rows), *directions.shape))
-    x = np.where(told[:, None], mean[:, None], np.concatenate([relaxed, drawn], axis=1))
+    told = Given(mean, bank.known[rows]).told(model)
+    x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape))], axis=1)
+    x = np.where(told[:, None], mean[:, None], x)
     windows, of = (bank.moments, bank.row_weight, *known), rows.repeat(x.shape[1])
     x = _least(*fit.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), SCREENED)
     for steps, kept in ROUNDS:
@@ -113,9 +101,9 @@ def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
     return np.asarray(x.reshape(groups, -1, x.shape[-1])[np.arange(groups)[:, None], best])
 
 
-def _directions(model: ContactModel, window: Window, seed: int) -> Array:
+def directions(model: ContactModel, window: Window) -> Array:
     """Random x (N, S), drawn in the body's frame: they turn with the world in which they are told."""
-    x = _drawn(model.family.RANDOM_STARTS, model.family.SIZE, seed % DRAWS)
+    x = _drawn(model.family.RANDOM_STARTS, model.family.SIZE, int(window.index[-1]) % DRAWS)
     return model.turned(x, window.zeta[-1, R].reshape(3, 3))
 
 

@@ -17,6 +17,7 @@ from contact_tracker.compiled.following import (
 from contact_tracker.compiled.hypothesis import Ints, Kind
 from contact_tracker.compiled.jit import jit, kernel
 from contact_tracker.compiled.offering import costs_for, offer
+from contact_tracker.compiled.searching import hunt_for, search_one
 from contact_tracker.compiled.seeing import Ticks
 from contact_tracker.compiled.vectors import at, copy, inner
 from contact_tracker.contacts.base import Array
@@ -132,8 +133,10 @@ def advance(
     log_stay: float,
     margin: float,
     due: bool,
-    lost: Ints,
-) -> int:
+    directions: Array,
+    found: Array,
+    as_whole: Ints,
+) -> None:
     minds, count = minds_for(kind), len(table)
     _join(kind, old, birth, table, whole)
     for b in range(count):
@@ -143,8 +146,12 @@ def advance(
         if learns:
             learn_one(kind, table, whole, b, ticks, steps_of(kind, table, b), weights, minds)
     if not due:
-        return 0
+        return
     giver = np.empty(count, np.int64)
     offer(kind, table, costs_for(kind, count), np.empty((count, count)), giver, minds.work)
     _adopt(kind, table, whole, ticks, weights, giver, np.empty((count, kind.size)), minds)
-    return _lost(kind, table, whole, np.empty(GROUPS, np.int64), lost) if heard > AT_REST else 0
+    if heard <= AT_REST:
+        return
+    lost, hunt = np.empty(GROUPS, np.int64), hunt_for(kind, directions, found, as_whole)
+    for i in range(_lost(kind, table, whole, np.empty(GROUPS, np.int64), lost)):
+        search_one(kind, table, lost[i], directions, ticks, weights, hunt, minds)

@@ -74,28 +74,27 @@ def advance(
     scales: Scales,
     log_stay: float,
     margin: float,
-    due: bool,
-) -> tuple[Array, Index]:
-    """The rows of a bank and what is ``born`` (``advancing.Birth``), a tick on; and which are to search from
-    scratch."""
+    directions: Array | None,
+) -> Array:
+    """The rows of a bank and what is ``born`` (``advancing.Birth``), a tick on; with random ``directions``,
+    they search from scratch as well."""
     birth = advancing.Birth(*born)
     table = np.empty((len(words) + len(birth.words), words.shape[1]))
-    lost, heard = np.empty(advancing.GROUPS, np.int64), float(window.activity[-1])
-    many = advancing.advance(
+    advancing.advance(
         _kind(model, scales.reach_m),
         words,
         birth,
         table,
         table.view(np.int64),
         _ticks(window, model.body_in_1),
-        heard,
+        float(window.activity[-1]),
         _weights(scales),
         log_stay,
         margin,
-        due,
-        lost,
+        directions is not None,
+        *_hunting(words, directions),
     )
-    return table, lost[:many]
+    return table
 
 
 def prune(words: Array, layout: Layout, now: int, best: float, margin: float) -> tuple[Index, Array]:
@@ -112,20 +111,18 @@ def learn(model: ContactModel, words: Array, window: Window, scales: Scales, ste
 
 
 def searched(
-    model: ContactModel,
-    words: Array,
-    window: Window,
-    scales: Scales,
-    rows: Index,
-    told: NDArray[np.bool_],
-    relaxed: Array,
-    directions: Array,
+    model: ContactModel, words: Array, window: Window, scales: Scales, rows: Index, directions: Array
 ) -> None:
-    """A bank, in place, of which ``rows`` search from what ``search._starts`` gives."""
+    """A bank, in place, of which ``rows`` search, from random ``directions`` as well."""
     kind, ticks = _kind(model, scales.reach_m), _ticks(window, model.body_in_1)
+    drawn, found, as_whole = _hunting(words, directions)
+    searching.searched(kind, words, rows, drawn, ticks, _weights(scales), found, as_whole)
+
+
+def _hunting(words: Array, directions: Array | None) -> tuple[Array, Array, Index]:
+    """Directions, and memory for what is found."""
     found = np.empty((searching.KEPT, words.shape[1]))
-    starts = told, _plain(relaxed), _plain(directions)
-    searching.searched(kind, words, ticks, _weights(scales), rows, *starts, found, found.view(np.int64))
+    return _plain(np.empty((0, 0)) if directions is None else directions), found, found.view(np.int64)
 
 
 def _weights(scales: Scales) -> following.Weights:
@@ -139,7 +136,10 @@ def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     columns = np.array(family.COLUMNS, np.int64)
     sizes = family.SIZE, len(columns), columns, family.ROWS, family.PARAMETERS
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
-    return hypothesis.Kind(form, model.body_in_1, *sizes, turns(form), shifts(form), pull, flat, where)
+    relaxed = family.starts(np.eye(len(columns))[None]).shape[1]
+    return hypothesis.Kind(
+        form, model.body_in_1, *sizes, turns(form), shifts(form), pull, flat, where, relaxed
+    )
 
 
 @cache

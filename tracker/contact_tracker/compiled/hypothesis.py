@@ -46,7 +46,7 @@ class Where(NamedTuple):
 class Kind(NamedTuple):
     """What sort of contact it is, see ``contacts``: the sizes S, C, K (of ``each`` pose) and P (``free``);
     which entries of a pose are ``lifted`` (C,), which directions are ``turns`` and ``shifts``; ``pull`` (S,)
-    of the weak prior, ``flat`` where it has none."""
+    of the weak prior, ``flat`` where it has none; how many starts are ``relaxed``."""
 
     form: Form
     body_in_1: bool
@@ -60,6 +60,7 @@ class Kind(NamedTuple):
     pull: Array
     flat: Array
     where: Where
+    relaxed: int
 
 
 class Row(NamedTuple):

@@ -38,7 +38,7 @@ ROWS: Final = 2
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 0])
 FORM: Final = Form(d1=0, q1=3, d2=6, h=9)
-RANDOM_STARTS: Final = 48
+RANDOM_STARTS: Final = 24
 
 
 def rows(x: Array) -> Array:

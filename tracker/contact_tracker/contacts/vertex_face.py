@@ -33,7 +33,7 @@ ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
 SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
 FORM: Final = Form(q1=0, d2=3, h=6)
-RANDOM_STARTS: Final = 48
+RANDOM_STARTS: Final = 24
 RIDGE: Final = 1e-7
 """Of the relaxed problems only: keeps what the motion does not show near the origin."""
 
