@@ -236,17 +236,16 @@ def test_what_others_offer_agrees(model):
 
 @each_model
 def test_searches_find_what_is_as_good(model):
-    """Where directions cost nothing they may find others."""
-    better = 0
+    """Where directions cost nothing they may find others, which are worth a little more or less."""
     for state in states():
         bank, window = state.banks[model.contact.column], state.window
         rows = np.arange(len(bank))[:: max(len(bank) // 3, 1)]
         lost = bank.having(x=model.turned(bank.x, np.eye(3)[[1, 2, 0]]), log_likelihood=-np.inf)
         numpy, kernel = both(search.searched, lost, rows, model, window, SCALES)
-        np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, rtol=1e-3, atol=1e-3)
         assert np.isfinite(kernel.log_likelihood[rows]).all()
-        better += len(rows)
-    assert better > 6
+        np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=0.2)
+        others = np.delete(np.arange(len(bank)), rows)
+        np.testing.assert_array_equal(kernel.words[others], lost.words[others])
 
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
