@@ -208,7 +208,7 @@ def test_a_bank_grows_and_learns_alike(model, steps, pivoted):
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
 def test_relaxed_problems_have_the_same_solutions(model, seed):
-    """Of any moments, where none is as good as another, up to signs: a face has two sides, a line two ends."""
+    """Of any moments, where none is as good as another, up to signs."""
     columns = len(model.family.COLUMNS)
     roots = np.random.default_rng(seed).normal(size=(COUNT, columns, 3 * columns))
     moments = roots @ np.swapaxes(roots, 1, 2)
@@ -322,6 +322,14 @@ def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
     )
     assert said(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
     assert re.fullmatch(r"False compiled kernels, numba [\d.]+", said(program, CONTACT_TRACKER_COMPILED="1"))
+
+
+def test_it_is_known_whether_there_is_something_to_compile(tmp_path):
+    program = "from contact_tracker import compiled; print(compiled.is_ready())"
+    for chosen, ready in (("1", "False"), ("0", "True")):
+        assert said(program, CONTACT_TRACKER_COMPILED=chosen, NUMBA_CACHE_DIR=str(tmp_path)) == ready
+    assert passed()  # has been compiled here
+    assert said(program, CONTACT_TRACKER_COMPILED="1") == "True"
 
 
 def test_numba_that_does_not_go_with_numpy_is_done_without(tmp_path):

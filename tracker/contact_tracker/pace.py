@@ -21,7 +21,7 @@ DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i in
 """Whether an age has been passed since the last batch."""
 SCREENED: Final = 7
 """So many of all starts are followed at all, those that cost least before a step is taken."""
-ROUNDS: Final = ((2, 5), (2, 3), (3, 2))
+ROUNDS: Final = ((2, 3), (3, 2))
 """So many steps, and on from so many of the best."""
 WEIGHED: Final = 1
 """So often what a search has found is weighed: the weights of the rows follow the geometry."""

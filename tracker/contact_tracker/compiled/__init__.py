@@ -34,6 +34,15 @@ def _fault() -> str:
     return ""
 
 
+def is_ready() -> bool:
+    """Whether the largest kernel has been compiled, which takes about a minute; in numpy all is ready."""
+    if not in_use():
+        return True
+    jit, advancing = (import_module(f"contact_tracker.compiled.{name}") for name in ("jit", "advancing"))
+    ready: bool = jit.is_kept(advancing.advance)
+    return ready
+
+
 def described() -> str:
     """Which of both is in use, in words."""
     if os.environ.get(SWITCH) == "0":

@@ -57,3 +57,9 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     except RuntimeError:  # numba finds no folder
         return memory(function)
     return compiled
+
+
+def is_kept(kernel: Any) -> bool:
+    """Whether an earlier run has compiled it."""
+    folder, name = kernel.stats.cache_path, kernel.py_func.__qualname__
+    return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))

@@ -40,7 +40,7 @@ ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lift.R, lift.TXR, lift.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
 FORM: Final = Form(d1=0, q1=3, d2=6, q2=9)
-RANDOM_STARTS: Final = 150
+RANDOM_STARTS: Final = 75
 SINE_SQ_FLOOR: Final = 1e-4
 TINY: Final = 1e-300
 RIDGE: Final = 1e-6
