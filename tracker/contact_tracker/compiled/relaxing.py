@@ -11,12 +11,14 @@ from contact_tracker.compiled.vectors import NONE, Vector, at, copy, inner, mix,
 from contact_tracker.contacts import edge_edge, vertex_face
 from contact_tracker.contacts.base import Array
 
-SWEEPS = 8
+SWEEPS = 12
 """Jacobi's rotations converge quadratically: this is more than it takes."""
-LEAST = 1e-24
+LEAST = 1e-36
 """Of the squares of a matrix, what may be left beside its diagonal."""
 LIFT = 1e-12
 """Of the moments' trace, added to their diagonal."""
+FREE = 10.0
+"""Up to so many times that a direction is not told by any pose."""
 
 
 class Relaxed(NamedTuple):
@@ -155,9 +157,13 @@ def _edge_in(moments: Array, n: Vector, work: Relaxed) -> Vector:
 
 
 @part
-def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> None:
-    """As ``Family.starts`` of one window's moments (C, C), into ``out`` (N, S)."""
-    form, n, trace = kind.form, len(moments), 0.0
+def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> int:
+    """As ``Family.starts`` of one window's moments (C, C), into ``out`` (N, S); returns how many there are.
+
+    Less than N where poses are too few to tell one smallest direction: any other would do as well, and which
+    it is would hang on how the frames are turned.
+    """
+    form, n, trace, count = kind.form, len(moments), 0.0, 0
     for c in range(n):
         trace += moments[c, c]
     out[:] = 0.0
@@ -166,6 +172,8 @@ def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> None:
         work.moments[c, c] += LIFT * trace
     if form.q2 >= 0:
         _smallest_directions(work.moments, 9, 9, edge_edge.RIDGE, work.large, work.large_axes)
+        if work.large[1, 1] <= FREE * LIFT * trace:
+            return 0
         for k in range(len(out)):
             for i in range(3):
                 for j in range(3):
@@ -174,13 +182,13 @@ def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> None:
             d1 = at(work.small_axes[2], 0)
             put(out[k], form.d1, d1)
             put(out[k], form.d2, _image(work.pair, d1))
-        return
-    count = 0
+        return len(out)
     if form.q1 >= 0:
         _smallest_directions(work.moments, 9, 3, vertex_face.RIDGE, work.small, work.small_axes)
-        for k in range(3):
-            put(out[k], form.d2, at(work.small_axes[k], 0))
-        count = 3
+        if work.small[1, 1] > FREE * LIFT * trace:
+            for k in range(3):
+                put(out[k], form.d2, at(work.small_axes[k], 0))
+            count = 3
     if form.d1 >= 0:
         for i in range(3):
             for j in range(3):
@@ -194,3 +202,4 @@ def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> None:
     if form.d1 >= 0 and form.q1 >= 0:
         for k in range(count):
             put(out[k], form.d1, _edge_in(moments, at(out[k], form.d2), work))
+    return count

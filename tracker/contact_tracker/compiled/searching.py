@@ -80,17 +80,18 @@ def _tell(kind: Kind, row: Row, told: NDArray[np.bool_]) -> None:
 def _find(kind: Kind, row: Row, directions: Array, hunt: Hunt, work: Work) -> int:
     """As ``search._found`` of one hypothesis; the best of ``hunt.x`` come first, and their number is
     returned."""
-    x, cost, told, few = hunt.x, hunt.cost, hunt.told, kind.relaxed
-    relax(kind, row.moments, x[:few], hunt.relaxed)
+    told, few = hunt.told, relax(kind, row.moments, hunt.x[: kind.relaxed], hunt.relaxed)
+    many = few + len(directions)
+    x, cost = hunt.x[:many], hunt.cost[:many]
     _tell(kind, row, told)
-    for i in range(len(x)):
+    for i in range(many):
         if i >= few:
             copy(directions[i - few], x[i])
         for s in range(kind.size):
             if told[s]:
                 x[i, s] = row.known_mean[s]
         cost[i] = complete_one(kind, row, x[i], work)
-    left = min(SCREENED, len(x))
+    left = min(SCREENED, many)
     _best(x, cost, left)
     for r in range(len(_STEPS)):
         for i in range(left):
