@@ -51,18 +51,18 @@ def givers(bank, model, reach_m):
 
 
 def starts(model, moments):
-    """As ``Family.starts`` of moments (B, C, C)."""
+    """As ``Family.starts`` of moments (B, C, C), and how many there are (B,)."""
     kind = calls._kind(model, 1.0)
-    out = np.empty((len(moments), kind.relaxed, kind.size))
-    _relax(kind, moments, out)
-    return out
+    out, many = np.empty((len(moments), kind.relaxed, kind.size)), np.empty(len(moments), np.int64)
+    _relax(kind, moments, out, many)
+    return out, many
 
 
 @kernel
-def _relax(kind, moments, out):
+def _relax(kind, moments, out, many):
     memory = relaxed_for(kind)
     for b in range(len(moments)):
-        relax(kind, moments[b], out[b], memory)
+        many[b] = relax(kind, moments[b], out[b], memory)
 
 
 @kernel

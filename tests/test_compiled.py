@@ -212,11 +212,22 @@ def test_relaxed_problems_have_the_same_solutions(model, seed):
     columns = len(model.family.COLUMNS)
     roots = np.random.default_rng(seed).normal(size=(COUNT, columns, 3 * columns))
     moments = roots @ np.swapaxes(roots, 1, 2)
-    family, (numpy, kernel) = model.family, (model.family.starts(moments), kernels.starts(model, moments))
+    family, numpy, (kernel, many) = model.family, model.family.starts(moments), kernels.starts(model, moments)
+    assert (many == numpy.shape[1]).all()
     told = directions(family.FORM).reshape(-1, 3)
     assert not np.delete(kernel, told.ravel(), axis=2).any()
     cosine = np.einsum("bnds,bnds->bnd", numpy[..., told], kernel[..., told])
     np.testing.assert_allclose(np.abs(cosine), 1.0, atol=1e-6)
+
+
+@each_model
+def test_relaxed_problems_of_too_few_poses_are_left_out(model):
+    """Where any direction would do, that of a rank-deficient matrix hangs on how the frames are turned."""
+    lifted = np.random.default_rng(6).normal(size=(20, len(model.family.COLUMNS)))
+    moments = np.array([lifted[:count].T @ lifted[:count] for count in (1, 2, 20)])
+    x, many = kernels.starts(model, moments)
+    of_mean_rotation = 3 if model.family.FORM.d1 >= 0 and model.family.FORM.q2 < 0 else 0
+    np.testing.assert_array_equal(many, [of_mean_rotation] * 2 + [x.shape[1]])
 
 
 @each_model

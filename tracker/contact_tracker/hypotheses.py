@@ -57,11 +57,8 @@ def _advanced(
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        born = *assuming(model, birth.begins), birth.turn, birth.onset, birth.onset_ns, birth.number
-        drawn = directions(model, window) if due else None
-        words = calls.advance(
-            model, bank.words, (*born, birth.entry), window, scales, log_stay, margin, drawn
-        )
+        born, drawn = assuming(model, birth.begins), directions(model, window) if due else None
+        words = calls.advance(model, bank.words, birth, born, window, scales, log_stay, margin, drawn)
         return Bank(words, bank.layout, joined(bank, birth))
     bank = add(bank, model, birth)
     waits = not due and bank.told >= FIRST_TICKS
@@ -76,7 +73,7 @@ def _advanced(
 
 def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:
     """Sum up the oldest ``ticks`` of the window, which is about to lose them."""
-    if ticks <= 0 or not (bank.onset <= window.index[ticks - 1]).any():
+    if not (bank.onset <= window.index[ticks - 1]).any():
         return bank
     oldest = window.cut(0, ticks)
     seen = summed(model, bank.x, bank.onset, oldest, scales, bank.certain)

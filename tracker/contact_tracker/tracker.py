@@ -207,6 +207,8 @@ def _window_ticks(model: Model) -> int:
 def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
     """Sum up what the window is about to lose, and forget hypotheses' share in it."""
     surplus = len(state.window) + 1 - _window_ticks(state.model)
+    if surplus <= 0:
+        return state.banks
     noise, window = state.model.noise, state.window
     return tuple(
         hypotheses.settle(b, contact, window.with_error(noise.beyond_floor(column)), scales, surplus)

@@ -50,6 +50,21 @@ class Scales(Protocol):
     def independence(self) -> float: ...
 
 
+class Birth(Protocol):
+    """What is read of ``bank.Birth``."""
+
+    @property
+    def turn(self) -> Array: ...
+    @property
+    def onset(self) -> int: ...
+    @property
+    def onset_ns(self) -> int: ...
+    @property
+    def number(self) -> int: ...
+    @property
+    def entry(self) -> float: ...
+
+
 def summed(
     model: ContactModel,
     x: Array,
@@ -69,21 +84,21 @@ def summed(
 def advance(
     model: ContactModel,
     words: Array,
-    born: tuple[Any, ...],
+    birth: Birth,
+    assumed: tuple[Array, NDArray[np.bool_]],
     window: Window,
     scales: Scales,
     log_stay: float,
     margin: float,
     directions: Array | None,
 ) -> Array:
-    """The rows of a bank and what is ``born`` (``advancing.Birth``), a tick on; with random ``directions``,
-    they search from scratch as well."""
-    birth = advancing.Birth(*born)
-    table = np.empty((len(words) + len(birth.words), words.shape[1]))
+    """The rows of a bank and those of a ``birth``, which ``bank.assuming`` gives, a tick on; with random
+    ``directions`` they search from scratch as well."""
+    table = np.empty((len(words) + len(assumed[0]), words.shape[1]))
     advancing.advance(
         _kind(model, scales.reach_m),
         words,
-        birth,
+        advancing.Birth(*assumed, birth.turn, birth.onset, birth.onset_ns, birth.number, birth.entry),
         table,
         table.view(np.int64),
         _ticks(window, model.body_in_1),

@@ -161,7 +161,7 @@ def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> int:
     """As ``Family.starts`` of one window's moments (C, C), into ``out`` (N, S); returns how many there are.
 
     Less than N where poses are too few to tell one smallest direction: any other would do as well, and which
-    it is would hang on how the frames are turned.
+    it is would hang on how the frames are turned, since Jacobi's method prefers their axes.
     """
     form, n, trace, count = kind.form, len(moments), 0.0, 0
     for c in range(n):
