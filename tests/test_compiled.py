@@ -224,10 +224,10 @@ def test_relaxed_problems_have_the_same_solutions(model, seed):
 def test_relaxed_problems_of_too_few_poses_are_left_out(model):
     """Where any direction would do, that of a rank-deficient matrix hangs on how the frames are turned."""
     lifted = np.random.default_rng(6).normal(size=(20, len(model.family.COLUMNS)))
-    moments = np.array([lifted[:count].T @ lifted[:count] for count in (1, 2, 20)])
+    moments = np.array([lifted[:count].T @ lifted[:count] for count in (1, 20)])
     x, many = kernels.starts(model, moments)
     of_mean_rotation = 3 if model.family.FORM.d1 >= 0 and model.family.FORM.q2 < 0 else 0
-    np.testing.assert_array_equal(many, [of_mean_rotation] * 2 + [x.shape[1]])
+    np.testing.assert_array_equal(many, [of_mean_rotation, x.shape[1]])
 
 
 @each_model
@@ -247,14 +247,21 @@ def test_what_others_offer_agrees(model):
 
 @each_model
 def test_searches_find_what_is_as_good(model):
-    """Where directions cost nothing they may find others, which are worth a little more or less."""
-    for state in states():
-        bank, window = state.banks[model.contact.column], state.window
-        rows = np.arange(len(bank))[:: max(len(bank) // 3, 1)]
+    """Where directions cost nothing they may find others, which are worth a little more or less.
+
+    With few ticks nearly all do.
+    """
+    for k in (20, 30):
+        bank, window = passed()[k].state.banks[model.contact.column], passed()[k].state.window
+        old = np.flatnonzero(bank.told > 8.0)
+        rows = old[:: max(len(old) // 3, 1)]
+        assert len(rows) >= 3
         lost = bank.having(x=model.turned(bank.x, np.eye(3)[[1, 2, 0]]), log_likelihood=-np.inf)
         numpy, kernel = both(search.searched, lost, rows, model, window, SCALES)
         assert np.isfinite(kernel.log_likelihood[rows]).all()
-        np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=0.2)
+        gain = (kernel.log_likelihood - numpy.log_likelihood)[rows]
+        assert np.median(np.abs(gain)) < 1e-3
+        assert gain.min() > -0.2
         others = np.delete(np.arange(len(bank)), rows)
         np.testing.assert_array_equal(kernel.words[others], lost.words[others])
 
