@@ -259,7 +259,7 @@ def test_searches_find_what_is_as_good(model):
         lost = bank.having(x=model.turned(bank.x, np.eye(3)[[1, 2, 0]]), log_likelihood=-np.inf)
         numpy, kernel = both(search.searched, lost, rows, model, window, SCALES)
         assert np.isfinite(kernel.log_likelihood[rows]).all()
-        gain = (kernel.log_likelihood - numpy.log_likelihood)[rows]
+        gain = kernel.log_likelihood[rows] - numpy.log_likelihood[rows]
         assert np.median(np.abs(gain)) < 1e-3
         assert gain.min() > -0.2
         others = np.delete(np.arange(len(bank)), rows)
