@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from contact_tracker import compiled, fit, search, tracker
-from contact_tracker.bank import blank, prune
+from contact_tracker import compiled, fit, hypotheses, search, tracker
+from contact_tracker.bank import Birth, blank, prune
+from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, Window, weak_prior
@@ -264,6 +266,9 @@ def test_searches_find_what_is_as_good(model):
         assert gain.min() > -0.2
         others = np.delete(np.arange(len(bank)), rows)
         np.testing.assert_array_equal(kernel.words[others], lost.words[others])
+        best = bank.having(log_likelihood=np.inf)  # nothing is better
+        for same in both(search.searched, best, rows, model, window, SCALES):
+            np.testing.assert_array_equal(same.words, best.words)
 
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
@@ -278,6 +283,41 @@ def test_a_tick_is_taken_in_alike(k):
         matters = reference.joint > -30.0
         np.testing.assert_allclose(compiled_.joint[matters], reference.joint[matters], atol=2e-2)
     np.testing.assert_allclose(kernel.log_left, numpy.log_left, atol=1e-2)
+
+
+@each_model
+@pytest.mark.parametrize("old", [True, False])
+@pytest.mark.parametrize("many", [0, 1, 5])
+def test_what_begins_joins_alike(model, old, many):
+    """Of some geometry is known; the first ones of all start from any, turned with the body."""
+    rng, column = np.random.default_rng(7), model.contact.column
+    k = next(k for k in range(9, 12) if not search.is_due(model, passed()[k].state.window))
+    before_, window = passed()[k - 1].state, passed()[k].state.window
+    bank = before_.banks[column] if old else blank(model, 0, 2)
+    bank = replace(bank, past=rng.random((len(bank), 2, 7)))
+    size = model.family.SIZE
+    known = np.eye(size) * (rng.random((many, 1, size)) > 0.5) * 1e4
+    begins = Begins(
+        source=np.arange(many),
+        log_share=-rng.random(many),
+        known_mean=model.family.normalise(rng.normal(size=(many, size)), np.zeros(6)),
+        known=known,
+        pivot=np.full((many, 6), np.nan),
+        pair=np.zeros(many, np.int64),
+        certain=np.zeros(many, bool),
+        searched=rng.random(many) > 0.5,
+        met=rng.random(many) > 0.5,
+    )
+    turn = Rotation.random(random_state=8).as_matrix()
+    birth = Birth(begins, int(window.index[-1]), 123, 1000, -2.0, rng.random((2, 7)), turn)
+    args = bank, model, birth, window, SCALES, -0.1, 40.0
+    numpy, kernel = both(hypotheses._advanced, *args)
+    assert len(kernel) == len(numpy) == len(bank) + many
+    for name in ("number", "onset", "onset_ns", "source", "met", "searched", "pair"):
+        np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
+    assert_same_columns(numpy, kernel, ("known", "known_mean", "moments", "entry", "told", "lasted"), 1e-9)
+    np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
+    np.testing.assert_array_equal(kernel.past, numpy.past)
 
 
 @settings(max_examples=30, deadline=None)
@@ -346,7 +386,9 @@ def test_it_is_known_whether_there_is_something_to_compile(tmp_path):
     program = "from contact_tracker import compiled; print(compiled.is_ready())"
     for chosen, ready in (("1", "False"), ("0", "True")):
         assert said(program, CONTACT_TRACKER_COMPILED=chosen, NUMBA_CACHE_DIR=str(tmp_path)) == ready
-    assert passed()  # has been compiled here
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled, "in_use", lambda: True)
+        tracker.observe(passed()[5].state, passed()[6].tick)  # is compiled here
     assert said(program, CONTACT_TRACKER_COMPILED="1") == "True"
 
 

@@ -33,6 +33,7 @@ def adopted(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
     """Let hypotheses take the geometry of others where that is better."""
     known = before(bank, model, scales).prior
     costs = fit.every_cost(model.family, bank.moments, bank.row_weight, known, bank.x)
+    costs = np.where(np.isnan(costs), np.inf, costs)
     taker = np.flatnonzero(costs.min(axis=0) < costs.diagonal() - LEAST_GAIN)
     if not len(taker):
         return bank
@@ -78,6 +79,7 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: Scales, drawn: 
     """The best geometries (R, n, S) that ``rows`` find without regard to where they are.
 
     They start from the best of the relaxed problem's solutions and of the directions ``drawn`` (N, S).
+    (Compiled, solutions that too few poses leave open are no starts.)
     """
     moments = bank.moments[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]

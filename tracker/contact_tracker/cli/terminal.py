@@ -26,7 +26,7 @@ def say_if_compiling() -> None:
     from contact_tracker import compiled
 
     if not compiled.is_ready():
-        say("compiling, which takes about a minute; later runs begin at once")
+        say("compiling, which takes about a minute")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What ``hypotheses.advanced`` does to all hypotheses of one contact in a tick, compiled."""
+"""What ``hypotheses.advance`` does to all hypotheses of one contact in a tick, compiled."""
 
 from math import isnan
 from typing import NamedTuple
@@ -141,9 +141,9 @@ def advance(
     _join(kind, old, birth, table, whole)
     for b in range(count):
         waits = not due and table[b, kind.where.told] >= FIRST_TICKS
-        learns = _joint(kind, table, b) >= -(min(margin, FAR_NATS) if waits else margin)
+        far = _joint(kind, table, b) < -(min(margin, FAR_NATS) if waits else margin)
         grow_one(kind, table, whole, b, ticks, heard, log_stay, minds.work)
-        if learns:
+        if not far:
             learn_one(kind, table, whole, b, ticks, steps_of(kind, table, b), weights, minds)
     if not due:
         return

@@ -1,4 +1,4 @@
-"""From the arrays of ``following``, ``search`` and ``summed`` to those of the kernels, and back."""
+"""From the arrays of the numpy code to those of the kernels, and back."""
 
 from functools import cache, lru_cache
 from typing import Any, Protocol
@@ -105,7 +105,7 @@ def advance(
         float(window.activity[-1]),
         _weights(scales),
         log_stay,
-        margin,
+        float(margin),
         directions is not None,
         *_hunting(words, directions),
     )
@@ -115,7 +115,9 @@ def advance(
 def prune(words: Array, layout: Layout, now: int, best: float, margin: float) -> tuple[Index, Array]:
     """Which rows of a bank are kept, and these, their weights against ``best``."""
     rows, kept = np.empty(len(words), np.int64), np.empty(words.shape)
-    many = dropping.prune(_where(layout), words, words.view(np.int64), now, best, margin, rows, kept)
+    many = dropping.prune(
+        _where(layout), words, words.view(np.int64), now, float(best), float(margin), rows, kept
+    )
     return rows[:many], kept[:many]
 
 
@@ -141,7 +143,7 @@ def _hunting(words: Array, directions: Array | None) -> tuple[Array, Array, Inde
 
 
 def _weights(scales: Scales) -> following.Weights:
-    return following.Weights(_lengths(scales), scales.foreknowledge, scales.independence)
+    return following.Weights(_lengths(scales), float(scales.foreknowledge), float(scales.independence))
 
 
 @cache
@@ -157,7 +159,7 @@ def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     )
 
 
-@cache
+@lru_cache(maxsize=32)  # banks that come from another process have layouts of their own
 def _where(layout: Layout) -> hypothesis.Where:
     return hypothesis.Where(*(layout.fields[name].first for name in hypothesis.Where._fields))
 

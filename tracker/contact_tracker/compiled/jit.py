@@ -1,5 +1,6 @@
 """The one place that knows numba: what is compiled, and what is kept on disk."""
 
+import sys
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
@@ -60,6 +61,9 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def is_kept(kernel: Any) -> bool:
-    """Whether an earlier run has compiled it."""
+    """Whether it has been compiled, now or by an earlier run of this Python; if numba compiles at all."""
+    if not hasattr(kernel, "signatures") or kernel.signatures:
+        return True
     folder, name = kernel.stats.cache_path, kernel.py_func.__qualname__
-    return folder is not None and any(Path(folder).glob(f"*.{name}-*.nbi"))
+    python = f"py{sys.version_info.major}{sys.version_info.minor}"
+    return folder is not None and any(Path(folder).glob(f"*.{name}-*.{python}*.nbi"))

@@ -1,5 +1,6 @@
 """Whose geometry fits another hypothesis better than its own does, compiled."""
 
+from math import inf, isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -113,9 +114,12 @@ def offer(kind: Kind, table: Array, costs: Costs, cost: Array, giver: Ints, work
         _ask(kind, table, b, costs, work)
     for n in range(count):
         _every_cost(kind, table[n, first:last], costs, cost[n])
+        for b in range(count):
+            if isnan(cost[n, b]):
+                cost[n, b] = inf
     for b in range(count):
-        best = 0
-        for n in range(1, count):
+        best = b
+        for n in range(count):
             if cost[n, b] < cost[best, b]:
                 best = n
         giver[b] = best if cost[best, b] < cost[b, b] - LEAST_GAIN else b

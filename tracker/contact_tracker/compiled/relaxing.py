@@ -22,7 +22,8 @@ FREE = 10.0
 
 
 class Relaxed(NamedTuple):
-    """Memory: ``moments`` (C, C); matrices (9, 9) and (3, 3) with their eigenvectors, a row each."""
+    """Memory: ``moments`` (C, C); matrices (9, 9) and (3, 3) with their eigenvectors, a row each; the
+    ``pair`` (3, 3) whose singular vectors are asked for."""
 
     moments: Array
     large: Array
@@ -160,8 +161,8 @@ def _edge_in(moments: Array, n: Vector, work: Relaxed) -> Vector:
 def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> int:
     """As ``Family.starts`` of one window's moments (C, C), into ``out`` (N, S); returns how many there are.
 
-    Less than N where poses are too few to tell one smallest direction: any other would do as well, and which
-    it is would hang on how the frames are turned, since Jacobi's method prefers their axes.
+    Less than N where poses are too few to tell one smallest direction of coefficients: any other would do as
+    well, and which it is would hang on how the frames are turned, since Jacobi's method prefers their axes.
     """
     form, n, trace, count = kind.form, len(moments), 0.0, 0
     for c in range(n):
@@ -172,7 +173,7 @@ def relax(kind: Kind, moments: Array, out: Array, work: Relaxed) -> int:
         work.moments[c, c] += LIFT * trace
     if form.q2 >= 0:
         _smallest_directions(work.moments, 9, 9, edge_edge.RIDGE, work.large, work.large_axes)
-        if work.large[1, 1] <= FREE * LIFT * trace:
+        if not work.large[1, 1] > FREE * LIFT * trace:
             return 0
         for k in range(len(out)):
             for i in range(3):
