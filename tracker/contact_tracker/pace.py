@@ -13,12 +13,14 @@ AT_REST: Final = 1e-7
 FAR_NATS: Final = 14.0
 """What is further behind the best learns only when searches are due, once it has seen its first ticks: until
 then it grows."""
-AGES: Final = (3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100)
+AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
 """Searches wait for each other, so that one batch of this many ticks does for all."""
-DUE: Final = np.any([np.isin(np.arange(AGES[-1] + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
+DUE: Final = np.any([np.isin(np.arange(int(AGES[-1]) + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
 """Whether an age has been passed since the last batch."""
+LIFT: Final = 1e-12
+"""Of the moments' trace, added to their diagonal in relaxed problems."""
 SCREENED: Final = 7
 """So many of all starts are followed at all, those that cost least before a step is taken."""
 ROUNDS: Final = ((2, 3), (3, 2))

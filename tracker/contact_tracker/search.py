@@ -13,13 +13,12 @@ from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import before, follow
 from contact_tracker.lift import R
-from contact_tracker.pace import AGES, AT_THE_NOISE, DUE, EVERY, LEAST_GAIN, ROUNDS, SCREENED, WEIGHED
+from contact_tracker.pace import AGES, AT_THE_NOISE, DUE, EVERY, LEAST_GAIN, LIFT, ROUNDS, SCREENED, WEIGHED
 from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_AGES: Final = np.array(AGES, float)
 DRAWS: Final = 64
 """So many sets of random directions take turns."""
 
@@ -71,7 +70,7 @@ def lost(bank: Bank) -> Index:
     """
     age = np.minimum(bank.told.astype(np.int64), len(DUE) - 1)
     rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched).nonzero()[0]
-    kind = 2 * _AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
+    kind = 2 * AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
     return np.asarray(rows[best_of(kind, bank.joint[rows])])
 
 
@@ -83,7 +82,7 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: Scales, drawn: 
     """
     moments = bank.moments[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
-    relaxed = model.family.starts(moments + 1e-12 * trace * np.eye(moments.shape[-1]))
+    relaxed = model.family.starts(moments + LIFT * trace * np.eye(moments.shape[-1]))
     known, mean = before(bank, model, scales), bank.known_mean[rows]
     told = Given(mean, bank.known[rows]).told(model)
     x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape))], axis=1)

@@ -14,7 +14,7 @@ from contact_tracker.compiled.following import (
     minds_for,
     steps_of,
 )
-from contact_tracker.compiled.hypothesis import Ints, Kind
+from contact_tracker.compiled.hypothesis import Ints, Kind, joint_of
 from contact_tracker.compiled.jit import jit, kernel
 from contact_tracker.compiled.offering import costs_for, offer
 from contact_tracker.compiled.searching import hunt_for, search_one
@@ -23,14 +23,7 @@ from contact_tracker.compiled.vectors import at, copy, inner
 from contact_tracker.contacts.base import Array
 from contact_tracker.pace import AGES, AT_REST, AT_THE_NOISE, DUE, FAR_NATS, FIRST_TICKS
 
-_AGES = np.array(AGES, float)
 GROUPS = 2 * (len(AGES) + 1)
-
-
-@jit
-def _joint(kind: Kind, table: Array, b: int) -> float:
-    joint: float = table[b, kind.where.entry] + table[b, kind.where.log_likelihood]
-    return joint
 
 
 class Birth(NamedTuple):
@@ -52,7 +45,7 @@ def _join(kind: Kind, old: Array, birth: Birth, table: Array, whole: Ints) -> No
     where, count, best = kind.where, len(old), 0
     for b in range(count):
         copy(old[b], table[b])
-        if _joint(kind, old, b) > _joint(kind, old, best):
+        if joint_of(kind.where, old, b) > joint_of(kind.where, old, best):
             best = b
     d = kind.form.d2 if kind.body_in_1 else kind.form.d1
     for i in range(len(birth.words)):
@@ -97,7 +90,7 @@ def _group(kind: Kind, table: Array, whole: Ints, b: int) -> int:
     if not (due and table[b, where.rms] > AT_THE_NOISE and whole[b, where.searched] != 0):
         return -1
     passed = 0
-    while passed < len(_AGES) and _AGES[passed] <= told:
+    while passed < len(AGES) and AGES[passed] <= told:
         passed += 1
     return 2 * passed + (1 if whole[b, where.source] > 0 else 0)
 
@@ -109,8 +102,12 @@ def _lost(kind: Kind, table: Array, whole: Ints, best: Ints, lost: Ints) -> int:
     for b in range(len(table)):
         group = _group(kind, table, whole, b)
         if group >= 0:
-            rival, joint = best[group], _joint(kind, table, b)
-            if rival < 0 or joint > _joint(kind, table, rival) or isnan(_joint(kind, table, rival)):
+            rival, joint = best[group], joint_of(kind.where, table, b)
+            if (
+                rival < 0
+                or joint > joint_of(kind.where, table, rival)
+                or isnan(joint_of(kind.where, table, rival))
+            ):
                 best[group] = b
     count = 0
     for group in range(GROUPS):
@@ -132,16 +129,15 @@ def advance(
     weights: Weights,
     log_stay: float,
     margin: float,
-    due: bool,
     directions: Array,
     found: Array,
     as_whole: Ints,
 ) -> None:
-    minds, count = minds_for(kind), len(table)
+    minds, count, due = minds_for(kind), len(table), len(directions) > 0
     _join(kind, old, birth, table, whole)
     for b in range(count):
         waits = not due and table[b, kind.where.told] >= FIRST_TICKS
-        far = _joint(kind, table, b) < -(min(margin, FAR_NATS) if waits else margin)
+        far = joint_of(kind.where, table, b) < -(min(margin, FAR_NATS) if waits else margin)
         grow_one(kind, table, whole, b, ticks, heard, log_stay, minds.work)
         if not far:
             learn_one(kind, table, whole, b, ticks, steps_of(kind, table, b), weights, minds)

@@ -106,7 +106,6 @@ def advance(
         _weights(scales),
         log_stay,
         float(margin),
-        directions is not None,
         *_hunting(words, directions),
     )
     return table

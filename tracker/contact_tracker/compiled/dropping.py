@@ -1,6 +1,6 @@
 """Which hypotheses are dropped, compiled: as ``bank.prune``."""
 
-from contact_tracker.compiled.hypothesis import Ints, Where
+from contact_tracker.compiled.hypothesis import Ints, Where, joint_of
 from contact_tracker.compiled.jit import jit, kernel
 from contact_tracker.compiled.vectors import copy
 from contact_tracker.contacts.base import Array
@@ -8,16 +8,10 @@ from contact_tracker.pace import MET_SHARE, PATIENCE, YOUNG
 
 
 @jit
-def _joint(where: Where, table: Array, b: int) -> float:
-    joint: float = table[b, where.entry] + table[b, where.log_likelihood]
-    return joint
-
-
-@jit
 def _has_chances(where: Where, table: Array, whole: Ints, b: int, best: float, margin: float) -> bool:
     share = MET_SHARE if whole[b, where.met] != 0 else 1.0
     patient: bool = table[b, where.told] <= PATIENCE and whole[b, where.searched] != 0
-    return patient or _joint(where, table, b) > best - share * margin
+    return patient or joint_of(where, table, b) > best - share * margin
 
 
 @jit
@@ -35,17 +29,17 @@ def _span(where: Where, whole: Ints, b: int, now: int) -> tuple[int, int]:
 @jit
 def _is_best(where: Where, table: Array, whole: Ints, b: int, now: int) -> bool:
     """Of those whose onsets share a span, which stand beside each other; of equally good ones the first."""
-    span, joint = _span(where, whole, b, now), _joint(where, table, b)
+    span, joint = _span(where, whole, b, now), joint_of(where, table, b)
     if span[0] == 1:
         return True
     c = b - 1
     while c >= 0 and _span(where, whole, c, now) == span:
-        if _joint(where, table, c) >= joint:
+        if joint_of(where, table, c) >= joint:
             return False
         c -= 1
     c = b + 1
     while c < len(table) and _span(where, whole, c, now) == span:
-        if _joint(where, table, c) > joint:
+        if joint_of(where, table, c) > joint:
             return False
         c += 1
     return True

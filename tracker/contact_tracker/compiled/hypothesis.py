@@ -105,6 +105,13 @@ def row_of(kind: Kind, table: Array, b: int) -> Row:
 
 
 @jit
+def joint_of(where: Where, table: Array, b: int) -> float:
+    """As ``Bank.joint`` of the b-th."""
+    joint: float = table[b, where.entry] + table[b, where.log_likelihood]
+    return joint
+
+
+@jit
 def anchor(kind: Kind, row: Row, weight: float, out: Array) -> None:
     """As ``bank.anchors_of``."""
     put(out, 0, at(out, -1))

@@ -10,15 +10,14 @@ from contact_tracker.compiled.jit import jit, memory, part
 from contact_tracker.compiled.vectors import NONE, Vector, at, copy, inner, mix, put
 from contact_tracker.contacts import edge_edge, vertex_face
 from contact_tracker.contacts.base import Array
+from contact_tracker.pace import LIFT
 
 SWEEPS = 12
 """Jacobi's rotations converge quadratically: this is more than it takes."""
 LEAST = 1e-36
 """Of the squares of a matrix, what may be left beside its diagonal."""
-LIFT = 1e-12
-"""Of the moments' trace, added to their diagonal."""
 FREE = 10.0
-"""Up to so many times that a direction is not told by any pose."""
+"""Up to so many times what is added to the moments, a direction is told by no pose."""
 
 
 class Relaxed(NamedTuple):
