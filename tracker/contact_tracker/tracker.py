@@ -163,8 +163,8 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     past = fixed_lag.inherited(state.past, state.log_left, change)
     births, numbers, turn = [], state.numbers, tick.zeta[R].reshape(3, 3)
     for column, begun in enumerate(begins):
-        number, weight = numbers, float(entry[column])
-        births.append(Birth(begun, state.ticks, tick.start_ns, number, weight, past[column], turn))
+        when = state.ticks, tick.start_ns
+        births.append(Birth(begun, *when, numbers, float(entry[column]), past[column], turn))
         numbers += begun.many
     windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(banks))]
     grown = hypotheses.advance(banks, births, windows, scales, stay[:FREE], model.search.margin_nats)
