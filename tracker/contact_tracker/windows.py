@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
@@ -22,6 +23,7 @@ Index = NDArray[np.int64]
 
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
 _COARSE: Final = (1e-4, 30)  # relative gain at which to stop, and iterations at most
+_FINE: Final = (1e-9, 300)
 CHUNK_FRAMES: Final = 20_000
 """Windows are minimised together whose first poses lie in so many: long recordings go in pieces."""
 
@@ -126,20 +128,38 @@ def minimise_windows(
     model: ContactModel, rotation: Array, position_m: Array, frames: int, step: int
 ) -> Batch:
     """Minima of the paper's objective of one contact on windows of ``T_world_body`` (N, 3, 3) and (N, 3)."""
-    k = _window_sums(rows(model.contact, *motion(rotation, position_m)), frames, step)
-    moments = _window_sums(model.lifted(lift(rotation, position_m))[:, None, :], frames, step)
-    x, y = _starts(model, moments)
+    k, moments = window_sums(model, rotation, position_m, frames, step)
+    x, y = window_starts(model, moments)
     best = reduce(
         Batch.better,
-        (minimise_batched(model.contact, k, x[:, i], y[:, i], *_COARSE) for i in range(x.shape[1])),
+        (minimised(model.contact, k, x[:, i], y[:, i], *_COARSE) for i in range(x.shape[1])),
     )
     for shift in SHIFTS:
         source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
-        best = best.better(minimise_batched(model.contact, k, best.x[source], best.y[source], *_COARSE))
-    return minimise_batched(model.contact, k, best.x, best.y)
+        best = best.better(minimised(model.contact, k, best.x[source], best.y[source], *_COARSE))
+    return minimised(model.contact, k, best.x, best.y, *_FINE)
 
 
-def _window_sums(a: Array, frames: int, step: int) -> Array:
+def minimised(
+    contact: Contact, k: Array, x: Array, y: Array, tolerance: float = 1e-7, iterations: int = 100
+) -> Batch:
+    """As ``minimise_batched``, compiled where that is in use."""
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return calls.minimised(contact, k, x, y, tolerance, iterations)
+    return minimise_batched(contact, k, x, y, tolerance, iterations)
+
+
+def window_sums(
+    model: ContactModel, rotation: Array, position_m: Array, frames: int, step: int
+) -> tuple[Array, Array]:
+    """K (W, n, n) of the paper's objective, and moments (W, C, C) of the relaxed problems, of each window."""
+    k = _sums(rows(model.contact, *motion(rotation, position_m)), frames, step)
+    return k, _sums(model.lifted(lift(rotation, position_m))[:, None, :], frames, step)
+
+
+def _sums(a: Array, frames: int, step: int) -> Array:
     """Sums (W, n, n) of ``a.T a`` over the frames of each window, for a (N, r, n); N ends with a window."""
     block = gcd(frames, step)
     parts = a.reshape(len(a) // block, -1, a.shape[-1])
@@ -149,8 +169,8 @@ def _window_sums(a: Array, frames: int, step: int) -> Array:
     return np.asarray(total[begin + frames // block] - total[begin])
 
 
-def _starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
-    """The family's relaxed solutions as factors of the Kronecker product, (W, N, a) and (W, N, b)."""
+def window_starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
+    """Solutions of the relaxed problems as factors of the Kronecker product, (W, N, a) and (W, N, b)."""
     x = model.family.starts(moments)
     x = model.family.normalise(x, np.zeros(6))
     match model.contact:

@@ -6,10 +6,21 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.compiled import advancing, dropping, following, hypothesis, searching, seeing
+from contact_tracker.compiled import (
+    advancing,
+    dropping,
+    following,
+    hypothesis,
+    products,
+    searching,
+    seeing,
+)
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import shifts, turns
+from contact_tracker.labels import Contact
+from contact_tracker.paper.batched import Batch
+from contact_tracker.paper.kronecker import form
 from contact_tracker.table import Layout, layout
 
 Index = NDArray[np.int64]
@@ -133,6 +144,14 @@ def searched(
     kind, ticks = _kind(model, scales.reach_m), _ticks(window, model.body_in_1)
     drawn, found, as_whole = _hunting(words, directions)
     searching.searched(kind, words, rows, drawn, ticks, _weights(scales), found, as_whole)
+
+
+def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
+    """As ``batched.minimise_batched``."""
+    kinds = products.KINDS.index(form(contact).x), products.KINDS.index(form(contact).y)
+    found = Batch(np.empty(len(k)), np.array(x, order="C"), np.array(y, order="C"), np.empty(len(k), bool))
+    products.minimise(kinds, _plain(k), found.x, found.y, tolerance, iterations, found.value, found.converged)
+    return found
 
 
 def _hunting(words: Array, directions: Array | None) -> tuple[Array, Array, Index]:

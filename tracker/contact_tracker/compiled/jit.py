@@ -11,13 +11,21 @@ from numba.core.options import DefaultOptions
 
 from contact_tracker import fit, pace
 from contact_tracker.contacts import edge_edge, form, vertex_face
+from contact_tracker.paper import batched
 
 P = ParamSpec("P")
 R = TypeVar("R")
 _njit: Any = numba.njit
 if not hasattr(DefaultOptions, "_nrt"):
     raise ImportError("this version does not compile without reference counts")
-_OTHERS: Final = (fit.__file__, pace.__file__, edge_edge.__file__, form.__file__, vertex_face.__file__)
+_OTHERS: Final = (
+    batched.__file__,
+    fit.__file__,
+    pace.__file__,
+    edge_edge.__file__,
+    form.__file__,
+    vertex_face.__file__,
+)
 _READ: Final = (*sorted(Path(__file__).parent.glob("*.py")), *map(Path, _OTHERS))
 _SOURCES: Final = sha256(b"".join(path.read_bytes() for path in _READ)).hexdigest()
 """Of the code here and of what it takes constants from."""

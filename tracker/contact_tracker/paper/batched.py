@@ -1,8 +1,9 @@
 """Many minima of one objective at once: batched Levenberg-Marquardt on the Kronecker form.
 
 ``F = v.T K v`` with ``v = x (x) y`` is a sum of squares that are linear in v, so that ``J.T K J`` with
-``J = dv/dtheta`` is the Gauss-Newton matrix: no step touches a frame. theta are minimal coordinates: unit
-vectors move in their tangent planes and moments stay normal to their lines.
+``J = dv/dtheta`` is the Gauss-Newton matrix: no step touches a frame. Since v is a product, all of it follows
+from K with one factor put in. theta are minimal coordinates: unit vectors move in their tangent planes and
+moments stay normal to their lines.
 """
 
 from typing import Final, NamedTuple
@@ -10,12 +11,20 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.contacts.base import sphere_tangent
 from contact_tracker.labels import Contact
 from contact_tracker.paper.kronecker import Kind, form
 
 Array = NDArray[np.float64]
 
-_DAMPING: Final = (1e-3, 1e-12, 1e12)
+FIRST_DAMPING: Final = 1e-3
+LEAST_DAMPING: Final = 1e-12
+MOST_DAMPING: Final = 1e12
+LESS: Final = 0.2
+MORE: Final = 8.0
+"""Times the damping after a step that has lowered the value, and after one that has not."""
+LEAST_SHARE: Final = 1e-11
+LEAST_CURVATURE: Final = np.finfo(float).tiny
 
 
 class Batch(NamedTuple):
@@ -62,60 +71,86 @@ def minimise_batched(
     """
     f = form(contact)
     x, y = x.copy(), y.copy()
-    cost = _cost(k, x, y)
-    damping = np.full(len(cost), _DAMPING[0])
+    near = _contracted(k, x, y)
+    cost = near.cost(x)
+    damping = np.full(len(cost), FIRST_DAMPING)
     active = np.arange(len(cost))
     for _ in range(iterations):
         if not len(active):
             break
-        step = _step(k[active], x[active], y[active], damping[active], f.x, f.y)
+        step = _step(near.pick(active), x[active], y[active], damping[active], f.x, f.y)
         tx, ty = _move(f.x, x[active], step[0]), _move(f.y, y[active], step[1])
-        tried = _cost(k[active], tx, ty)
+        there = _contracted(k[active], tx, ty)
+        tried = there.cost(tx)
         gain = cost[active] - tried
         accept = gain > 0
-        done = np.where(accept, gain <= tolerance * cost[active], damping[active] >= _DAMPING[2])
+        done = np.where(accept, gain <= tolerance * cost[active], damping[active] >= MOST_DAMPING)
         rows = active[accept]
         x[rows], y[rows], cost[rows] = tx[accept], ty[accept], tried[accept]
-        damping[active] = np.clip(damping[active] * np.where(accept, 0.2, 8.0), *_DAMPING[1:])
+        for now, then in zip(near, there, strict=True):
+            now[rows] = then[accept]
+        damping[active] = np.clip(damping[active] * np.where(accept, LESS, MORE), LEAST_DAMPING, MOST_DAMPING)
         active = active[~done]
     converged = np.ones(len(cost), bool)
     converged[active] = False
     return Batch(cost, x, y, converged)
 
 
-def _cost(k: Array, x: Array, y: Array) -> Array:
-    v = (x[:, :, None] * y[:, None, :]).reshape(len(x), -1, 1)
-    cost: Array = (v.swapaxes(-1, -2) @ (k @ v))[:, 0, 0]
-    return cost
+class _Contracted(NamedTuple):
+    """K with one factor of v put in on either side: ``by_x`` (B, a, a) with y, ``by_y`` (B, b, b) with x, and
+    ``mixed`` (B, b, a), with x on the left and y on the right."""
+
+    by_x: Array
+    by_y: Array
+    mixed: Array
+
+    def cost(self, x: Array) -> Array:
+        """F (B,) at x."""
+        return np.asarray(np.einsum("bi,bij,bj->b", x, self.by_x, x))
+
+    def pick(self, rows: NDArray[np.int64]) -> "_Contracted":
+        return _Contracted(*(part[rows] for part in self))
 
 
-def _step(k: Array, x: Array, y: Array, damping: Array, kind_x: Kind, kind_y: Kind) -> tuple[Array, Array]:
+def _contracted(k: Array, x: Array, y: Array) -> _Contracted:
+    (count, a), b = x.shape, y.shape[1]
+    with_y = (y[:, None, None, :] @ k.reshape(count, a, b, -1)).reshape(count, a, a, b)
+    with_x = (x[:, None, :] @ k.reshape(count, a, -1)).reshape(count, b, a, b)
+    on_y, on_x = y[:, None, :, None], x[:, None, None, :]
+    return _Contracted((with_y @ on_y)[..., 0], (on_x @ with_x)[:, :, 0], (with_x @ on_y)[..., 0])
+
+
+def _step(
+    near: _Contracted, x: Array, y: Array, damping: Array, kind_x: Kind, kind_y: Kind
+) -> tuple[Array, Array]:
     """Damped Gauss-Newton step, in the ambient coordinates of x and of y."""
-    tangent_x, tangent_y = _tangent(kind_x, x), _tangent(kind_y, y)
-    size = (len(x), x.shape[1] * y.shape[1], -1)
-    by_x = (tangent_x[:, :, None, :] * y[:, None, :, None]).reshape(size)
-    by_y = (x[:, :, None, None] * tangent_y[:, None, :, :]).reshape(size)
-    v = (x[:, :, None] * y[:, None, :]).reshape(size)
-    jacobian = np.concatenate([by_x, by_y], axis=-1)
-    kj = k @ jacobian
-    gradient = kj.swapaxes(-1, -2) @ v
-    hessian = jacobian.swapaxes(-1, -2) @ kj
+    tangent_x, tangent_y = tangent(kind_x, x), tangent(kind_y, y)
+    along_x, along_y = np.swapaxes(tangent_x, -1, -2), np.swapaxes(tangent_y, -1, -2)
+    mixed = along_y @ near.mixed @ tangent_x
+    hessian = np.block(
+        [
+            [along_x @ near.by_x @ tangent_x, np.swapaxes(mixed, -1, -2)],
+            [mixed, along_y @ near.by_y @ tangent_y],
+        ]
+    )
+    by_x, by_y = along_x @ near.by_x @ x[..., None], along_y @ near.by_y @ y[..., None]
+    gradient = np.concatenate([by_x, by_y], axis=1)
     diagonal = np.einsum("bii->bi", hessian)
     # directions that the motion leaves free have no curvature: keep their steps short instead of infinite
-    floor = 1e-11 * diagonal.max(axis=1, keepdims=True) + np.finfo(float).tiny
+    floor = LEAST_SHARE * diagonal.max(axis=1, keepdims=True) + LEAST_CURVATURE
     diagonal += damping[:, None] * (diagonal + floor) + floor
     step = -np.linalg.solve(hessian, gradient)
     split = tangent_x.shape[-1]
     return (tangent_x @ step[:, :split])[..., 0], (tangent_y @ step[:, split:])[..., 0]
 
 
-def _tangent(kind: Kind, e: Array) -> Array:
+def tangent(kind: Kind, e: Array) -> Array:
     """Directions in which an element may move, (B, 4, 3) for planes and points, (B, 6, 4) for lines."""
     out = np.zeros((*e.shape, 4 if kind == "line" else 3))
     if kind == "point":
         out[:, :3] = np.eye(3)
         return out
-    across = _across(e[:, :3])
+    across = sphere_tangent(e[:, :3])
     out[:, :3, :2] = across
     if kind == "plane":
         out[:, 3, 2] = 1.0
@@ -135,14 +170,6 @@ def _move(kind: Kind, e: Array, step: Array) -> Array:
     if kind == "line":
         moved[:, 3:] -= moved[:, :3] * np.einsum("bi,bi->b", moved[:, :3], moved[:, 3:])[:, None]
     return moved
-
-
-def _across(n: Array) -> Array:
-    """Two orthonormal directions (B, 3, 2) normal to n (B, 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(n), axis=1)]
-    first = np.cross(n, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(n, first)], axis=-1)
 
 
 def _random(kind: Kind, count: int, rng: np.random.Generator, offset_m: float) -> Array:
