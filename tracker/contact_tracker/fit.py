@@ -201,13 +201,14 @@ def complete(
 
 
 def information(
-    family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
+    family: Family, squares: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
 ) -> Array:
-    """Hessian (B, P, P) that one weighted lifted pose (B, C) contributes at x (B, S)."""
+    """Hessian (B, P, P) that lifted poses contribute at x (B, S) of which the sum of squares is ``squares``
+    (B, C, C), under the row weights and scales of the window with the ``moments``."""
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
-    jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None, :, None])[..., 0]
-    weighted = _per_metre(family, moments, row_weight, x)[..., None] * jacobian
-    return np.asarray(np.swapaxes(weighted, -1, -2) @ jacobian)
+    jacobian = along[:, None] @ family.rows_derivative(x)
+    weight = _per_metre(family, moments, row_weight, x)[..., None, None]
+    return np.asarray((weight * (jacobian @ squares[:, None] @ np.swapaxes(jacobian, -1, -2))).sum(axis=1))
 
 
 def _normal_equations(

@@ -5,6 +5,7 @@ motion tells is what exceeds what the noise of the poses alone would feign.
 """
 
 from dataclasses import replace
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -24,7 +25,6 @@ SHOWN: Final = 10.0
 """A direction is observed if the window tells this many times what prior and noise say of it."""
 OPEN: Final = 0.1
 """An element could still move if the prior lets it do so by this share of a radian or of the reach."""
-_PERTURBATIONS: Final = lift.perturbations()
 
 
 def observed_geometry(
@@ -73,17 +73,16 @@ def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
 
 def feigned_information(one: Bank, model: ContactModel, anchors: Array, variance: Array) -> Array:
     """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis."""
+    off = np.sqrt(variance[[1, 1, 1, 0, 0, 0]])[:, None, None] * _perturbations(model)
+    squares = (off @ one.moments @ np.swapaxes(off, 1, 2)).sum(axis=0)
+    return fit.information(model.family, squares[None], one.row_weight, one.moments, anchors, one.x)[0]
+
+
+@cache
+def _perturbations(model: ContactModel) -> Array:
+    """Six linear maps (6, C, C): what the family's columns change by when the pose is a little off."""
     select = model.lifted(np.eye(lift.SIZE)).T
-    values, vectors = np.linalg.eigh(one.moments[0])
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    sigma = np.sqrt(variance[[1, 1, 1, 0, 0, 0]])[:, None, None]
-    jitter = np.swapaxes(sigma * (select @ _PERTURBATIONS @ select.T @ root), 1, 2).reshape(-1, len(root))
-    rows = np.zeros(len(jitter), np.int64)
-    return np.asarray(
-        fit.information(
-            model.family, jitter, one.row_weight[rows], one.moments[rows], anchors[rows], one.x[rows]
-        ).sum(axis=0)
-    )
+    return np.asarray(select @ lift.perturbations() @ select.T)
 
 
 def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
