@@ -321,11 +321,11 @@ def test_what_begins_joins_alike(model, old, many):
 
 
 @settings(max_examples=30, deadline=None)
-@given(seed=seeds, margin=st.floats(0.0, 60.0))
-def test_what_is_dropped_agrees(seed, margin):
+@given(seed=seeds, margin=st.floats(0.0, 60.0), model=st.sampled_from(CONTACT_MODELS))
+def test_what_is_dropped_agrees(seed, margin, model):
     rng = np.random.default_rng(seed)
     count, now = int(rng.integers(0, 60)), 800
-    bank = blank(CONTACT_MODELS[0], count, lag=2).having(
+    bank = blank(model, count, lag=2).having(
         onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
         told=rng.uniform(0.0, 40.0, count),
         searched=rng.random(count) > 0.5,
@@ -335,7 +335,7 @@ def test_what_is_dropped_agrees(seed, margin):
         number=np.arange(count),
     )
     bank = replace(bank, past=rng.random(bank.past.shape))
-    numpy, kernel = both(prune, bank, now, -2.5, margin)
+    numpy, kernel = both(prune, bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(kernel.words, numpy.words)
     np.testing.assert_array_equal(kernel.past, numpy.past)
 

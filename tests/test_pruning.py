@@ -2,7 +2,12 @@
 
 import numpy as np
 import pruning
+import pytest
 
+from contact_tracker.bank import blank, prune
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.pace import PATIENCE
+from contact_tracker.search import lost
 from short import FACE_TO_EDGE, MODEL, recorded
 
 
@@ -17,3 +22,14 @@ def test_with_twice_the_margin_the_same_is_said() -> None:
     assert len(told) == len(pruning.COLUMNS)
     assert told[:2] == ["short", "none"]
     assert pruning.row("short", 80.0, own, own)[2:8] == ["1.000", *["0.0000"] * 4, "1.00"]
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
+    """Three rows a pose tell five unknowns sooner than one row eight."""
+    needed = model.family.PARAMETERS / model.family.ROWS
+    told = np.array([0.9, 1.1]) * PATIENCE * needed
+    bank = blank(model, 2).having(told=told, searched=1.0, log_likelihood=-1000.0, rms=10.0, number=[0, 1])
+    assert prune(bank, model, 50, 0.0, 40.0).number.tolist() == [0]
+    assert 1 not in lost(bank, model)
+    assert 1 in lost(bank.having(log_likelihood=[-1000.0, -1.0], told=told[1]), model)

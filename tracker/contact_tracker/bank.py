@@ -98,7 +98,7 @@ def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     return new.words, Given(begins.known_mean, begins.known).told(model)
 
 
-def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
+def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float) -> Bank:
     """Drop what is hopeless against ``best``, and thin out onsets the more the older they are.
 
     Log weights are against ``best`` from then on.
@@ -106,11 +106,11 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        rows, words = calls.prune(bank.words, bank.layout, now, best, margin)
+        rows, words = calls.prune(model, bank.words, now, best, margin)
         return Bank(words, bank.layout, bank.past[rows])
     joint = bank.joint
     margins = np.where(bank.met, MET_SHARE * margin, margin)
-    keep = (joint > best - margins) | ((bank.told <= PATIENCE) & bank.searched)
+    keep = (joint > best - margins) | ((bank.told <= PATIENCE * model.needed) & bank.searched)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

@@ -120,5 +120,4 @@ def _foretold(bank: Bank, model: ContactModel, scales: Scales, seen: Sums) -> Ar
     """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
     ticks = np.maximum(bank.told, 1.0)[:, None]
     mean_gain = seen.gain / np.maximum(seen.after, 1)[:, None]
-    needed = model.family.PARAMETERS / model.family.ROWS
-    return np.asarray(scales.foreknowledge * needed / ticks * np.exp(-2.0 * mean_gain))
+    return np.asarray(scales.foreknowledge * model.needed / ticks * np.exp(-2.0 * mean_gain))

@@ -67,7 +67,7 @@ def _advanced(
     if due:
         bank = adopted(bank, model, window, scales)
         if window.activity[-1] > AT_REST:
-            bank = searched(bank, lost(bank), model, window, scales)
+            bank = searched(bank, lost(bank, model), model, window, scales)
     return bank
 
 

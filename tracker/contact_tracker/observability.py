@@ -75,7 +75,8 @@ def feigned_information(one: Bank, model: ContactModel, anchors: Array, variance
     """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis."""
     off = np.sqrt(variance[[1, 1, 1, 0, 0, 0]])[:, None, None] * _perturbations(model)
     squares = (off @ one.moments @ np.swapaxes(off, 1, 2)).sum(axis=0)
-    return fit.information(model.family, squares[None], one.row_weight, one.moments, anchors, one.x)[0]
+    window = one.row_weight, one.moments, anchors, one.x
+    return np.asarray(fit.information(model.family, squares[None], *window)[0])
 
 
 @cache

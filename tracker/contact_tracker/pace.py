@@ -12,7 +12,7 @@ AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 FAR_NATS: Final = 14.0
 """What is further behind the best learns only when searches are due, once it has seen its first ticks: until
-then it grows."""
+then it grows. Once patience is over it does not search either."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -31,8 +31,9 @@ AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
-PATIENCE: Final = 16
-"""Up to this many ticks with motion a hypothesis is kept however bad: its geometry may not be found yet."""
+PATIENCE: Final = 2.0
+"""Until it has seen so many times the ticks with motion that tell its geometry, a hypothesis is kept and
+searches however bad: the geometry may not be found yet. Of what was worse later next to nothing ever led."""
 MET_SHARE: Final = 0.35
 """Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
 less."""

@@ -13,7 +13,19 @@ from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.following import before, follow
 from contact_tracker.lift import R
-from contact_tracker.pace import AGES, AT_THE_NOISE, DUE, EVERY, LEAST_GAIN, LIFT, ROUNDS, SCREENED, WEIGHED
+from contact_tracker.pace import (
+    AGES,
+    AT_THE_NOISE,
+    DUE,
+    EVERY,
+    FAR_NATS,
+    LEAST_GAIN,
+    LIFT,
+    PATIENCE,
+    ROUNDS,
+    SCREENED,
+    WEIGHED,
+)
 from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
@@ -63,13 +75,14 @@ def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scale
     return bank.putting(rows[improved], some, best[improved])
 
 
-def lost(bank: Bank) -> Index:
+def lost(bank: Bank, model: ContactModel) -> Index:
     """Rows that search: of each age one that assumes nothing and one of those that do, the best.
 
     What they find is offered to those that began beside them.
     """
     age = np.minimum(bank.told.astype(np.int64), len(DUE) - 1)
-    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched).nonzero()[0]
+    hopeless = (bank.told > PATIENCE * model.needed) & (bank.joint < -FAR_NATS)
+    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched & ~hopeless).nonzero()[0]
     kind = 2 * AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
     return np.asarray(rows[best_of(kind, bank.joint[rows])])
 

@@ -170,7 +170,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     grown = hypotheses.advance(banks, births, windows, scales, stay[:FREE], model.search.margin_nats)
     best = max(float(entry[FREE]), *(b.best for b in grown))
     kept = [
-        bank.prune(_older(b, column), state.ticks, best, model.search.margin_nats)
+        bank.prune(_older(b, column), CONTACT_MODELS[column], state.ticks, best, model.search.margin_nats)
         for column, b in enumerate(grown)
     ]
     log_left = np.array([*(b.log_weight for b in kept), entry[FREE] - best])

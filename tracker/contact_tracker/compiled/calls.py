@@ -19,9 +19,10 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import shifts, turns
 from contact_tracker.labels import Contact
+from contact_tracker.pace import PATIENCE
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
-from contact_tracker.table import Layout, layout
+from contact_tracker.table import layout
 
 Index = NDArray[np.int64]
 
@@ -122,12 +123,12 @@ def advance(
     return table
 
 
-def prune(words: Array, layout: Layout, now: int, best: float, margin: float) -> tuple[Index, Array]:
+def prune(model: ContactModel, words: Array, now: int, best: float, margin: float) -> tuple[Index, Array]:
     """Which rows of a bank are kept, and these, their weights against ``best``."""
     rows, kept = np.empty(len(words), np.int64), np.empty(words.shape)
-    many = dropping.prune(
-        _where(layout), words, words.view(np.int64), now, float(best), float(margin), rows, kept
-    )
+    table, patience = (words, words.view(np.int64)), PATIENCE * model.needed
+    where = _where(model)
+    many = dropping.prune(where, *table, now, float(best), float(margin), patience, rows, kept)
     return rows[:many], kept[:many]
 
 
@@ -167,9 +168,9 @@ def _weights(scales: Scales) -> following.Weights:
 @cache
 def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     family = model.family
-    form, where = family.FORM, _where(layout(model))
+    form, where = family.FORM, _where(model)
     columns = np.array(family.COLUMNS, np.int64)
-    sizes = family.SIZE, len(columns), columns, family.ROWS, family.PARAMETERS
+    sizes = family.SIZE, len(columns), columns, family.ROWS, family.PARAMETERS, model.needed
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
     relaxed = family.starts(np.eye(len(columns))[None]).shape[1]
     return hypothesis.Kind(
@@ -177,9 +178,10 @@ def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     )
 
 
-@lru_cache(maxsize=32)  # banks that come from another process have layouts of their own
-def _where(layout: Layout) -> hypothesis.Where:
-    return hypothesis.Where(*(layout.fields[name].first for name in hypothesis.Where._fields))
+@cache
+def _where(model: ContactModel) -> hypothesis.Where:
+    fields = layout(model).fields
+    return hypothesis.Where(*(fields[name].first for name in hypothesis.Where._fields))
 
 
 @lru_cache(maxsize=4)  # all contacts see the same

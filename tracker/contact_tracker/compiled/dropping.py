@@ -4,13 +4,15 @@ from contact_tracker.compiled.hypothesis import Ints, Where, joint_of
 from contact_tracker.compiled.jit import jit, kernel
 from contact_tracker.compiled.vectors import copy
 from contact_tracker.contacts.base import Array
-from contact_tracker.pace import MET_SHARE, PATIENCE, YOUNG
+from contact_tracker.pace import MET_SHARE, YOUNG
 
 
 @jit
-def _has_chances(where: Where, table: Array, whole: Ints, b: int, best: float, margin: float) -> bool:
+def _has_chances(
+    where: Where, table: Array, whole: Ints, b: int, best: float, margin: float, patience: float
+) -> bool:
     share = MET_SHARE if whole[b, where.met] != 0 else 1.0
-    patient: bool = table[b, where.told] <= PATIENCE and whole[b, where.searched] != 0
+    patient: bool = table[b, where.told] <= patience and whole[b, where.searched] != 0
     return patient or joint_of(where, table, b) > best - share * margin
 
 
@@ -53,12 +55,14 @@ def prune(
     now: int,
     best: float,
     margin: float,
+    patience: float,
     rows: Ints,
     kept: Array,
 ) -> int:
     count = 0
     for b in range(len(table)):
-        if _has_chances(where, table, whole, b, best, margin) and _is_best(where, table, whole, b, now):
+        chances = _has_chances(where, table, whole, b, best, margin, patience)
+        if chances and _is_best(where, table, whole, b, now):
             rows[count] = b
             copy(table[b], kept[count])
             kept[count, where.entry] -= best

@@ -43,7 +43,7 @@ def _weigh(
     """As ``following._weighed``; ``work`` is at the hypothesis' x, ``numbers`` its row of the table,
     ``foretold`` (K,) memory."""
     x, prior, where, ticks = row.x, work.prior, kind.where, max(sums.totals[TICKS], 1.0)
-    share = weights.foreknowledge * kind.free / kind.each / max(numbers[where.told], 1.0)
+    share = weights.foreknowledge * kind.needed / max(numbers[where.told], 1.0)
     earned = numbers[where.earned]
     for k in range(kind.each):
         foretold[k] = share * exp(-2.0 * sums.gain[k] / max(sums.totals[AFTER], 1.0))

@@ -45,8 +45,10 @@ class Where(NamedTuple):
 
 class Kind(NamedTuple):
     """What sort of contact it is, see ``contacts``: the sizes S, C, K (of ``each`` pose) and P (``free``);
-    which entries of a pose are ``lifted`` (C,), which directions are ``turns`` and ``shifts``; ``pull`` (S,)
-    of the weak prior, ``flat`` where it has none; how many starts are ``relaxed``."""
+    how many poses are ``needed``; which entries of a pose are ``lifted`` (C,), which directions are ``turns``
+    and ``shifts``; ``pull`` (S,) of the weak prior, ``flat`` where it has none; how many starts are
+    ``relaxed``.
+    """
 
     form: Form
     body_in_1: bool
@@ -55,6 +57,7 @@ class Kind(NamedTuple):
     lifted: Ints
     each: int
     free: int
+    needed: float
     turns: Ints
     shifts: Ints
     pull: Array

@@ -24,6 +24,11 @@ class ContactModel:
     family: Family
     body_in_1: bool = True
 
+    @property
+    def needed(self) -> float:
+        """So many poses tell the geometry: free directions of x over residuals of each."""
+        return self.family.PARAMETERS / self.family.ROWS
+
     @cached_property
     def _order(self) -> tuple[NDArray[np.int64], Array]:
         columns = np.asarray(self.family.COLUMNS)
