@@ -5,6 +5,7 @@ import numpy as np
 from contact_tracker import fit
 from contact_tracker.bank import blank
 from contact_tracker.compiled import calls
+from contact_tracker.compiled.advancing import GROUPS, _lost
 from contact_tracker.compiled.fitting import complete_one, descend, work_for
 from contact_tracker.compiled.following import grow_one
 from contact_tracker.compiled.hypothesis import row_of
@@ -48,6 +49,13 @@ def givers(bank, model, reach_m):
     giver = np.empty(len(bank), np.int64)
     _offer(calls._kind(model, reach_m), bank.words, giver)
     return giver
+
+
+def lost(bank, model):
+    """As ``search.lost``."""
+    which = np.empty(GROUPS, np.int64)
+    many = _search(calls._kind(model, 1.0), bank.words, bank.words.view(np.int64), which)
+    return which[:many]
 
 
 def starts(model, moments):
@@ -104,3 +112,8 @@ def _complete(kind, table, precision, information, constant, anchors, x, cost):
         work.prior.precision[:], work.prior.information[:] = precision[b], information[b]
         work.prior.constant[0], work.prior.anchors[:] = constant[b], anchors[b]
         cost[b] = _complete_one(kind, table, b, x[b], work)
+
+
+@kernel
+def _search(kind, table, whole, which):
+    return _lost(kind, table, whole, np.empty(GROUPS, np.int64), which)

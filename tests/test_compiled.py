@@ -23,7 +23,7 @@ from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
-from contact_tracker.pace import LEAST_GAIN
+from contact_tracker.pace import FAR_NATS, LEAST_GAIN, patience
 from contact_tracker.summed import summed
 from contact_tracker.table import FOUND
 from short import FACE_TO_EDGE, MODEL, recorded
@@ -318,6 +318,23 @@ def test_what_begins_joins_alike(model, old, many):
     assert_same_columns(numpy, kernel, ("known", "known_mean", "moments", "entry", "told", "lasted"), 1e-9)
     np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
     np.testing.assert_array_equal(kernel.past, numpy.past)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=seeds, model=st.sampled_from(CONTACT_MODELS))
+def test_the_same_hypotheses_search(seed, model):
+    rng, count = np.random.default_rng(seed), 60
+    bank = blank(model, count).having(
+        told=rng.uniform(0.0, 40.0, count),
+        searched=rng.random(count) > 0.2,
+        source=rng.random(count) > 0.5,
+        rms=rng.uniform(1.0, 3.0, count),
+        log_likelihood=np.where(np.arange(count) == 7, np.nan, -40.0 * rng.random(count)),
+    )
+    found = search.lost(bank, model)
+    assert set(kernels.lost(bank, model)) == set(found)
+    hopeless = (bank.joint < -FAR_NATS) & (bank.told > patience(model.needed))
+    assert not hopeless[found].any()
 
 
 @settings(max_examples=30, deadline=None)

@@ -148,9 +148,7 @@ class Fitted:
         self.first = self.information(lifted[:1])
 
     def information(self, lifted):
-        return fit.information(
-            self.family, (lifted.T @ lifted)[None], self.weight, self.moments, self.anchors, self.x
-        )
+        return fit.information(self.family, lifted[None], self.weight, self.moments, self.anchors, self.x)
 
     @property
     def pull(self):

@@ -6,7 +6,7 @@ import pytest
 
 from contact_tracker.bank import blank, prune
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.pace import PATIENCE
+from contact_tracker.pace import DUE, PATIENCE
 from contact_tracker.search import lost
 from short import FACE_TO_EDGE, MODEL, recorded
 
@@ -31,5 +31,8 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     told = np.array([0.9, 1.1]) * PATIENCE * needed
     bank = blank(model, 2).having(told=told, searched=1.0, log_likelihood=-1000.0, rms=10.0, number=[0, 1])
     assert prune(bank, model, 50, 0.0, 40.0).number.tolist() == [0]
-    assert 1 not in lost(bank, model)
-    assert 1 in lost(bank.having(log_likelihood=[-1000.0, -1.0], told=told[1]), model)
+    impatient, near = bank.pick(np.array([1])), bank.having(log_likelihood=-1.0).pick(np.array([1]))
+    assert not len(lost(impatient, model))
+    assert len(lost(near, model)) == DUE[int(told[1])]
+    due = int(np.flatnonzero(DUE[: int(told[0]) + 1])[-1])
+    assert len(lost(bank.having(told=float(due)).pick(np.array([0])), model)) == 1

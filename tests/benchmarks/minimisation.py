@@ -1,8 +1,10 @@
 """How long minimising the paper's objectives on fixed windows takes, against SLSQP from three random starts.
 
-cold: from the relaxed problems, nothing else known; warm: from the minimum of the window before; all: as
-``windows.minimise_windows`` does for a recording (cold, then from neighbours back and forth). Lower: on how
-many of the windows compared SLSQP's best is lower by more than a ten-thousandth.
+cold: from the relaxed problems, nothing else known; warm: from the minimum of the window before; both until a
+step gains less than a billionth. all: as ``windows.minimise_windows`` does for a recording (from the relaxed
+problems and from neighbours back and forth, coarsely, and on from the best). x: by how many times less time
+than SLSQP, which starts at random, takes. Lower: on how many of the windows compared SLSQP's best is lower by
+more than a ten-thousandth. Sums over windows are no part of it.
 
 python tests/benchmarks/minimisation.py recordings/paper_experiment.mcap
 """
@@ -23,7 +25,7 @@ from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.batched import Batch
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.windows import curves, minimise_windows, minimised, window_starts, window_sums
+from contact_tracker.windows import FINE, curves, minimise_windows, minimised, window_starts, window_sums
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")
@@ -42,7 +44,8 @@ def timed(work: Callable[[], Found], runs: int = RUNS) -> tuple[float, Found]:
 def cold(model: ContactModel, k: np.ndarray, moments: np.ndarray) -> Batch:
     """The best that comes of the relaxed problems."""
     x, y = window_starts(model, moments)
-    return reduce(Batch.better, (minimised(model.contact, k, x[:, i], y[:, i]) for i in range(x.shape[1])))
+    found = (minimised(model.contact, k, x[:, i], y[:, i], *FINE) for i in range(x.shape[1]))
+    return reduce(Batch.better, found)
 
 
 def main() -> None:
@@ -53,7 +56,7 @@ def main() -> None:
     poses = Poses.collect(open_log(args.log))
     count = (len(poses) - FRAMES) // STEP + 1
     poses = poses[: (count - 1) * STEP + FRAMES]
-    sample = np.linspace(1, count - 1, args.windows).astype(int)
+    sample = np.linspace(min(1, count - 1), count - 1, args.windows).astype(int)
     rows = [measured(model, poses, sample) for model in CONTACT_MODELS]
     header = (
         "contact",
@@ -72,7 +75,6 @@ def measured(model: ContactModel, poses: Poses, sample: np.ndarray) -> tuple[str
     """A row of the table."""
     position_m, rng = poses.position_m - poses.position_m.mean(axis=0), np.random.default_rng(0)
     pair = motion(poses.rotation, position_m)
-    begin = time.process_time()
     frames = [slice(STEP * w, STEP * w + FRAMES) for w in sample]
     matrices = [matrix(model.contact, pair[0][f], pair[1][f]) for f in frames]
     begin = time.process_time()
@@ -82,7 +84,7 @@ def measured(model: ContactModel, poses: Poses, sample: np.ndarray) -> tuple[str
     runs = [timed(lambda: cold(model, k, moments))]
     whole, best = timed(lambda: minimise_windows(model, poses.rotation, position_m, FRAMES, STEP))
     before = np.maximum(np.arange(len(k)) - 1, 0)
-    runs.append(timed(lambda: minimised(model.contact, k, best.x[before], best.y[before])))
+    runs.append(timed(lambda: minimised(model.contact, k, best.x[before], best.y[before], *FINE)))
     runs.append((whole, best))
     cells = []
     for time_s, found in runs:

@@ -13,7 +13,7 @@ from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
-from contact_tracker.pace import MET_SHARE, PATIENCE, YOUNG
+from contact_tracker.pace import MET_SHARE, YOUNG, patience
 from contact_tracker.table import Bank, layout
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
         return Bank(words, bank.layout, bank.past[rows])
     joint = bank.joint
     margins = np.where(bank.met, MET_SHARE * margin, margin)
-    keep = (joint > best - margins) | ((bank.told <= PATIENCE * model.needed) & bank.searched)
+    keep = (joint > best - margins) | ((bank.told <= patience(model.needed)) & bank.searched)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

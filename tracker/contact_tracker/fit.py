@@ -201,14 +201,15 @@ def complete(
 
 
 def information(
-    family: Family, squares: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
+    family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
 ) -> Array:
-    """Hessian (B, P, P) that lifted poses contribute at x (B, S) of which the sum of squares is ``squares``
-    (B, C, C), under the row weights and scales of the window with the ``moments``."""
+    """Hessian (B, P, P) that N weighted lifted poses (B, N, C) contribute at x (B, S)."""
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
-    jacobian = along[:, None] @ family.rows_derivative(x)
-    weight = _per_metre(family, moments, row_weight, x)[..., None, None]
-    return np.asarray((weight * (jacobian @ squares[:, None] @ np.swapaxes(jacobian, -1, -2))).sum(axis=1))
+    slopes = np.swapaxes(along[:, None] @ family.rows_derivative(x), -1, -2)
+    jacobian = lifted[:, None] @ slopes
+    weighted = _per_metre(family, moments, row_weight, x)[..., None, None] * jacobian
+    flat = len(x), family.ROWS * lifted.shape[1], family.PARAMETERS
+    return np.asarray(np.swapaxes(weighted.reshape(flat), -1, -2) @ jacobian.reshape(flat))
 
 
 def _normal_equations(

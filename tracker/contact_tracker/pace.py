@@ -32,10 +32,19 @@ AT_THE_NOISE: Final = 1.2
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
 PATIENCE: Final = 2.0
-"""Until it has seen so many times the ticks with motion that tell its geometry, a hypothesis is kept and
-searches however bad: the geometry may not be found yet. Of what was worse later next to nothing ever led."""
+"""See ``patience``."""
 MET_SHARE: Final = 0.35
 """Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
 less."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
+
+
+def patience(needed: float) -> float:
+    """Up to so many ticks with motion a hypothesis is kept and searches however bad, whose geometry
+    ``needed`` poses tell: it may not be found yet.
+
+    Of what was still hopeless then next to nothing ever led. That of f-f is over before most have searched:
+    none came back, whatever they found.
+    """
+    return PATIENCE * needed

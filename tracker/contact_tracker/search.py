@@ -21,10 +21,10 @@ from contact_tracker.pace import (
     FAR_NATS,
     LEAST_GAIN,
     LIFT,
-    PATIENCE,
     ROUNDS,
     SCREENED,
     WEIGHED,
+    patience,
 )
 from contact_tracker.table import Bank
 
@@ -81,7 +81,7 @@ def lost(bank: Bank, model: ContactModel) -> Index:
     What they find is offered to those that began beside them.
     """
     age = np.minimum(bank.told.astype(np.int64), len(DUE) - 1)
-    hopeless = (bank.told > PATIENCE * model.needed) & (bank.joint < -FAR_NATS)
+    hopeless = (bank.told > patience(model.needed)) & (bank.joint < -FAR_NATS)
     rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched & ~hopeless).nonzero()[0]
     kind = 2 * AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
     return np.asarray(rows[best_of(kind, bank.joint[rows])])

@@ -22,8 +22,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
-_COARSE: Final = (1e-4, 30)  # relative gain at which to stop, and iterations at most
-_FINE: Final = (1e-9, 300)
+COARSE: Final = (1e-4, 30)
+FINE: Final = (1e-9, 300)
+"""Relative gain at which a minimisation stops, and iterations at most: first, and of what is best at last."""
 CHUNK_FRAMES: Final = 20_000
 """Windows are minimised together whose first poses lie in so many: long recordings go in pieces."""
 
@@ -132,17 +133,15 @@ def minimise_windows(
     x, y = window_starts(model, moments)
     best = reduce(
         Batch.better,
-        (minimised(model.contact, k, x[:, i], y[:, i], *_COARSE) for i in range(x.shape[1])),
+        (minimised(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1])),
     )
     for shift in SHIFTS:
         source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
-        best = best.better(minimised(model.contact, k, best.x[source], best.y[source], *_COARSE))
-    return minimised(model.contact, k, best.x, best.y, *_FINE)
+        best = best.better(minimised(model.contact, k, best.x[source], best.y[source], *COARSE))
+    return minimised(model.contact, k, best.x, best.y, *FINE)
 
 
-def minimised(
-    contact: Contact, k: Array, x: Array, y: Array, tolerance: float = 1e-7, iterations: int = 100
-) -> Batch:
+def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
     """As ``minimise_batched``, compiled where that is in use."""
     if compiled.in_use():
         from contact_tracker.compiled import calls

@@ -1,4 +1,4 @@
-"""Kernels that do what ``hypotheses`` and all below them do, and ``bank.prune``, where numba is installed.
+"""Kernels for ``hypotheses`` and all below, ``bank.prune`` and ``paper.batched``, where numba is installed.
 
 The numpy code there is the reference, and what runs without numba. What imports numba is imported only when
 the first fit needs it.

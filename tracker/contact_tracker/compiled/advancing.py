@@ -21,7 +21,7 @@ from contact_tracker.compiled.searching import hunt_for, search_one
 from contact_tracker.compiled.seeing import Ticks
 from contact_tracker.compiled.vectors import at, copy, inner
 from contact_tracker.contacts.base import Array
-from contact_tracker.pace import AGES, AT_REST, AT_THE_NOISE, DUE, FAR_NATS, FIRST_TICKS, PATIENCE
+from contact_tracker.pace import AGES, AT_REST, AT_THE_NOISE, DUE, FAR_NATS, FIRST_TICKS
 
 GROUPS = 2 * (len(AGES) + 1)
 
@@ -86,7 +86,7 @@ def _adopt(
 def _group(kind: Kind, table: Array, whole: Ints, b: int) -> int:
     """Of hypothesis b, as in ``search.lost``; -1 if it does not search."""
     where, told = kind.where, table[b, kind.where.told]
-    if told > PATIENCE * kind.needed and joint_of(where, table, b) < -FAR_NATS:
+    if told > kind.patience and joint_of(where, table, b) < -FAR_NATS:
         return -1
     due = DUE[min(int(told), len(DUE) - 1)]
     if not (due and table[b, where.rms] > AT_THE_NOISE and whole[b, where.searched] != 0):

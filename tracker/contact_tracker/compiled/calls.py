@@ -19,7 +19,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.contacts.form import shifts, turns
 from contact_tracker.labels import Contact
-from contact_tracker.pace import PATIENCE
+from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
 from contact_tracker.table import layout
@@ -126,9 +126,8 @@ def advance(
 def prune(model: ContactModel, words: Array, now: int, best: float, margin: float) -> tuple[Index, Array]:
     """Which rows of a bank are kept, and these, their weights against ``best``."""
     rows, kept = np.empty(len(words), np.int64), np.empty(words.shape)
-    table, patience = (words, words.view(np.int64)), PATIENCE * model.needed
-    where = _where(model)
-    many = dropping.prune(where, *table, now, float(best), float(margin), patience, rows, kept)
+    table, weights = (words, words.view(np.int64)), (float(best), float(margin))
+    many = dropping.prune(_where(model), *table, now, *weights, patience(model.needed), rows, kept)
     return rows[:many], kept[:many]
 
 
@@ -170,7 +169,15 @@ def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     family = model.family
     form, where = family.FORM, _where(model)
     columns = np.array(family.COLUMNS, np.int64)
-    sizes = family.SIZE, len(columns), columns, family.ROWS, family.PARAMETERS, model.needed
+    sizes = (
+        family.SIZE,
+        len(columns),
+        columns,
+        family.ROWS,
+        family.PARAMETERS,
+        model.needed,
+        patience(model.needed),
+    )
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
     relaxed = family.starts(np.eye(len(columns))[None]).shape[1]
     return hypothesis.Kind(

@@ -45,9 +45,9 @@ class Where(NamedTuple):
 
 class Kind(NamedTuple):
     """What sort of contact it is, see ``contacts``: the sizes S, C, K (of ``each`` pose) and P (``free``);
-    how many poses are ``needed``; which entries of a pose are ``lifted`` (C,), which directions are ``turns``
-    and ``shifts``; ``pull`` (S,) of the weak prior, ``flat`` where it has none; how many starts are
-    ``relaxed``.
+    how many poses are ``needed``, and the ``patience`` that follows; which entries of a pose are ``lifted``
+    (C,), which directions are ``turns`` and ``shifts``; ``pull`` (S,) of the weak prior, ``flat`` where it
+    has none; how many starts are ``relaxed``.
     """
 
     form: Form
@@ -58,6 +58,7 @@ class Kind(NamedTuple):
     each: int
     free: int
     needed: float
+    patience: float
     turns: Ints
     shifts: Ints
     pull: Array

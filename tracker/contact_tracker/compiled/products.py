@@ -24,9 +24,9 @@ KINDS: Final[tuple[Kind, ...]] = ("point", "plane", "line")
 POINT, PLANE, LINE = range(3)
 
 
-class Product(NamedTuple):
-    """A window at some x and y: K with x put in on the left, ``on_x`` (b, n), or y, ``on_y`` (a, n), and with
-    another on the right ``by_x`` (a, a), ``by_y`` (b, b) and ``mixed`` (b, a), as in ``batched._Contracted``.
+class Contracted(NamedTuple):
+    """K at some x and y: with x put in on the left, ``on_x`` (b, n), or y, ``on_y`` (a, n); on both sides, as
+    in ``batched._Contracted``, ``by_x`` (a, a) with y, ``by_y`` (b, b) with x, ``mixed`` (b, a) with x and y.
     """
 
     x: Array
@@ -38,7 +38,7 @@ class Product(NamedTuple):
     mixed: Array
 
 
-class Stage(NamedTuple):
+class Work(NamedTuple):
     """Memory of a step: directions in which x and y may move, ``free_x`` (P, a) and ``free_y`` (Q, b), what
     these are after a matrix, ``bent`` (6,), and gradient, curvature and step of both (P + Q)."""
 
@@ -51,9 +51,9 @@ class Stage(NamedTuple):
 
 
 @memory
-def _product(a: int, b: int) -> Product:
+def _contracted(a: int, b: int) -> Contracted:
     n = a * b
-    return Product(
+    return Contracted(
         np.empty(a),
         np.empty(b),
         np.empty((b, n)),
@@ -65,14 +65,14 @@ def _product(a: int, b: int) -> Product:
 
 
 @memory
-def _stage(kind_x: int, kind_y: int, a: int, b: int) -> Stage:
+def _work(kind_x: int, kind_y: int, a: int, b: int) -> Work:
     p, q = 4 if kind_x == LINE else 3, 4 if kind_y == LINE else 3
     free = np.zeros((p, a)), np.zeros((q, b))
-    return Stage(*free, np.empty(6), np.empty(p + q), np.empty((p + q, p + q)), np.empty(p + q))
+    return Work(*free, np.empty(6), np.empty(p + q), np.empty((p + q, p + q)), np.empty(p + q))
 
 
 @jit
-def _contract(k: Array, here: Product) -> float:
+def _contract(k: Array, here: Contracted) -> float:
     """As ``batched._contracted`` at the x and y there; returns the value."""
     x, y, on_x, on_y = here.x, here.y, here.on_x, here.on_y
     a, b = len(x), len(y)
@@ -102,7 +102,7 @@ def _contract(k: Array, here: Product) -> float:
 
 @jit
 def _free(kind: int, e: Array, out: Array) -> None:
-    """As ``batched.tangent``, a direction a row; what is never anything else is zero there already."""
+    """As ``batched._tangent``, a direction a row; what is never anything else is zero there already."""
     if kind == POINT:
         out[0, 0] = out[1, 1] = out[2, 2] = 1.0
         return
@@ -120,26 +120,26 @@ def _free(kind: int, e: Array, out: Array) -> None:
 
 
 @jit
-def _equations(here: Product, stage: Stage) -> None:
+def _equations(here: Contracted, work: Work) -> None:
     """Gradient, and the upper triangle of the curvature."""
-    p, q, curvature = len(stage.free_x), len(stage.free_y), stage.curvature
+    p, q, curvature = len(work.free_x), len(work.free_y), work.curvature
     a, b = len(here.x), len(here.y)
     for i in range(p):
-        bent = stage.bent[:a]
-        multiply(stage.free_x[i], here.by_x, bent)
-        stage.gradient[i] = dot(bent, here.x)
+        bent = work.bent[:a]
+        multiply(work.free_x[i], here.by_x, bent)
+        work.gradient[i] = dot(bent, here.x)
         for j in range(i, p):
-            curvature[i, j] = dot(bent, stage.free_x[j])
+            curvature[i, j] = dot(bent, work.free_x[j])
     for i in range(q):
-        bent = stage.bent[:a]
-        multiply(stage.free_y[i], here.mixed, bent)
+        bent = work.bent[:a]
+        multiply(work.free_y[i], here.mixed, bent)
         for j in range(p):
-            curvature[j, p + i] = dot(bent, stage.free_x[j])
-        bent = stage.bent[:b]
-        multiply(stage.free_y[i], here.by_y, bent)
-        stage.gradient[p + i] = dot(bent, here.y)
+            curvature[j, p + i] = dot(bent, work.free_x[j])
+        bent = work.bent[:b]
+        multiply(work.free_y[i], here.by_y, bent)
+        work.gradient[p + i] = dot(bent, here.y)
         for j in range(i, q):
-            curvature[p + i, p + j] = dot(bent, stage.free_y[j])
+            curvature[p + i, p + j] = dot(bent, work.free_y[j])
 
 
 @jit
@@ -172,19 +172,19 @@ def _move(kind: int, e: Array, step: Array, free: Array, out: Array) -> None:
 
 @jit
 def _try(
-    kinds: tuple[int, int], k: Array, here: Product, damping: float, stage: Stage, there: Product
+    kinds: tuple[int, int], k: Array, here: Contracted, damping: float, work: Work, there: Contracted
 ) -> float:
     """A step from ``here``; returns the value ``there``."""
-    _free(kinds[0], here.x, stage.free_x)
-    _free(kinds[1], here.y, stage.free_y)
-    _equations(here, stage)
-    _damp(stage.curvature, damping)
-    for i in range(len(stage.step)):
-        stage.step[i] = -stage.gradient[i]
-    eliminate(stage.curvature, stage.step)
-    p = len(stage.free_x)
-    _move(kinds[0], here.x, stage.step[:p], stage.free_x, there.x)
-    _move(kinds[1], here.y, stage.step[p:], stage.free_y, there.y)
+    _free(kinds[0], here.x, work.free_x)
+    _free(kinds[1], here.y, work.free_y)
+    _equations(here, work)
+    _damp(work.curvature, damping)
+    for i in range(len(work.step)):
+        work.step[i] = -work.gradient[i]
+    eliminate(work.curvature, work.step)
+    p = len(work.free_x)
+    _move(kinds[0], here.x, work.step[:p], work.free_x, there.x)
+    _move(kinds[1], here.y, work.step[p:], work.free_y, there.y)
     return _contract(k, there)
 
 
@@ -201,13 +201,13 @@ def minimise(
 ) -> None:
     """As ``batched.minimise_batched``; x and y in place."""
     a, b = x.shape[1], y.shape[1]
-    here, there, stage = _product(a, b), _product(a, b), _stage(kinds[0], kinds[1], a, b)
+    here, there, work = _contracted(a, b), _contracted(a, b), _work(kinds[0], kinds[1], a, b)
     for w in range(len(k)):
         copy(x[w], here.x)
         copy(y[w], here.y)
         value, damping, converged[w] = _contract(k[w], here), FIRST_DAMPING, False
         for _ in range(iterations):
-            tried = _try(kinds, k[w], here, damping, stage, there)
+            tried = _try(kinds, k[w], here, damping, work, there)
             gain = value - tried
             if gain > 0.0:
                 done = gain <= tolerance * value

@@ -25,6 +25,7 @@ MORE: Final = 8.0
 """Times the damping after a step that has lowered the value, and after one that has not."""
 LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
+"""Added to every curvature: a share of the largest one, and what keeps an empty window regular."""
 
 
 class Batch(NamedTuple):
@@ -114,8 +115,8 @@ class _Contracted(NamedTuple):
 
 def _contracted(k: Array, x: Array, y: Array) -> _Contracted:
     (count, a), b = x.shape, y.shape[1]
-    with_y = (y[:, None, None, :] @ k.reshape(count, a, b, -1)).reshape(count, a, a, b)
-    with_x = (x[:, None, :] @ k.reshape(count, a, -1)).reshape(count, b, a, b)
+    with_y = (y[:, None, None, :] @ k.reshape(count, a, b, a * b)).reshape(count, a, a, b)
+    with_x = (x[:, None, :] @ k.reshape(count, a, b * a * b)).reshape(count, b, a, b)
     on_y, on_x = y[:, None, :, None], x[:, None, None, :]
     return _Contracted((with_y @ on_y)[..., 0], (on_x @ with_x)[:, :, 0], (with_x @ on_y)[..., 0])
 
@@ -124,7 +125,7 @@ def _step(
     near: _Contracted, x: Array, y: Array, damping: Array, kind_x: Kind, kind_y: Kind
 ) -> tuple[Array, Array]:
     """Damped Gauss-Newton step, in the ambient coordinates of x and of y."""
-    tangent_x, tangent_y = tangent(kind_x, x), tangent(kind_y, y)
+    tangent_x, tangent_y = _tangent(kind_x, x), _tangent(kind_y, y)
     along_x, along_y = np.swapaxes(tangent_x, -1, -2), np.swapaxes(tangent_y, -1, -2)
     mixed = along_y @ near.mixed @ tangent_x
     hessian = np.block(
@@ -144,7 +145,7 @@ def _step(
     return (tangent_x @ step[:, :split])[..., 0], (tangent_y @ step[:, split:])[..., 0]
 
 
-def tangent(kind: Kind, e: Array) -> Array:
+def _tangent(kind: Kind, e: Array) -> Array:
     """Directions in which an element may move, (B, 4, 3) for planes and points, (B, 6, 4) for lines."""
     out = np.zeros((*e.shape, 4 if kind == "line" else 3))
     if kind == "point":
