@@ -1,8 +1,8 @@
 """How long minimising the paper's objectives on fixed windows takes, against SLSQP from three random starts.
 
-cold: from the relaxed problems, nothing else known; warm: from the minimum of the window before; both until a
-step gains less than a billionth. all: as ``windows.minimise_windows`` does for a recording (from the relaxed
-problems and from neighbours back and forth, coarsely, and on from the best). x: by how many times less time
+cold: from the relaxed problems, coarsely, and on from the best until a step gains less than a billionth;
+warm: from the minimum of the window before, to the same end; all: as ``windows.minimise_windows`` does for a
+recording, which is cold, but from neighbours back and forth before it goes on. x: by how many times less time
 than SLSQP, which starts at random, takes. Lower: on how many of the windows compared SLSQP's best is lower by
 more than a ten-thousandth. Sums over windows are no part of it.
 
@@ -12,7 +12,6 @@ python tests/benchmarks/minimisation.py recordings/paper_experiment.mcap
 import argparse
 import time
 from collections.abc import Callable
-from functools import reduce
 from statistics import median
 from typing import TypeVar
 
@@ -25,7 +24,7 @@ from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.batched import Batch
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.windows import FINE, curves, minimise_windows, minimised, window_starts, window_sums
+from contact_tracker.windows import FINE, curves, from_relaxed, minimise_windows, minimised, window_sums
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")
@@ -43,9 +42,8 @@ def timed(work: Callable[[], Found], runs: int = RUNS) -> tuple[float, Found]:
 
 def cold(model: ContactModel, k: np.ndarray, moments: np.ndarray) -> Batch:
     """The best that comes of the relaxed problems."""
-    x, y = window_starts(model, moments)
-    found = (minimised(model.contact, k, x[:, i], y[:, i], *FINE) for i in range(x.shape[1]))
-    return reduce(Batch.better, found)
+    best = from_relaxed(model, k, moments)
+    return minimised(model.contact, k, best.x, best.y, *FINE)
 
 
 def main() -> None:

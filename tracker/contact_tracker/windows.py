@@ -130,15 +130,18 @@ def minimise_windows(
 ) -> Batch:
     """Minima of the paper's objective of one contact on windows of ``T_world_body`` (N, 3, 3) and (N, 3)."""
     k, moments = window_sums(model, rotation, position_m, frames, step)
-    x, y = window_starts(model, moments)
-    best = reduce(
-        Batch.better,
-        (minimised(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1])),
-    )
+    best = from_relaxed(model, k, moments)
     for shift in SHIFTS:
         source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
         best = best.better(minimised(model.contact, k, best.x[source], best.y[source], *COARSE))
     return minimised(model.contact, k, best.x, best.y, *FINE)
+
+
+def from_relaxed(model: ContactModel, k: Array, moments: Array) -> Batch:
+    """The best, found coarsely, that solutions of the relaxed problems lead to, nothing else known."""
+    x, y = _starts(model, moments)
+    found = (minimised(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1]))
+    return reduce(Batch.better, found)
 
 
 def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
@@ -168,7 +171,7 @@ def _sums(a: Array, frames: int, step: int) -> Array:
     return np.asarray(total[begin + frames // block] - total[begin])
 
 
-def window_starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
+def _starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
     """Solutions of the relaxed problems as factors of the Kronecker product, (W, N, a) and (W, N, b)."""
     x = model.family.starts(moments)
     x = model.family.normalise(x, np.zeros(6))
