@@ -14,7 +14,7 @@ settings.load_profile("busy")  # a machine that does other things as well fails 
 def shared_recordings() -> Path:
     """Folder of recordings that are not part of the repository; a test that needs it is skipped without."""
     beside = Path(__file__).resolve().parent.parent.parent / "shared" / "recordings"
-    folder = Path(os.environ.get("CONTACT_TRACKER_RECORDINGS", beside))
+    folder = Path(os.environ.get("CONTACT_TRACKER_RECORDINGS") or beside)  # set to nothing is not set
     if not folder.is_dir():
         pytest.skip("the shared recordings are not here; CONTACT_TRACKER_RECORDINGS may name their folder")
     return folder
