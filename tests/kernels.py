@@ -54,7 +54,7 @@ def givers(bank, model, reach_m):
 def lost(bank, model):
     """As ``search.lost``."""
     which = np.empty(GROUPS, np.int64)
-    many = _search(calls._kind(model, 1.0), bank.words, bank.words.view(np.int64), which)
+    many = _which_search(calls._kind(model, 1.0), bank.words, bank.words.view(np.int64), which)
     return which[:many]
 
 
@@ -115,5 +115,5 @@ def _complete(kind, table, precision, information, constant, anchors, x, cost):
 
 
 @kernel
-def _search(kind, table, whole, which):
+def _which_search(kind, table, whole, which):
     return _lost(kind, table, whole, np.empty(GROUPS, np.int64), which)

@@ -6,7 +6,7 @@ import pytest
 
 from contact_tracker.bank import blank, prune
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.pace import DUE, PATIENCE
+from contact_tracker.pace import DUE, patience
 from contact_tracker.search import lost
 from short import FACE_TO_EDGE, MODEL, recorded
 
@@ -27,8 +27,7 @@ def test_with_twice_the_margin_the_same_is_said() -> None:
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     """Three rows a pose tell five unknowns sooner than one row eight."""
-    needed = model.family.PARAMETERS / model.family.ROWS
-    told = np.array([0.9, 1.1]) * PATIENCE * needed
+    told = np.array([0.9, 1.1]) * patience(model.family.PARAMETERS / model.family.ROWS)
     bank = blank(model, 2).having(told=told, searched=1.0, log_likelihood=-1000.0, rms=10.0, number=[0, 1])
     assert prune(bank, model, 50, 0.0, 40.0).number.tolist() == [0]
     impatient, near = bank.pick(np.array([1])), bank.having(log_likelihood=-1.0).pick(np.array([1]))

@@ -31,8 +31,6 @@ AT_THE_NOISE: Final = 1.2
 """A whitened residual below which there is no better minimum to search for."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
-PATIENCE: Final = 2.0
-"""See ``patience``."""
 MET_SHARE: Final = 0.35
 """Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
 less."""
@@ -44,7 +42,6 @@ def patience(needed: float) -> float:
     """Up to so many ticks with motion a hypothesis is kept and searches however bad, whose geometry
     ``needed`` poses tell: it may not be found yet.
 
-    Of what was still hopeless then next to nothing ever led. That of f-f is over before most have searched:
-    none came back, whatever they found.
+    That is short for f-f, of which most never search unless they are near the best.
     """
-    return PATIENCE * needed
+    return 2.0 * needed

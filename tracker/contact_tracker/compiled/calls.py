@@ -126,8 +126,8 @@ def advance(
 def prune(model: ContactModel, words: Array, now: int, best: float, margin: float) -> tuple[Index, Array]:
     """Which rows of a bank are kept, and these, their weights against ``best``."""
     rows, kept = np.empty(len(words), np.int64), np.empty(words.shape)
-    table, weights = (words, words.view(np.int64)), (float(best), float(margin))
-    many = dropping.prune(_where(model), *table, now, *weights, patience(model.needed), rows, kept)
+    chances = float(best), float(margin), patience(model.needed)
+    many = dropping.prune(_where(model), words, words.view(np.int64), now, *chances, rows, kept)
     return rows[:many], kept[:many]
 
 
@@ -169,19 +169,12 @@ def _kind(model: ContactModel, reach_m: float) -> hypothesis.Kind:
     family = model.family
     form, where = family.FORM, _where(model)
     columns = np.array(family.COLUMNS, np.int64)
-    sizes = (
-        family.SIZE,
-        len(columns),
-        columns,
-        family.ROWS,
-        family.PARAMETERS,
-        model.needed,
-        patience(model.needed),
-    )
+    sizes = family.SIZE, len(columns), columns, family.ROWS, family.PARAMETERS
+    poses = model.needed, patience(model.needed)
     pull, flat = family.SPREAD / reach_m**2, 1.0 - family.SPREAD
     relaxed = family.starts(np.eye(len(columns))[None]).shape[1]
     return hypothesis.Kind(
-        form, model.body_in_1, *sizes, turns(form), shifts(form), pull, flat, where, relaxed
+        form, model.body_in_1, *sizes, *poses, turns(form), shifts(form), pull, flat, where, relaxed
     )
 
 
