@@ -68,7 +68,6 @@ SINGLE_IMPORTER = {
     "tqdm": "cli",
     "argparse": "cli",
     "trimesh": "known",
-    "numba": "compiled",
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}
@@ -146,20 +145,6 @@ def test_the_core_does_no_io(path: Path) -> None:
 def test_a_file_has_one_reason_to_exist(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
     assert ast.get_docstring(tree(path)), "the first line of a file says why it exists"
-
-
-def test_no_kernel_looks_at_rows_itself() -> None:
-    """Parts without reference counts may: what they handed to a kernel, it would let go of once too often."""
-    kernels = [
-        node
-        for path in (PACKAGE / "compiled").glob("*.py")
-        for node in ast.walk(tree(path))
-        if isinstance(node, ast.FunctionDef) and "kernel" in map(ast.unparse, node.decorator_list)
-    ]
-    assert kernels
-    for node in kernels:
-        called = {ast.unparse(call.func) for call in ast.walk(node) if isinstance(call, ast.Call)}
-        assert "row_of" not in called, node.name
 
 
 def test_the_package_itself_imports_nothing_heavy() -> None:

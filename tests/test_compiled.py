@@ -1,7 +1,6 @@
 """Compiled kernels agree with the numpy code that they stand for, on problems of all kinds."""
 
 import os
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -29,7 +28,8 @@ from contact_tracker.table import FOUND
 from short import FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 
-pytest.importorskip("numba")
+compiled_kernels = pytest.importorskip("contact_tracker.compiled.kernels")
+calls = pytest.importorskip("contact_tracker.compiled.calls")
 kernels = pytest.importorskip("kernels")
 GROWS = ("first", "moments", "place_sum", "weight", "told", "lasted", "x")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
@@ -393,42 +393,42 @@ def said(program, **environment):
 def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
     program = (
         "import sys; from contact_tracker import compiled, segmenter;"
-        "print('numba' in sys.modules, compiled.described())"
+        "print('contact_tracker.compiled.kernels' in sys.modules, compiled.described())"
     )
     assert said(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
-    assert re.fullmatch(r"False compiled kernels, numba [\d.]+", said(program, CONTACT_TRACKER_COMPILED="1"))
+    assert said(program, CONTACT_TRACKER_COMPILED="1") == "False compiled kernels"
 
 
-def test_it_is_known_whether_there_is_something_to_compile(tmp_path):
-    program = "from contact_tracker import compiled; print(compiled.is_ready())"
-    for chosen, ready in (("1", "False"), ("0", "True")):
-        assert said(program, CONTACT_TRACKER_COMPILED=chosen, NUMBA_CACHE_DIR=str(tmp_path)) == ready
+def test_kernels_are_built_where_there_is_a_compiler():
+    """Whether tests of kernels run is not left to chance."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled, "in_use", lambda: True)
-        tracker.observe(passed()[5].state, passed()[6].tick)  # is compiled here
-    assert said(program, CONTACT_TRACKER_COMPILED="1") == "True"
+        patch.delenv(compiled.SWITCH, raising=False)
+        assert compiled.described() == "compiled kernels"
 
 
-def test_numba_that_does_not_go_with_numpy_is_done_without(tmp_path):
-    """It follows numpy's releases with some delay, and until then its import fails."""
-    (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 2.2 or less')")
-    program = (
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-        "from contact_tracker import compiled\n"
-        "print(compiled.in_use(), compiled.described())"
-    )
-    found = said(program, CONTACT_TRACKER_COMPILED="1")
-    assert found == "False numpy; numba cannot be imported"
+def test_kernels_of_other_sources_are_done_without(tmp_path, monkeypatch):
+    """Of a work tree that has moved on since it was installed."""
+    (tmp_path / "fitting.hpp").write_text("// another algorithm")
+    monkeypatch.setattr(compiled, "SOURCES", tmp_path)
+    fault = compiled.fault.__wrapped__()
+    assert fault == "their sources have changed since, install the package again"
+    monkeypatch.setattr(compiled, "fault", lambda: fault)
+    with pytest.warns(UserWarning, match="numpy does the work of the kernels: their sources"):
+        assert not compiled.in_use.__wrapped__()
+    assert compiled.described() == f"numpy instead of kernels: {fault}"
 
 
-def test_it_compiles_where_nothing_can_be_kept(monkeypatch):
-    from contact_tracker.compiled import jit
+def test_kernels_that_cannot_be_loaded_are_done_without(monkeypatch):
+    def broken(name):
+        raise ImportError("another\nPython")
 
-    def no_folder(function, **options):
-        if "cache" in options:
-            raise RuntimeError("cannot cache function: no locator available")
-        return njit(function, **options)
+    monkeypatch.setattr(compiled, "import_module", broken)
+    assert compiled.fault.__wrapped__() == "they cannot be loaded, another Python"
 
-    njit = jit._njit
-    monkeypatch.setattr(jit, "_njit", no_folder)
-    assert jit.kernel(lambda a: a + 1)(2) == 3
+
+def test_kernels_refuse_what_they_do_not_know():
+    model = CONTACT_MODELS[0]
+    with pytest.raises(ValueError, match="not a table of this contact"):
+        calls.prune(model, np.zeros((2, 3)), 1, 0.0, 10.0)
+    with pytest.raises(ValueError, match="no family of this form"):
+        compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), 9, {}, True, 1.0, 2.0, [], [], [], 3)

@@ -123,7 +123,7 @@ def some_windows(contact, rng, count=6):
 @pytest.mark.parametrize("contact", CONTACTS, ids=str)
 @pytest.mark.parametrize(("steps", "rel"), [(0, 1e-12), (1, 1e-7), (4, 1e-3), (300, 1e-5)])
 def test_compiled_minima_are_the_same(contact, steps, rel, monkeypatch):
-    pytest.importorskip("numba")
+    pytest.importorskip("contact_tracker.compiled.kernels")
     k, x, y = some_windows(contact, np.random.default_rng(steps))
     expected = minimise_batched(contact, k, x, y, 1e-9, steps)
     assert not len(minimise_batched(contact, k[:0], x[:0], y[:0], 1e-9, steps).value)

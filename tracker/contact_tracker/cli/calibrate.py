@@ -11,7 +11,7 @@ from contact_tracker import __version__
 from contact_tracker.cli.arguments import add_source, output_file
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE
-from contact_tracker.cli.terminal import progress, say, say_if_compiling, warn
+from contact_tracker.cli.terminal import progress, say, warn
 from contact_tracker.errors import UsageError
 from contact_tracker.presets import preset_names
 
@@ -102,7 +102,6 @@ def run(args: argparse.Namespace) -> int:
     start = load_model(args.start)
     sources = _sources(args)
     plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
-    say_if_compiling()
     with progress("calibrate", "recordings") as set_done:
         done = 0
 

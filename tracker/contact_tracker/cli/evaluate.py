@@ -7,7 +7,7 @@ from contact_tracker.cli.arguments import add_model, add_source
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
-from contact_tracker.cli.terminal import fail, progress, say_if_compiling, warn
+from contact_tracker.cli.terminal import fail, progress, warn
 from contact_tracker.errors import (
     AmbiguousSource,
     InputError,
@@ -69,7 +69,6 @@ def _evaluate(
     truth = read_truth(name)
     if truth is None:
         raise NoTruth(f"{name}: no truth in it, neither truth.json nor /contact/truth")
-    say_if_compiling()
     log, judge = open_log(name, args.topic, args.frame), Judge(truth)
     with progress(name, "poses") as set_done:
         for piece in watched(log, lambda poses: pieces(poses, model, set_done, knowledge), judge.poses):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
-from contact_tracker.cli.terminal import say, say_if_compiling, warn
+from contact_tracker.cli.terminal import say, warn
 from contact_tracker.errors import NoPoses
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording import PoseLog
@@ -48,7 +48,6 @@ class Source:
             if self._end_ns is not None and since_ns >= self._end_ns:
                 break
             if not self.used:
-                say_if_compiling()
                 self.first_ns = pose.stamp_ns
             self.used += 1
             self.last_ns = pose.stamp_ns
@@ -67,7 +66,6 @@ class Source:
             if first < end:
                 stamps_ns = poses.stamp_ns[first:end].tolist()
                 if not self.used:
-                    say_if_compiling()
                     self.first_ns = stamps_ns[0]
                 self.last_ns = stamps_ns[-1]
                 self.used += len(stamps_ns)

@@ -21,14 +21,6 @@ def fail(message: str) -> None:
     say(f"error: {message}")
 
 
-def say_if_compiling() -> None:
-    """Why nothing is to be seen for a while."""
-    from contact_tracker import compiled
-
-    if not compiled.is_ready():
-        say("compiling, which takes about a minute")
-
-
 @contextmanager
 def progress(label: str, unit: str) -> Iterator[Callable[[int], None]]:
     """A counter on a terminal's stderr; gives the function that sets how many units are done."""

@@ -1,52 +1,54 @@
-"""Kernels for ``hypotheses`` and all below, ``bank.prune`` and ``paper.batched``, where numba is installed.
+"""Kernels for ``hypotheses`` and all below, ``bank.prune`` and ``paper.batched``, where they could be built.
 
-The numpy code there is the reference, and what runs without numba. What imports numba is imported only when
-the first fit needs it.
+They are C++ (``tracker/kernels``), which is built when the package is installed. The numpy code is the
+reference, and what runs where there was no compiler. They are imported when the first fit needs them.
 """
 
 import os
 import warnings
 from functools import cache
 from importlib import import_module
-from importlib.metadata import version
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Final
+
+from contact_tracker.compiled.sources import fingerprint
 
 SWITCH: Final = "CONTACT_TRACKER_COMPILED"
 """Environment variable; 0 means numpy."""
 
 
+NAME: Final = "contact_tracker.compiled.kernels"
+SOURCES: Final = Path(__file__).parents[2] / "kernels"
+"""In a work tree; an installed package has none."""
+
+
 @cache
 def in_use() -> bool:
-    """Whether kernels are compiled; what is so at first remains so."""
-    return os.environ.get(SWITCH) != "0" and find_spec("numba") is not None and not _fault()
+    """Whether kernels are used; what is so at first remains so."""
+    if os.environ.get(SWITCH) == "0" or find_spec(NAME) is None:
+        return False
+    if fault():
+        warnings.warn(f"numpy does the work of the kernels: {fault()}", stacklevel=2)
+    return not fault()
 
 
 @cache
-def _fault() -> str:
-    """Why numba, which is installed, cannot be used: it follows numpy with some delay."""
+def fault() -> str:
+    """Why kernels that were built are of no use."""
     try:
-        import_module("contact_tracker.compiled.jit")
-    except (ImportError, AttributeError, SystemError, OSError) as error:
-        reason = " ".join(str(error).split())
-        warnings.warn(f"nothing is compiled, numba cannot be imported: {reason}", stacklevel=2)
-        return reason
+        kernels = import_module(NAME)
+    except ImportError as error:
+        return f"they cannot be loaded, {' '.join(str(error).split())}"
+    if SOURCES.is_dir() and fingerprint(SOURCES) != kernels.FINGERPRINT:
+        return "their sources have changed since, install the package again"
     return ""
-
-
-def is_ready() -> bool:
-    """Whether the largest kernel has been compiled, which takes about a minute; in numpy all is ready."""
-    if not in_use():
-        return True
-    jit, advancing = (import_module(f"contact_tracker.compiled.{name}") for name in ("jit", "advancing"))
-    ready: bool = jit.is_kept(advancing.advance)
-    return ready
 
 
 def described() -> str:
     """Which of both is in use, in words."""
     if os.environ.get(SWITCH) == "0":
         return f"numpy, {SWITCH}=0"
-    if in_use():
-        return f"compiled kernels, numba {version('numba')}"
-    return "numpy; numba cannot be imported" if find_spec("numba") else "numpy; numba is not installed"
+    if find_spec(NAME) is None:
+        return "numpy; no compiler was found when it was installed"
+    return f"numpy instead of kernels: {fault()}" if fault() else "compiled kernels"

@@ -1,0 +1,78 @@
+"""What ``tracker/kernels`` is built into; ``calls`` says what for."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Numbers = NDArray[np.float64]
+Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+FINGERPRINT: str
+"""Of the sources."""
+
+class Model:
+    """What sort of contact it is.
+
+    Raises
+    ------
+    ValueError
+        Where the kernels know no family of this ``form`` and these ``sizes`` (S, C, K, P).
+    """
+
+    def __init__(
+        self,
+        form: tuple[int, ...],
+        sizes: tuple[int, int, int, int],
+        words: int,
+        where: Mapping[str, int],
+        body_in_1: bool,
+        needed: float,
+        patience: float,
+        lifted: Sequence[int],
+        pull: Sequence[float],
+        flat: Sequence[float],
+        relaxed: int,
+    ) -> None: ...
+
+class Ticks:
+    """As ``evidence.Window``; ``pose`` (W, 25) is that of frame 1 in frame 2."""
+
+    def __init__(
+        self, number: Index, pose: Numbers, variance: Numbers, free: Numbers, uneven: Numbers | None
+    ) -> None: ...
+
+class Weights:
+    """As ``evidence.Scales``; ``pull`` is what a touching point far away costs, per m^2."""
+
+    def __init__(self, radius_sq: float, pull: float, foreknowledge: float, independence: float) -> None: ...
+
+def summed(
+    model: Model, x: Numbers, onset: Index, certain: Bools, ticks: Ticks, weights: Weights
+) -> tuple[Numbers, Numbers, Numbers]: ...
+def advanced(
+    model: Model,
+    words: Numbers,
+    born: Numbers,
+    told: Bools,
+    turn: Numbers,
+    onset: int,
+    onset_ns: int,
+    number: int,
+    entry: float,
+    ticks: Ticks,
+    heard: float,
+    weights: Weights,
+    log_stay: float,
+    margin: float,
+    directions: Numbers | None,
+) -> Numbers: ...
+def learned(model: Model, words: Numbers, ticks: Ticks, steps: Index, weights: Weights) -> None: ...
+def searched(
+    model: Model, words: Numbers, ticks: Ticks, rows: Index, directions: Numbers, weights: Weights
+) -> None: ...
+def pruned(model: Model, words: Numbers, now: int, best: float, margin: float) -> tuple[Index, Numbers]: ...
+def minimised(
+    of_x: str, of_y: str, k: Numbers, x: Numbers, y: Numbers, tolerance: float, iterations: int
+) -> tuple[Numbers, Numbers, Numbers, Bools]: ...

@@ -1,0 +1,64 @@
+// From the arrays of the numpy code to what the kernels take.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <map>
+#include <stdexcept>
+#include <string>
+
+#include "advancing.hpp"
+
+namespace kernels {
+
+namespace py = pybind11;
+
+// In order: another layout is copied.
+using Floats = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Ints = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
+using Bools = py::array_t<bool, py::array::c_style | py::array::forcecast>;
+
+inline void require(bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument(what);
+}
+
+enum class Which { face_face, edge_face, vertex_face, edge_edge };
+
+// A kind, which family it is of, and how many words a row of its table has.
+struct Model {
+    Kind kind;
+    Which which;
+    int words;
+};
+
+// Call with the family as a type.
+template <class Function>
+decltype(auto) visit(const Model& model, Function&& function) {
+    switch (model.which) {
+        case Which::face_face: return function(Family<FaceFace>{});
+        case Which::edge_face: return function(Family<EdgeFace>{});
+        case Which::vertex_face: return function(Family<VertexFace>{});
+        default: return function(Family<EdgeEdge>{});
+    }
+}
+
+inline Table table_of(const Model& model, const Floats& words) {
+    require(words.ndim() == 2 && words.shape(1) == model.words, "not a table of this contact");
+    return {const_cast<double*>(words.data()), static_cast<int>(words.shape(0)), model.words};
+}
+
+// Ticks with the arrays that they look into.
+struct Seeable {
+    Ints number;
+    Floats pose, variance, free;
+    std::optional<Floats> uneven;
+
+    Ticks ticks() const {
+        return {number.data(), pose.data(), variance.data(), free.data(), uneven ? uneven->data() : nullptr,
+                static_cast<int>(number.shape(0))};
+    }
+};
+
+}  // namespace kernels

@@ -1,0 +1,51 @@
+// Which hypotheses are dropped: as `bank.prune`.
+#pragma once
+
+#include "table.hpp"
+
+namespace kernels {
+
+// Of so many ticks' onsets one is kept, and which span of them an onset is in.
+struct Span {
+    std::int64_t ticks, which;
+
+    bool operator==(const Span& other) const { return ticks == other.ticks && which == other.which; }
+};
+
+inline Span span_of(std::int64_t onset, std::int64_t now) {
+    const std::int64_t age = now + 1 - onset;
+    if (age <= settings.young) return {1, onset};
+    std::int64_t ticks = 2;
+    while (age >= settings.young * ticks) ticks *= 2;
+    return {ticks, onset / ticks};
+}
+
+// Of those whose onsets share a span, which stand beside each other; of equally good ones the first.
+inline bool is_best(const Where& where, const Table& table, int b, std::int64_t now) {
+    const auto span = [&](int c) { return span_of(whole(table.row(c), where.onset), now); };
+    const double own = joint(where, table.row(b));
+    if (span(b).ticks == 1) return true;
+    for (int c = b - 1; c >= 0 && span(c) == span(b); --c) {
+        if (joint(where, table.row(c)) >= own) return false;
+    }
+    for (int c = b + 1; c < table.count && span(c) == span(b); ++c) {
+        if (joint(where, table.row(c)) > own) return false;
+    }
+    return true;
+}
+
+// Rows that are kept against the `best` joint log weight.
+inline std::vector<std::int64_t> kept(const Kind& kind, const Table& table, std::int64_t now, double best,
+                                      double margin) {
+    const Where& where = kind.where;
+    std::vector<std::int64_t> rows;
+    for (int b = 0; b < table.count; ++b) {
+        const double* row = table.row(b);
+        const double share = whole(row, where.met) != 0 ? settings.met_share : 1.0;
+        const bool patient = row[where.told] <= kind.patience && whole(row, where.searched) != 0;
+        if ((patient || joint(where, row) > best - share * margin) && is_best(where, table, b, now)) rows.push_back(b);
+    }
+    return rows;
+}
+
+}  // namespace kernels

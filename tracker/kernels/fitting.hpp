@@ -1,0 +1,192 @@
+// The algorithm of `fit.minimise` and `fit.complete`: one window after the other.
+#pragma once
+
+#include <limits>
+
+#include "table.hpp"
+
+namespace kernels {
+
+// What is read of a hypothesis' window: `moments` (C, C) and `row_weight` (K,).
+struct Moments {
+    const double *moments, *row_weight;
+};
+
+inline Moments moments_of(const Kind& kind, const double* row) {
+    return {row + kind.where.moments, row + kind.where.row_weight};
+}
+
+// Memory of one window: its `prior`; and at its x the `weight` (K,) of the rows, `slopes` (P, K, C) along the
+// `free` directions (P, S), the share of the last row that is taken out of its own, since its scale changes,
+// too, `leans` (P,), and what is `held` (P, P) by the prior.
+//
+// Where a trial of coordinates has come to: `rows` (K, C) and the same times the moments, `carried`, their
+// `trial_weight` (K,), free directions before shifting, `axes`, slopes of the last row along the shifts,
+// `design` (L, C), which times the moments are `moved`, and x times the prior's precision, `pull`.
+template <class F>
+struct Work {
+    Prior<F> prior;
+    double weight[F::K], slopes[F::P][F::K][F::C] = {}, free[F::P][F::S], leans[F::P] = {}, held[F::P][F::P];
+    double rows[F::K][F::C], carried[F::K][F::C], trial_weight[F::K], axes[F::P][F::S];
+    double design[F::L][F::C] = {}, moved[F::L][F::C], pull[F::S], turn[9];
+    double gradient[F::P], step[F::P], trial[F::S];
+};
+
+// As `fit.complete` of one window, x in place; returns the cost.
+template <class F>
+double complete(const Moments& window, double* x, Work<F>& work) {
+    const Prior<F>& prior = work.prior;
+    unshift<F>(x);
+    normalise<F>(x, prior.anchors);
+    rows<F>(x, work.rows);
+    free<F>(x, prior.anchors, work.axes);
+    const double scale = scale_sq<F>(work.rows[F::last], window.moments, work.turn);
+    for (int k = 0; k < F::K; ++k) {
+        multiply<F::C, F::C>(work.rows[k], window.moments, work.carried[k]);
+        work.trial_weight[k] = window.row_weight[k] / (k == F::last ? scale : 1.0);
+    }
+    const double weight = work.trial_weight[F::last];
+    multiply<F::S, F::S>(x, prior.precision, work.pull);
+    for (int s = 0; s < F::S; ++s) work.pull[s] -= prior.information[s];
+    double normal[F::L][F::L], shift[F::L], pulled[F::S], trace = 0.0;
+    for (int i = 0; i < F::L; ++i) {
+        const double* along = work.axes[F::shifts[i]];
+        slope_of_last<F>(x, along, work.design[i]);
+        multiply<F::C, F::C>(work.design[i], window.moments, work.moved[i]);
+        multiply<F::S, F::S>(along, prior.precision, pulled);
+        shift[i] = -weight * dot<F::C>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
+        for (int j = 0; j <= i; ++j) {
+            normal[j][i] = weight * dot<F::C>(work.design[j], work.moved[i]) +
+                           dot<F::S>(work.axes[F::shifts[j]], pulled);
+        }
+        trace += normal[i][i];
+    }
+    for (int i = 0; i < F::L; ++i) {
+        normal[i][i] += settings.fits.least_share * trace + settings.fits.least_curvature;
+    }
+    eliminate(normal, shift);
+    for (int i = 0; i < F::L; ++i) {
+        const double* along = work.axes[F::shifts[i]];
+        for (int s = 0; s < F::S; ++s) x[s] += shift[i] * along[s];
+        for (int c = 0; c < F::C; ++c) {
+            work.rows[F::last][c] += shift[i] * work.design[i][c];
+            work.carried[F::last][c] += shift[i] * work.moved[i][c];
+        }
+    }
+    double squares = 0.0;
+    for (int k = 0; k < F::K; ++k) squares += work.trial_weight[k] * dot<F::C>(work.rows[k], work.carried[k]);
+    multiply<F::S, F::S>(x, prior.precision, work.pull);
+    return 0.5 * (squares + dot<F::S>(x, work.pull)) - dot<F::S>(x, prior.information) + prior.constant;
+}
+
+// A hessian (K, P, P) is symmetric.
+template <class F>
+double& entry(double* hessian, int k, int p, int q) {
+    return hessian[(k * F::P + p) * F::P + q];
+}
+
+template <class F>
+void put_both(double* hessian, int k, int p, int q, double value) {
+    entry<F>(hessian, k, p, q) = entry<F>(hessian, k, q, p) = value;
+}
+
+// Of `equations`, what the prior holds, and the shifts.
+template <class F>
+void equations_of_shifts(double* hessian, Work<F>& work) {
+    const double weight = work.weight[F::last];
+    double pulled[F::S];
+    for (int p = 0; p < F::P; ++p) {
+        multiply<F::S, F::S>(work.free[p], work.prior.precision, pulled);
+        work.gradient[p] = dot<F::S>(work.free[p], work.pull);
+        for (int q = 0; q <= p; ++q) work.held[p][q] = work.held[q][p] = dot<F::S>(work.free[q], pulled);
+    }
+    for (int i = 0; i < F::L; ++i) {
+        const int p = F::shifts[i];
+        std::copy_n(work.design[i], F::C, work.slopes[p][F::last]);
+        work.gradient[p] += weight * dot<F::C>(work.design[i], work.carried[F::last]);
+        for (int j = 0; j <= i; ++j) {
+            put_both<F>(hessian, F::last, p, F::shifts[j], weight * dot<F::C>(work.design[j], work.moved[i]));
+        }
+    }
+}
+
+// As `fit._normal_equations` of one window, at the x where `complete` has just come to: free directions,
+// gradient, hessian (K, P, P) and held.
+template <class F>
+void equations(const Moments& window, const double* x, double* hessian, Work<F>& work) {
+    free<F>(x, work.prior.anchors, work.free);
+    std::fill_n(hessian, F::last * F::P * F::P, 0.0);
+    std::copy_n(work.trial_weight, F::K, work.weight);
+    for (int s = 0; s < F::S; ++s) work.pull[s] -= work.prior.information[s];
+    equations_of_shifts<F>(hessian, work);
+    for (int i = 0; i < F::T; ++i) {
+        const int p = F::turns[i];
+        double pushed[F::C];
+        auto& slopes = work.slopes[p];
+        slope<F>(x, work.free[p], slopes);
+        if constexpr (F::crosses) {  // per metre: the scale changes with x as well
+            work.leans[p] = 0.5 * dot<9>(work.turn, slopes[F::last] + 9);
+            for (int c = 0; c < F::C; ++c) slopes[F::last][c] -= work.leans[p] * work.rows[F::last][c];
+        }
+        for (int k = 0; k < F::K; ++k) {
+            multiply<F::C, F::C>(slopes[k], window.moments, pushed);
+            work.gradient[p] += work.weight[k] * dot<F::C>(slopes[k], work.carried[k]);
+            for (int j = 0; j <= i; ++j) {
+                const int q = F::turns[j];
+                put_both<F>(hessian, k, p, q, work.weight[k] * dot<F::C>(work.slopes[q][k], pushed));
+            }
+        }
+        for (int j = 0; j < F::L; ++j) {
+            const double both = work.weight[F::last] * dot<F::C>(work.design[j], pushed);
+            put_both<F>(hessian, F::last, p, F::shifts[j], both);
+        }
+    }
+}
+
+// As `fit._step`; returns by how much it would lower the cost.
+template <class F>
+double take_step(double* hessian, double damping, Work<F>& work) {
+    double curvature[F::P][F::P];
+    for (int p = 0; p < F::P; ++p) {
+        work.step[p] = -work.gradient[p];
+        for (int q = p; q < F::P; ++q) {
+            curvature[p][q] = work.held[p][q];
+            for (int k = 0; k < F::K; ++k) curvature[p][q] += entry<F>(hessian, k, p, q);
+        }
+        curvature[p][p] += settings.fits.least_curvature;
+    }
+    for (int p : F::turns) curvature[p][p] += damping;
+    eliminate(curvature, work.step);
+    return std::abs(dot<F::P>(work.gradient, work.step));
+}
+
+struct Descent {
+    double cost;
+    bool converged;
+};
+
+// As `fit.minimise` of one window, from x (S,), in place; what `work` holds at an x is at that one.
+template <class F>
+Descent descend(const Moments& window, double* x, int steps, double* hessian, Work<F>& work) {
+    const Damping& fits = settings.fits;
+    double damping = fits.first, cost = std::numeric_limits<double>::infinity();
+    std::copy_n(x, F::S, work.trial);
+    for (int left = steps;; --left) {
+        const double proposed = complete<F>(window, work.trial, work);
+        const bool better = proposed < cost;
+        if (better || left == steps) {
+            std::copy_n(work.trial, F::S, x);
+            cost = proposed;
+            equations<F>(window, x, hessian, work);
+        }
+        if (left < steps) {
+            damping = std::min(std::max(damping * (better ? fits.less : fits.more), fits.least), fits.most);
+        }
+        if (take_step<F>(hessian, damping, work) < settings.tolerance) return {cost, true};
+        if (left <= 0) return {cost, false};
+        multiply<F::P, F::S>(work.step, work.free[0], work.trial);
+        for (int s = 0; s < F::S; ++s) work.trial[s] += x[s];
+    }
+}
+
+}  // namespace kernels

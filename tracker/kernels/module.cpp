@@ -1,0 +1,219 @@
+// The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
+#include "bindings.hpp"
+#include "dropping.hpp"
+#include "parts.hpp"
+#include "products.hpp"
+
+#define QUOTED(text) #text
+#define AS_TEXT(text) QUOTED(text)
+
+namespace kernels {
+namespace {
+
+Damping damping_of(const py::module_& module) {
+    const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
+    return {number("FIRST_DAMPING"), number("LEAST_DAMPING"), number("MOST_DAMPING"),   number("LESS"),
+            number("MORE"),          number("LEAST_SHARE"),   number("LEAST_CURVATURE")};
+}
+
+void read_settings() {
+    const auto load = [](const char* name) {
+        return py::module_::import((std::string("contact_tracker.") + name).c_str());
+    };
+    const py::module_ fit = load("fit"), edges = load("contacts.edge_edge"), pace = load("pace");
+    const auto number = [&](const char* name) { return pace.attr(name).cast<double>(); };
+    const auto count = [&](const char* name) { return pace.attr(name).cast<int>(); };
+    settings.fits = damping_of(fit);
+    settings.products = damping_of(load("paper.batched"));
+    settings.tolerance = fit.attr("TOLERANCE").cast<double>();
+    settings.sine_sq_floor = edges.attr("SINE_SQ_FLOOR").cast<double>();
+    settings.tiny = edges.attr("TINY").cast<double>();
+    settings.edge_ridge = edges.attr("RIDGE").cast<double>();
+    settings.vertex_ridge = load("contacts.vertex_face").attr("RIDGE").cast<double>();
+    settings.first_ticks = number("FIRST_TICKS");
+    settings.at_rest = number("AT_REST");
+    settings.far_nats = number("FAR_NATS");
+    settings.lift = number("LIFT");
+    settings.at_the_noise = number("AT_THE_NOISE");
+    settings.least_gain = number("LEAST_GAIN");
+    settings.met_share = number("MET_SHARE");
+    settings.refine_steps = count("REFINE_STEPS");
+    settings.first_steps = count("FIRST_STEPS");
+    settings.screened = count("SCREENED");
+    settings.weighed = count("WEIGHED");
+    settings.young = count("YOUNG");
+    settings.ages = pace.attr("AGES").attr("tolist")().cast<std::vector<double>>();
+    settings.due = pace.attr("DUE").attr("tolist")().cast<std::vector<bool>>();
+    settings.rounds.clear();
+    for (const auto& round : pace.attr("ROUNDS")) {
+        const auto [steps, kept] = round.cast<std::pair<int, int>>();
+        settings.rounds.push_back({steps, kept});
+    }
+}
+
+Where where_of(const std::map<std::string, int>& f) {
+    return {f.at("onset"),   f.at("onset_ns"),   f.at("number"),     f.at("source"),         f.at("certain"),
+            f.at("searched"), f.at("met"),       f.at("entry"),      f.at("lasted"),         f.at("settled"),
+            f.at("earned"),  f.at("weight"),     f.at("told"),       f.at("log_likelihood"), f.at("rms"),
+            f.at("known_mean"), f.at("known"),   f.at("pivot"),      f.at("first"),          f.at("moments"),
+            f.at("place_sum"), f.at("x"),        f.at("hessian"),    f.at("row_weight")};
+}
+
+using Form = std::array<int, 5>;
+using Sizes = std::array<int, 4>;
+
+template <class F>
+bool is_family(const Form& form, const Sizes& sizes) {
+    return form == Form{F::d1, F::q1, F::d2, F::q2, F::h} && sizes == Sizes{F::S, F::C, F::K, F::P};
+}
+
+Which which_of(const Form& form, const Sizes& sizes) {
+    if (is_family<Family<FaceFace>>(form, sizes)) return Which::face_face;
+    if (is_family<Family<EdgeFace>>(form, sizes)) return Which::edge_face;
+    if (is_family<Family<VertexFace>>(form, sizes)) return Which::vertex_face;
+    require(is_family<Family<EdgeEdge>>(form, sizes), "kernels know no family of this form and these sizes");
+    return Which::edge_edge;
+}
+
+py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const Bools& certain, const Seeable& seen,
+                 const Weights& weights) {
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        require(x.ndim() == 2 && x.shape(1) == F::S, "not geometry of this contact");
+        const int count = static_cast<int>(x.shape(0));
+        py::array_t<double> totals({count, 4}), gain({count, F::K}), precision({count, F::K});
+        for (int b = 0; b < count; ++b) {
+            const double* own = x.data() + b * F::S;
+            const auto sums =
+                add_up<F>(model.kind, own, onset.at(b), certain.at(b), seen.ticks(), weights.lengths);
+            const double total[] = {sums.log_ratio, sums.chi_sq, sums.ticks, sums.after};
+            std::copy_n(total, 4, totals.mutable_data() + 4 * b);
+            std::copy_n(sums.gain, F::K, gain.mutable_data() + F::K * b);
+            std::copy_n(sums.precision, F::K, precision.mutable_data() + F::K * b);
+        }
+        return py::make_tuple(totals, gain, precision);
+    });
+}
+
+Floats advanced(const Model& model, const Floats& words, const Floats& born, const Bools& told, const Floats& turn,
+                std::int64_t onset, std::int64_t onset_ns, std::int64_t number, double entry, const Seeable& seen,
+                double heard, const Weights& weights, double log_stay, double margin,
+                const std::optional<Floats>& directions) {
+    const Table old = table_of(model, words);
+    const Birth birth{table_of(model, born), told.data(), turn.data(), onset, onset_ns, number, entry};
+    Floats grown({old.count + birth.words.count, model.words});
+    const Table table{grown.mutable_data(), old.count + birth.words.count, model.words};
+    const Ticks ticks = seen.ticks();
+    Directions drawn{};
+    if (directions) drawn = {directions->data(), static_cast<int>(directions->shape(0))};
+    visit(model, [&](auto family) {
+        py::gil_scoped_release release;
+        advance<decltype(family)>(model.kind, old, birth, table, ticks, heard, weights, log_stay, margin,
+                                  directions ? &drawn : nullptr);
+    });
+    return grown;
+}
+
+void learned(const Model& model, Floats words, const Seeable& seen, const Ints& steps, const Weights& weights) {
+    const Table table = table_of(model, words);
+    visit(model, [&](auto family) {
+        Work<decltype(family)> work;
+        for (int b = 0; b < table.count; ++b) {
+            const int own = static_cast<int>(steps.at(b));
+            if (own >= 0) learn<decltype(family)>(model.kind, table.row(b), seen.ticks(), own, weights, work);
+        }
+    });
+}
+
+void searched(const Model& model, Floats words, const Seeable& seen, const Ints& rows, const Floats& directions,
+              const Weights& weights) {
+    const Table table = table_of(model, words);
+    const Directions drawn{directions.data(), static_cast<int>(directions.shape(0))};
+    visit(model, [&](auto family) {
+        Work<decltype(family)> work;
+        for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
+            search<decltype(family)>(model.kind, table, static_cast<int>(rows.at(i)), drawn, seen.ticks(), weights,
+                                     work);
+        }
+    });
+}
+
+py::tuple pruned(const Model& model, const Floats& words, std::int64_t now, double best, double margin) {
+    const Table table = table_of(model, words);
+    const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
+    Floats left({static_cast<py::ssize_t>(rows.size()), static_cast<py::ssize_t>(model.words)});
+    double* out = left.mutable_data();
+    for (std::int64_t b : rows) {
+        std::copy_n(table.row(static_cast<int>(b)), model.words, out);
+        out[model.kind.where.entry] -= best;
+        out += model.words;
+    }
+    return py::make_tuple(Ints(static_cast<py::ssize_t>(rows.size()), rows.data()), left);
+}
+
+template <class X, class Y>
+void minimise_all(const Floats& k, double tolerance, int iterations, Floats& x, Floats& y, Floats& value,
+                  Bools& converged) {
+    constexpr int n = X::size * Y::size;
+    require(k.ndim() == 3 && k.shape(1) == n && k.shape(2) == n, "K is not of these factors");
+    for (int w = 0; w < k.shape(0); ++w) {
+        const Minimum found = minimise<X, Y>(k.data() + w * n * n, x.mutable_data() + w * X::size,
+                                             y.mutable_data() + w * Y::size, tolerance, iterations);
+        value.mutable_at(w) = found.value;
+        converged.mutable_at(w) = found.converged;
+    }
+}
+
+// Call with what a factor is, as a type.
+template <class Function>
+void with_factor(const std::string& factor, Function&& function) {
+    if (factor == "point") return function(Point{});
+    if (factor == "plane") return function(Plane{});
+    require(factor == "line", "a factor is a point, a plane or a line");
+    function(Line{});
+}
+
+py::tuple minimised(const std::string& of_x, const std::string& of_y, const Floats& k, const Floats& from_x,
+                    const Floats& from_y, double tolerance, int iterations) {
+    Floats x(from_x.request()), y(from_y.request()), value(k.shape(0));
+    Bools converged(k.shape(0));
+    with_factor(of_x, [&](auto a) {
+        with_factor(of_y, [&](auto b) {
+            minimise_all<decltype(a), decltype(b)>(k, tolerance, iterations, x, y, value, converged);
+        });
+    });
+    return py::make_tuple(value, x, y, converged);
+}
+
+}  // namespace
+}  // namespace kernels
+
+PYBIND11_MODULE(kernels, module) {
+    using namespace kernels;
+    read_settings();
+    module.attr("FINGERPRINT") = AS_TEXT(FINGERPRINT);  // of the sources
+    py::class_<Model>(module, "Model")
+        .def(py::init([](const Form& form, const Sizes& sizes, int words, const std::map<std::string, int>& where,
+                         bool body_in_1, double needed, double patience, std::vector<std::int64_t> lifted,
+                         std::vector<double> pull, std::vector<double> flat, int relaxed) {
+            const Which which = which_of(form, sizes);
+            return Model{{body_in_1, needed, patience, lifted, pull, flat, relaxed, where_of(where)}, which, words};
+        }));
+    py::class_<Seeable>(module, "Ticks")
+        .def(py::init([](Ints number, Floats pose, Floats variance, Floats free, std::optional<Floats> uneven) {
+            return Seeable{number, pose, variance, free, uneven};
+        }));
+    py::class_<Weights>(module, "Weights")
+        .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
+            return Weights{{radius_sq, pull}, foreknowledge, independence};
+        }));
+    module.def("summed", &summed);
+    module.def("advanced", &advanced);
+    module.def("learned", &learned, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
+               py::arg("steps"), py::arg("weights"));
+    module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
+               py::arg("rows"), py::arg("directions"), py::arg("weights"));
+    module.def("pruned", &pruned);
+    module.def("minimised", &minimised);
+    add_parts(module.def_submodule("parts"));
+}

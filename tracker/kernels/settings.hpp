@@ -1,0 +1,32 @@
+// Constants of the Python code, which are read from there when the module is loaded: none is said twice.
+#pragma once
+
+#include <vector>
+
+namespace kernels {
+
+// Of Levenberg and Marquardt's damping, as in `fit` and in `paper.batched`.
+struct Damping {
+    double first, least, most, less, more, least_share, least_curvature;
+};
+
+// `rounds` are steps and how many of the best go on.
+struct Round {
+    int steps, kept;
+};
+
+struct Settings {
+    Damping fits, products;
+    double tolerance;                                 // fit
+    double sine_sq_floor, tiny, edge_ridge;           // contacts.edge_edge
+    double vertex_ridge;                              // contacts.vertex_face
+    double first_ticks, at_rest, far_nats, lift, at_the_noise, least_gain, met_share;  // pace, as all below
+    int refine_steps, first_steps, screened, weighed, young;
+    std::vector<double> ages;
+    std::vector<bool> due;
+    std::vector<Round> rounds;
+};
+
+inline Settings settings;
+
+}  // namespace kernels
