@@ -9,7 +9,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from pybind11.setup_helpers import WIN, Pybind11Extension, build_ext
 from setuptools import Distribution
-from setuptools.errors import BaseError
+from setuptools.errors import BaseError, CompileError, LinkError
 
 SOURCES = Path("tracker/kernels")
 PACKAGE = Path("tracker/contact_tracker/compiled")
@@ -20,6 +20,8 @@ OPTIONS = (
     else ["-O3", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"]
 )
 
+NOT_BUILT = (BaseError, CompileError, LinkError)
+
 
 class Kernels(BuildHookInterface):
     """A module beside the Python code that calls it, in a work tree as well as in a wheel."""
@@ -28,7 +30,7 @@ class Kernels(BuildHookInterface):
         root = Path(self.root)
         try:
             built = build(root)
-        except BaseError as error:
+        except NOT_BUILT as error:
             self.app.display_warning(f"numpy will do the work of the kernels, they cannot be built: {error}")
             return
         build_data["artifacts"].append(f"/{PACKAGE.as_posix()}/{built.name}")
@@ -36,7 +38,7 @@ class Kernels(BuildHookInterface):
 
 
 def build(root: Path) -> Path:
-    """The module; raises ``setuptools.errors.BaseError`` where it cannot be compiled."""
+    """The module; raises one of ``NOT_BUILT`` where that cannot be done."""
     name = "contact_tracker.compiled.kernels"
     told = runpy.run_path(str(root / PACKAGE / "sources.py"))["fingerprint"](root / SOURCES)
     extension = Pybind11Extension(
