@@ -41,14 +41,19 @@ def is_due(model: ContactModel, window: Window) -> bool:
 
 
 def adopted(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """Let hypotheses take the geometry of others where that is better."""
-    known = before(bank, model, scales).prior
-    costs = fit.every_cost(model.family, bank.moments, bank.row_weight, known, bank.x)
+    """Let hypotheses that do not fit take the geometry of others where that is better."""
+    asking = np.flatnonzero(bank.rms > AT_THE_NOISE)
+    if not len(asking):
+        return bank
+    takers = bank.pick(asking)
+    known = before(takers, model, scales).prior
+    costs = fit.every_cost(model.family, takers.moments, takers.row_weight, known, bank.x)
     costs = np.where(np.isnan(costs), np.inf, costs)
-    taker = np.flatnonzero(costs.min(axis=0) < costs.diagonal() - LEAST_GAIN)
+    gains = costs.min(axis=0) < costs[asking, np.arange(len(asking))] - LEAST_GAIN
+    taker = asking[gains]
     if not len(taker):
         return bank
-    giver = costs.argmin(axis=0)[taker]
+    giver = costs.argmin(axis=0)[gains]
     found = follow(bank.pick(taker).having(x=bank.x[giver]), model, window, scales)
     return bank.putting(taker, found, np.arange(len(taker)))
 

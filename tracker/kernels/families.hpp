@@ -37,6 +37,8 @@ struct Family : Form {
     static constexpr int P = of_1 + of_2;
     static constexpr int last = K - 1;
     static constexpr bool crosses = Form::q2 >= 0;
+    // Beyond its first `active_in(k)` columns the k-th row is zero: what only turns sees no position.
+    static constexpr int active_in(int k) { return k < last ? 9 : crosses ? 18 : C; }
     static constexpr int T = 2 * (Form::d1 >= 0) + 2, L = P - T;
 
     static constexpr bool turns_in(int p) { return p < of_1 ? Form::d1 >= 0 && p < 2 : p < of_1 + 2; }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <limits>
+#include <utility>
 
 #include "table.hpp"
 
@@ -14,6 +15,28 @@ struct Moments {
 
 inline Moments moments_of(const Kind& kind, const double* row) {
     return {row + kind.where.moments, row + kind.where.row_weight};
+}
+
+// Call with each row's number, known to the compiler.
+template <class F, class Function, int... K>
+void each_row(Function&& function, std::integer_sequence<int, K...>) {
+    (function(std::integral_constant<int, K>{}), ...);
+}
+
+template <class F, class Function>
+void each_row(Function&& function) {
+    each_row<F>(function, std::make_integer_sequence<int, F::K>{});
+}
+
+// The k-th row, or how it changes, times the moments; and with another one.
+template <class F, int K>
+void carry(const double* row, const Moments& window, double* out) {
+    multiply<F::active_in(K), F::active_in(K), F::C>(row, window.moments, out);
+}
+
+template <class F, int K>
+double pair(const double* row, const double* carried) {
+    return dot<F::active_in(K)>(row, carried);
 }
 
 // Memory of one window: its `prior`; and at its x the `weight` (K,) of the rows, `slopes` (P, K, C) along the
@@ -41,10 +64,10 @@ double complete(const Moments& window, double* x, Work<F>& work) {
     rows<F>(x, work.rows);
     free<F>(x, prior.anchors, work.axes);
     const double scale = scale_sq<F>(work.rows[F::last], window.moments, work.turn);
-    for (int k = 0; k < F::K; ++k) {
-        multiply<F::C, F::C>(work.rows[k], window.moments, work.carried[k]);
+    each_row<F>([&](auto k) {
+        carry<F, k>(work.rows[k], window, work.carried[k]);
         work.trial_weight[k] = window.row_weight[k] / (k == F::last ? scale : 1.0);
-    }
+    });
     const double weight = work.trial_weight[F::last];
     multiply<F::S, F::S>(x, prior.precision, work.pull);
     for (int s = 0; s < F::S; ++s) work.pull[s] -= prior.information[s];
@@ -52,11 +75,11 @@ double complete(const Moments& window, double* x, Work<F>& work) {
     for (int i = 0; i < F::L; ++i) {
         const double* along = work.axes[F::shifts[i]];
         slope_of_last<F>(x, along, work.design[i]);
-        multiply<F::C, F::C>(work.design[i], window.moments, work.moved[i]);
+        carry<F, F::last>(work.design[i], window, work.moved[i]);
         multiply<F::S, F::S>(along, prior.precision, pulled);
-        shift[i] = -weight * dot<F::C>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
+        shift[i] = -weight * pair<F, F::last>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
         for (int j = 0; j <= i; ++j) {
-            normal[j][i] = weight * dot<F::C>(work.design[j], work.moved[i]) +
+            normal[j][i] = weight * pair<F, F::last>(work.design[j], work.moved[i]) +
                            dot<F::S>(work.axes[F::shifts[j]], pulled);
         }
         trace += normal[i][i];
@@ -68,13 +91,13 @@ double complete(const Moments& window, double* x, Work<F>& work) {
     for (int i = 0; i < F::L; ++i) {
         const double* along = work.axes[F::shifts[i]];
         for (int s = 0; s < F::S; ++s) x[s] += shift[i] * along[s];
-        for (int c = 0; c < F::C; ++c) {
+        for (int c = 0; c < F::active_in(F::last); ++c) {
             work.rows[F::last][c] += shift[i] * work.design[i][c];
             work.carried[F::last][c] += shift[i] * work.moved[i][c];
         }
     }
     double squares = 0.0;
-    for (int k = 0; k < F::K; ++k) squares += work.trial_weight[k] * dot<F::C>(work.rows[k], work.carried[k]);
+    each_row<F>([&](auto k) { squares += work.trial_weight[k] * pair<F, k>(work.rows[k], work.carried[k]); });
     multiply<F::S, F::S>(x, prior.precision, work.pull);
     return 0.5 * (squares + dot<F::S>(x, work.pull)) - dot<F::S>(x, prior.information) + prior.constant;
 }
@@ -103,9 +126,9 @@ void equations_of_shifts(double* hessian, Work<F>& work) {
     for (int i = 0; i < F::L; ++i) {
         const int p = F::shifts[i];
         std::copy_n(work.design[i], F::C, work.slopes[p][F::last]);
-        work.gradient[p] += weight * dot<F::C>(work.design[i], work.carried[F::last]);
+        work.gradient[p] += weight * pair<F, F::last>(work.design[i], work.carried[F::last]);
         for (int j = 0; j <= i; ++j) {
-            put_both<F>(hessian, F::last, p, F::shifts[j], weight * dot<F::C>(work.design[j], work.moved[i]));
+            put_both<F>(hessian, F::last, p, F::shifts[j], weight * pair<F, F::last>(work.design[j], work.moved[i]));
         }
     }
 }
@@ -128,16 +151,16 @@ void equations(const Moments& window, const double* x, double* hessian, Work<F>&
             work.leans[p] = 0.5 * dot<9>(work.turn, slopes[F::last] + 9);
             for (int c = 0; c < F::C; ++c) slopes[F::last][c] -= work.leans[p] * work.rows[F::last][c];
         }
-        for (int k = 0; k < F::K; ++k) {
-            multiply<F::C, F::C>(slopes[k], window.moments, pushed);
-            work.gradient[p] += work.weight[k] * dot<F::C>(slopes[k], work.carried[k]);
+        each_row<F>([&](auto k) {
+            carry<F, k>(slopes[k], window, pushed);
+            work.gradient[p] += work.weight[k] * pair<F, k>(slopes[k], work.carried[k]);
             for (int j = 0; j <= i; ++j) {
                 const int q = F::turns[j];
-                put_both<F>(hessian, k, p, q, work.weight[k] * dot<F::C>(work.slopes[q][k], pushed));
+                put_both<F>(hessian, k, p, q, work.weight[k] * pair<F, k>(work.slopes[q][k], pushed));
             }
-        }
+        });
         for (int j = 0; j < F::L; ++j) {
-            const double both = work.weight[F::last] * dot<F::C>(work.design[j], pushed);
+            const double both = work.weight[F::last] * pair<F, F::last>(work.design[j], pushed);
             put_both<F>(hessian, F::last, p, F::shifts[j], both);
         }
     }

@@ -7,99 +7,116 @@
 
 namespace kernels {
 
-// What N hypotheses ask of a geometry, a column each: the upper triangles of their `moments` and of the
-// `precision` of what they knew before, `information`, `constant` and `row_weight`.
+// So many windows stand side by side: their sums stay in registers.
+constexpr int abreast = 8;
+
+// What N hypotheses ask of a geometry, `abreast` columns at a time: the upper triangles of their `moments` and
+// of the `precision` of what they knew before, `information`, `constant`, `row_weight`, and the square of the
+// lift's 1, `total`.
 template <class F>
-struct Costs {
-    static constexpr int of_moments = F::C * (F::C + 1) / 2, of_prior = F::S * (F::S + 1) / 2;
-
-    explicit Costs(int count)
-        : count(count), moments(of_moments * count), precision(of_prior * count), information(F::S * count),
-          constant(count), row_weight(F::K * count), squares(count), cosines(count) {}
-
-    int count;
-    std::vector<double> moments, precision, information, constant, row_weight, squares, cosines;
+struct Block {
+    double moments[F::C * (F::C + 1) / 2][abreast], precision[F::S * (F::S + 1) / 2][abreast];
+    double information[F::S][abreast], constant[abreast], row_weight[F::K][abreast], total[abreast];
 };
 
 template <int N>
-void triangle(const double* matrix, int b, int count, std::vector<double>& out) {
+void triangle(const double* matrix, int b, double (*out)[abreast]) {
     for (int c = 0, i = 0; c < N; ++c) {
-        for (int d = c; d < N; ++d, ++i) out[i * count + b] = matrix[c * N + d];
+        for (int d = c; d < N; ++d, ++i) out[i][b] = matrix[c * N + d];
     }
 }
 
-// Write down what hypothesis b asks.
+// Write down what a hypothesis asks, in column b.
 template <class F>
-void ask(const Kind& kind, const double* row, int b, Costs<F>& costs, Prior<F>& prior) {
+void ask(const Kind& kind, const double* row, int b, Block<F>& block, Prior<F>& prior) {
+    const double* moments = row + kind.where.moments;
     know<F>(kind, row, prior);
-    triangle<F::C>(row + kind.where.moments, b, costs.count, costs.moments);
-    triangle<F::S>(prior.precision, b, costs.count, costs.precision);
-    for (int s = 0; s < F::S; ++s) costs.information[s * costs.count + b] = prior.information[s];
-    for (int k = 0; k < F::K; ++k) costs.row_weight[k * costs.count + b] = row[kind.where.row_weight + k];
-    costs.constant[b] = prior.constant;
+    triangle<F::C>(moments, b, block.moments);
+    triangle<F::S>(prior.precision, b, block.precision);
+    for (int s = 0; s < F::S; ++s) block.information[s][b] = prior.information[s];
+    for (int k = 0; k < F::K; ++k) block.row_weight[k][b] = row[kind.where.row_weight + k];
+    block.constant[b] = prior.constant;
+    block.total[b] = moments[F::C * F::C - 1];
 }
 
-// `v M v` (N,) of symmetric matrices, a column of upper triangles each.
-template <int M>
-void squares_of(const double* v, const std::vector<double>& matrices, std::vector<double>& out) {
-    const int count = static_cast<int>(out.size());
-    std::fill(out.begin(), out.end(), 0.0);
-    for (int a = 0, i = 0; a < M; ++a) {
-        for (int b = a; b < M; ++b, ++i) {
-            const double factor = (a == b ? 1.0 : 2.0) * v[a] * v[b];
-            if (factor != 0.0) {
-                for (int n = 0; n < count; ++n) out[n] += factor * matrices[i * count + n];
+// What `v M v` is made of: products of entries of v that are not zero, and where in M's triangle they belong.
+template <int N>
+struct Products {
+    double factor[N * (N + 1) / 2];
+    int place[N * (N + 1) / 2], count = 0;
+
+    explicit Products(const double* v) {
+        for (int a = 0, i = 0; a < N; ++a) {
+            for (int b = a; b < N; ++b, ++i) {
+                factor[count] = (a == b ? 1.0 : 2.0) * v[a] * v[b];
+                place[count] = i;
+                count += factor[count] != 0.0;
             }
         }
     }
-}
 
-// As `fit.every_cost` of one geometry x (S,): `out` (N,).
+    void squares(const double (*matrices)[abreast], double (&out)[abreast]) const {
+        double sum[abreast] = {};
+        for (int i = 0; i < count; ++i) {
+            for (int b = 0; b < abreast; ++b) sum[b] += factor[i] * matrices[place[i]][b];
+        }
+        std::copy_n(sum, abreast, out);
+    }
+};
+
+// As `fit.every_cost` of one geometry x (S,) in all `blocks`: `out` (N,).
 template <class F>
-void every_cost(const double* x, Costs<F>& costs, double* out) {
-    const int count = costs.count;
-    std::vector<double>& squares = costs.squares;
-    double of_rows[F::K][F::C];
+void every_cost(const double* x, const std::vector<Block<F>>& blocks, double* out) {
+    double of_rows[F::K][F::C], squares[abreast], cosines[abreast], direction[F::C] = {};
     rows<F>(x, of_rows);
-    squares_of<F::S>(x, costs.precision, squares);
-    for (int b = 0; b < count; ++b) out[b] = 0.5 * squares[b] + costs.constant[b];
-    for (int s = 0; s < F::S; ++s) {
-        for (int b = 0; b < count; ++b) out[b] -= x[s] * costs.information[s * count + b];
-    }
-    for (int k = 0; k < F::K; ++k) {
-        squares_of<F::C>(of_rows[k], costs.moments, squares);
-        if constexpr (F::crosses) {  // per metre, see edge_edge.scale_sq
-            const double* total = costs.moments.data() + (Costs<F>::of_moments - 1) * count;  // of the lift's 1
-            double direction[F::C] = {};
-            std::copy_n(of_rows[k] + 9, 9, direction);
-            squares_of<F::C>(direction, costs.moments, costs.cosines);
-            for (int b = 0; b < count; ++b) {
-                const double mean_sq = costs.cosines[b] / std::max(total[b], settings.tiny);
-                squares[b] /= std::max(1.0 - mean_sq, settings.sine_sq_floor);
-            }
+    std::copy_n(of_rows[F::last] + 9, F::crosses ? 9 : 0, direction);
+    const Products<F::S> prior(x);
+    const Products<F::C> cosine(direction);
+    std::vector<Products<F::C>> data;
+    for (const auto& row : of_rows) data.emplace_back(row);
+    for (const Block<F>& block : blocks) {
+        double cost[abreast];
+        prior.squares(block.precision, squares);
+        for (int b = 0; b < abreast; ++b) cost[b] = 0.5 * squares[b] + block.constant[b];
+        for (int s = 0; s < F::S; ++s) {
+            for (int b = 0; b < abreast; ++b) cost[b] -= x[s] * block.information[s][b];
         }
-        for (int b = 0; b < count; ++b) out[b] += 0.5 * costs.row_weight[k * count + b] * squares[b];
-    }
-    for (int b = 0; b < count; ++b) {
-        if (std::isnan(out[b])) out[b] = std::numeric_limits<double>::infinity();
+        for (int k = 0; k < F::K; ++k) {
+            data[k].squares(block.moments, squares);
+            if constexpr (F::crosses) {  // per metre, see edge_edge.scale_sq
+                cosine.squares(block.moments, cosines);
+                for (int b = 0; b < abreast; ++b) {
+                    const double mean_sq = cosines[b] / std::max(block.total[b], settings.tiny);
+                    squares[b] /= std::max(1.0 - mean_sq, settings.sine_sq_floor);
+                }
+            }
+            for (int b = 0; b < abreast; ++b) cost[b] += 0.5 * block.row_weight[k][b] * squares[b];
+        }
+        for (double one : cost) *out++ = std::isnan(one) ? std::numeric_limits<double>::infinity() : one;
     }
 }
 
 // Of each hypothesis whose geometry it takes, as in `search.adopted`: its own where none is better.
 template <class F>
 std::vector<int> givers(const Kind& kind, const Table& table, Prior<F>& prior) {
-    const int count = table.count;
-    Costs<F> costs(count);
-    std::vector<double> cost(static_cast<std::size_t>(count) * count);
-    for (int b = 0; b < count; ++b) ask<F>(kind, table.row(b), b, costs, prior);
-    for (int n = 0; n < count; ++n) every_cost<F>(table.row(n) + kind.where.x, costs, cost.data() + n * count);
-    std::vector<int> giver(count);
-    for (int b = 0; b < count; ++b) {
-        int best = b;
-        for (int n = 0; n < count; ++n) {
-            if (cost[n * count + b] < cost[best * count + b]) best = n;
+    std::vector<int> giver(table.count), asking;
+    for (int b = 0; b < table.count; ++b) {
+        giver[b] = b;
+        if (table.row(b)[kind.where.rms] > settings.at_the_noise) asking.push_back(b);
+    }
+    const int takers = static_cast<int>(asking.size()), blocks = (takers + abreast - 1) / abreast;
+    const int width = blocks * abreast;
+    std::vector<Block<F>> asked(blocks);
+    std::vector<double> cost(static_cast<std::size_t>(table.count) * width);
+    for (int t = 0; t < takers; ++t) ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast], prior);
+    for (int n = 0; n < table.count; ++n) every_cost<F>(table.row(n) + kind.where.x, asked, cost.data() + n * width);
+    for (int t = 0; t < takers; ++t) {
+        const auto of = [&](int n) { return cost[n * width + t]; };
+        int best = asking[t];
+        for (int n = 0; n < table.count; ++n) {
+            if (of(n) < of(best)) best = n;
         }
-        giver[b] = cost[best * count + b] < cost[b * count + b] - settings.least_gain ? best : b;
+        if (of(best) < of(asking[t]) - settings.least_gain) giver[asking[t]] = best;
     }
     return giver;
 }

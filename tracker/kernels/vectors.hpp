@@ -60,16 +60,16 @@ inline void outers(double* out, int first, Vector a, Vector b, Vector c, Vector 
     put(out, first + 6, a.z * b + c.z * d);
 }
 
-// `vector (N,) @ matrix (N, M)`; most vectors here have many zeros.
-template <int N, int M>
+// `vector (N,) @ matrix (N, M)`, whose rows are `STRIDE` apart; most vectors here have many zeros.
+template <int N, int M, int STRIDE = M>
 inline void multiply(const double* vector, const double* matrix, double* out) {
     double sum[M] = {};
     for (int i = 0; i < N; ++i) {
         if (vector[i] != 0.0) {
-            for (int j = 0; j < M; ++j) sum[j] += vector[i] * matrix[i * M + j];
+            for (int j = 0; j < M; ++j) sum[j] += vector[i] * matrix[i * STRIDE + j];
         }
     }
-    std::copy_n(sum, M, out);
+    for (int j = 0; j < M; ++j) out[j] = sum[j];
 }
 
 template <int N>
