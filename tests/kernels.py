@@ -46,3 +46,8 @@ def lost(bank, model):
 def starts(model, moments):
     """As ``Family.starts`` of moments (B, C, C), and how many there are (B,)."""
     return parts.relaxed(model_of(model, 1.0), moments)
+
+
+def dropped(bank, model, now, best, margin):
+    """As ``bank.prune``: rows, words, and the log of the sum of their weights."""
+    return parts.dropped(model_of(model, 1.0), bank.words, now, best, margin)

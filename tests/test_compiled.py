@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import compiled, fit, hypotheses, search, tracker
 from contact_tracker.bank import Birth, blank, prune
-from contact_tracker.begins import Begins
+from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, Window, weak_prior
@@ -29,7 +29,6 @@ from short import FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 
 compiled_kernels = pytest.importorskip("contact_tracker.compiled.kernels")
-calls = pytest.importorskip("contact_tracker.compiled.calls")
 kernels = pytest.importorskip("kernels")
 GROWS = ("first", "moments", "place_sum", "weight", "told", "lasted", "x")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
@@ -311,8 +310,15 @@ def test_what_begins_joins_alike(model, old, many):
     )
     turn = Rotation.random(random_state=8).as_matrix()
     birth = Birth(begins, int(window.index[-1]), 123, 1000, -2.0, rng.random((2, 7)), turn)
-    args = bank, model, birth, window, SCALES, -0.1, 40.0
-    numpy, kernel = both(hypotheses._advanced, *args)
+    args = [(blank(other, 0, 2), birth._replace(begins=fresh(other).pick([]))) for other in CONTACT_MODELS]
+    args[column] = bank, birth
+    banks, births = zip(*args, strict=True)
+    advanced = both(
+        hypotheses.advance, banks, births, [window] * 6, SCALES, np.full(6, -0.1), margin=1e9, rival=0.0
+    )
+    numpy, kernel = (living.banks[column] for living in advanced)
+    for name in ("log_weight", "best"):
+        np.testing.assert_allclose(*(getattr(living, name) for living in advanced), atol=1e-3)
     assert len(kernel) == len(numpy) == len(bank) + many
     for name in ("number", "onset", "onset_ns", "source", "met", "searched", "pair"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
@@ -343,7 +349,7 @@ def test_the_same_hypotheses_search(seed, model):
 def test_what_is_dropped_agrees(seed, margin, model):
     rng = np.random.default_rng(seed)
     count, now = int(rng.integers(0, 60)), 800
-    bank = blank(model, count, lag=2).having(
+    bank = blank(model, count).having(
         onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
         told=rng.uniform(0.0, 40.0, count),
         searched=rng.random(count) > 0.5,
@@ -352,10 +358,11 @@ def test_what_is_dropped_agrees(seed, margin, model):
         entry=-1.0,
         number=np.arange(count),
     )
-    bank = replace(bank, past=rng.random(bank.past.shape))
-    numpy, kernel = both(prune, bank, model, now, -2.5, margin)
-    np.testing.assert_array_equal(kernel.words, numpy.words)
-    np.testing.assert_array_equal(kernel.past, numpy.past)
+    numpy = prune(bank, model, now, -2.5, margin)
+    rows, words, log_weight = kernels.dropped(bank, model, now, -2.5, margin)
+    np.testing.assert_array_equal(words, numpy.words)
+    np.testing.assert_array_equal(bank.number[rows], numpy.number)
+    np.testing.assert_allclose(log_weight, numpy.log_weight, rtol=1e-12)
 
 
 def assert_same_columns(numpy, kernel, names, rel):
@@ -430,6 +437,6 @@ def test_kernels_that_cannot_be_loaded_are_done_without(monkeypatch):
 def test_kernels_refuse_what_they_do_not_know():
     model = CONTACT_MODELS[0]
     with pytest.raises(ValueError, match="not a table of this contact"):
-        calls.prune(model, np.zeros((2, 3)), 1, 0.0, 10.0)
+        kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="no family of this form"):
         compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), 9, {}, True, 1.0, 2.0, [], [], [], 3)

@@ -8,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.belief import Detail
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts import given as contacts_given
 from contact_tracker.forward import forward
@@ -158,7 +159,7 @@ def test_an_edge_through_the_vertex_that_was_met_is_recognised_sooner():
 
     def delay_s(recognised):
         model = replace(MODEL, geometry=replace(MODEL.geometry, recognised=recognised))
-        beliefs = [seen.belief for seen in forward(recording.poses, model, geometry=False)]
+        beliefs = [seen.belief for seen in forward(recording.poses, model, detail=Detail.SHARED)]
         since = [b for b in beliefs if b.stamp_ns >= change_ns]
         right = [b.contact is Contact.EF for b in since]
         last_wrong = max(i for i, is_right in enumerate(right) if not is_right)

@@ -10,13 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from contact_tracker.belief import Detail
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.evidence import Window
 from contact_tracker.forward import Pass, forward
 from contact_tracker.knowledge import NOTHING
 from contact_tracker.labels import Contact
 from contact_tracker.segmentation import Segmentation
-from contact_tracker.segmenter import Segmenter, segment
+from contact_tracker.segmenter import Segmenter, pieces, segment
 from contact_tracker.telling import Stretch, tell
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
@@ -148,11 +149,11 @@ def in_pieces(executor=None, times=1):
 
 def test_pieces_together_are_the_whole(monkeypatch):
     monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 10)
-    pieces, most = in_pieces(times=6)
+    some, most = in_pieces(times=6)
     monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 10_000)
     (expected,), _ = in_pieces(times=6)
-    found = Segmentation.join(pieces)
-    assert sum(len(piece.segments) > 0 for piece in pieces) >= 3
+    found = Segmentation.join(some)
+    assert sum(len(piece.segments) > 0 for piece in some) >= 3
     assert most < 200
     assert [(s.contact, s.start_ns, s.end_ns) for s in found.segments] == [
         (s.contact, s.start_ns, s.end_ns) for s in expected.segments
@@ -165,11 +166,22 @@ def test_pieces_together_are_the_whole(monkeypatch):
     assert len(found.segments) == 12
 
 
+def test_segments_are_the_same_however_much_is_told_online():
+    """What hypotheses learn of elements does not hang on what is told."""
+    poses = recorded(FACE_TO_EDGE).poses
+    found = Segmentation.join(list(pieces(poses, MODEL, online=Detail.WEIGHTS)))
+    expected = segmented(FACE_TO_EDGE)
+    assert [b.to_json() for b in found.beliefs] == [b.to_json() for b in expected.beliefs]
+    assert [s.start_ns for s in found.segments] == [s.start_ns for s in expected.segments]
+    assert len(found.filtered) == 0
+    assert len(expected.filtered) > 30
+
+
 def test_where_there_is_no_room_the_older_half_is_told(monkeypatch):
     monkeypatch.setattr("contact_tracker.segmenter.ROOM_BYTES", 30_000)
-    pieces, most = in_pieces()
-    found = Segmentation.join(pieces)
-    assert len(pieces) > 3
+    some, most = in_pieces()
+    found = Segmentation.join(some)
+    assert len(some) > 3
     assert most < 30
     np.testing.assert_array_equal(found.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
     assert names(found) == FACE_TO_EDGE  # the path is what it would be anyway

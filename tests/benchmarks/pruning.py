@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from contact_tracker.belief import Detail
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.forward import forward
 from contact_tracker.model import Model
@@ -50,7 +51,7 @@ def with_margin(model: Model, margin_nats: float) -> Model:
 def follow(poses: Poses, model: Model) -> Run:
     """Of at least one pose."""
     began_s, said, living = time.process_time(), [], 0
-    for seen in forward(poses, model, geometry=False):
+    for seen in forward(poses, model, detail=Detail.SHARED):
         said.append(seen.belief.probability)
         living += sum(map(len, seen.state.banks))
     return Run(np.array(said), living / len(said), time.process_time() - began_s)

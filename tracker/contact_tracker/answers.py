@@ -1,5 +1,6 @@
 """What the tracker says after a tick: of now, and with a lag of a little while ago."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -60,27 +61,35 @@ def looking_back(state: TrackerState, row: int) -> Belief:
 def believe(state: TrackerState, stamp_ns: int) -> Belief:
     """What the weights say: posterior of the states, and the best hypothesis of the most probable one.
 
-    Where it touches is told by ``touching``.
+    Where it touches is told by ``touching``, what the motion leaves open by ``weighed_up``.
     """
     probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
     probability = separability.tempered(probability, state.model.certainty.sureness)
     label = STATES[int(np.argmax(probability))]
     residual = np.array([_residual(living) for living in state.banks])
-    tick_ns = state.model.tick_ns
     onset_ns = state.free_since_ns
-    onset = state.ticks - 1 - (stamp_ns - onset_ns) // tick_ns
     if label is not Contact.FREE:
         living = state.banks[label.column]
-        row = int(np.argmax(living.joint))
-        onset_ns, onset = int(living.onset_ns[row]), int(living.onset[row])
-    rivals = separability.rivals_since(state.banks, label, onset_ns, stamp_ns, tick_ns)
+        onset_ns = int(living.onset_ns[np.argmax(living.joint)])
+    return Belief(stamp_ns, label, probability, onset_ns, None, residual)
+
+
+def weighed_up(state: TrackerState, belief: Belief) -> Belief:
+    """The same with the states that the motion does not tell from its label: they share its probability."""
+    label, tick_ns = belief.contact, state.model.tick_ns
+    if label is Contact.FREE:
+        onset = state.ticks - 1 - (belief.stamp_ns - belief.onset_ns) // tick_ns
+    else:
+        living = state.banks[label.column]
+        onset = int(living.onset[np.argmax(living.joint)])
+    rivals = separability.rivals_since(state.banks, label, belief.onset_ns, belief.stamp_ns, tick_ns)
     since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
     idle = separability.is_idle(label, since, onset < state.window.index[0])
     others = separability.inseparable(label, rivals, idle)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
     purpose = separability.restricted(idle, since, state.model.tick_s)
-    probability = separability.shared(probability, label, inseparable, purpose)
-    return Belief(stamp_ns, label, probability, onset_ns, None, residual, inseparable, purpose)
+    probability = separability.shared(belief.probability, label, inseparable, purpose)
+    return replace(belief, probability=probability, inseparable=inseparable, restricted=purpose)
 
 
 def touching(state: TrackerState, label: Contact) -> ContactGeometry | None:

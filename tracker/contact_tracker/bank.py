@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
@@ -103,11 +102,6 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
 
     Log weights are against ``best`` from then on.
     """
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        rows, words = calls.prune(model, bank.words, now, best, margin)
-        return Bank(words, bank.layout, bank.past[rows])
     joint = bank.joint
     margins = np.where(bank.met, MET_SHARE * margin, margin)
     keep = (joint > best - margins) | ((bank.told <= patience(model.needed)) & bank.searched)

@@ -1,6 +1,7 @@
 """What the tracker believes: of a tick, and of a segment."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,17 @@ from contact_tracker.geometry import ContactGeometry
 from contact_tracker.labels import STATES, Contact
 
 Array = NDArray[np.float64]
+
+
+class Detail(IntEnum):
+    """How much is told of each tick right after it: what takes time is left out where nobody asks."""
+
+    WEIGHTS = 0
+    """The label, its onset, and the posterior as the hypotheses weigh."""
+    SHARED = 1
+    """What the motion does not tell from the label shares its probability."""
+    GEOMETRY = 2
+    """Where it touches."""
 
 
 @dataclass(frozen=True, eq=False)

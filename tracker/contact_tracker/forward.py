@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm, ticks, tracker
-from contact_tracker.belief import Belief
+from contact_tracker.belief import Belief, Detail
 from contact_tracker.evidence import Window
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
@@ -52,7 +52,7 @@ def forward(
     model: Model,
     progress: Callable[[int], None] | None = None,
     knowledge: Knowledge = NOTHING,
-    geometry: bool = True,
+    detail: Detail = Detail.GEOMETRY,
 ) -> Iterator[Seen]:
     """The ticks of a recording, each as soon as it is over.
 
@@ -61,7 +61,7 @@ def forward(
     poses : validated poses in order of time.
     progress : called now and then with the number of poses read so far.
     knowledge : what is known of the object and its surroundings.
-    geometry : whether each belief tells where it touches.
+    detail : how much the beliefs tell.
     """
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
@@ -69,13 +69,13 @@ def forward(
         while len(left):
             state, closed, left = tracker.gather_some(state, left)
             for tick in closed:
-                state, belief = tracker.observe(state, tick, geometry)
+                state, belief = tracker.observe(state, tick, detail)
                 yield Seen(state, tick, belief)
             if progress is not None and closed:
                 progress(count - len(left))
     state, closed = tracker.gather_rest(state)
     for tick in closed:
-        state, belief = tracker.observe(state, tick, geometry)
+        state, belief = tracker.observe(state, tick, detail)
         yield Seen(state, tick, belief)
 
 

@@ -1,12 +1,13 @@
 """How the hypotheses of one contact live: each has its own onset, its own window and its own geometry."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.bank import Birth, add, assuming, blank, joined
+from contact_tracker.bank import Birth, add, assuming, blank, joined, prune
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
@@ -20,6 +21,15 @@ from contact_tracker.table import Bank
 Array = NDArray[np.float64]
 
 
+class Living(NamedTuple):
+    """What lives on after a tick: a bank of each contact, its ``log_weight`` (6,), -inf of an empty one, and
+    the ``best`` log weight, against which all are."""
+
+    banks: list[Bank]
+    log_weight: Array
+    best: float
+
+
 def advance(
     banks: Sequence[Bank],
     births: Sequence[Birth],
@@ -27,19 +37,37 @@ def advance(
     scales: Scales,
     log_stay: Array,
     margin: float,
-) -> list[Bank]:
-    """Take in the newest tick of the windows, one for each contact, and what begins with it; ``log_stay`` is
-    the price of not having changed in it.
+    rival: float,
+) -> Living:
+    """Take in the newest tick of the windows, one for each contact, and what begins with it, and drop what is
+    hopeless beside the best of all or the ``rival``; ``log_stay`` (6,) is the price of not having changed.
 
     What is further behind the best than the ``margin`` (nats) waits for another geometry, and what is behind
     at all may wait for some ticks: its moments grow.
     """
-    return [
-        _advanced(bank, contact, birth, window, scales, float(price), margin)
-        for bank, contact, birth, window, price in zip(
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        contacts = list(zip(CONTACT_MODELS, births, windows, strict=True))
+        born = [assuming(model, birth.begins) for model, birth, _ in contacts]
+        drawn = [directions(model, w) if is_due(model, w) else None for model, _, w in contacts]
+        words = [bank.words for bank in banks]
+        left, best = calls.advance(words, births, born, windows, scales, log_stay, margin, drawn, rival)
+        kept = [
+            Bank(rows, bank.layout, joined(bank, birth)[which])
+            for bank, birth, (which, rows, _) in zip(banks, births, left, strict=True)
+        ]
+        return Living(kept, np.array([log_weight for _, _, log_weight in left]), best)
+    grown = [
+        _advanced(bank, model, birth, window, scales, float(price), margin)
+        for bank, model, birth, window, price in zip(
             banks, CONTACT_MODELS, births, windows, log_stay, strict=True
         )
     ]
+    best = max(rival, *(bank.best for bank in grown))
+    now = births[0].onset
+    kept = [prune(b, model, now, best, margin) for b, model in zip(grown, CONTACT_MODELS, strict=True)]
+    return Living(kept, np.array([bank.log_weight for bank in kept]), best)
 
 
 def _advanced(
@@ -54,12 +82,6 @@ def _advanced(
     if not len(bank) and not birth.begins.many:
         return bank
     due = is_due(model, window)
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        born, drawn = assuming(model, birth.begins), directions(model, window) if due else None
-        words = calls.advance(model, bank.words, birth, born, window, scales, log_stay, margin, drawn)
-        return Bank(words, bank.layout, joined(bank, birth))
     bank = add(bank, model, birth)
     waits = not due and bank.told >= FIRST_TICKS
     far = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm, separability, ticks
-from contact_tracker.belief import Belief
+from contact_tracker.belief import Belief, Detail
 from contact_tracker.closed import Closed
 from contact_tracker.columns import Columns
 from contact_tracker.evidence import Window
@@ -74,7 +74,9 @@ def segment(
     -------
     Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
     """
-    return Segmentation.join(list(pieces(poses, model, progress, knowledge, executor, watch, geometry=True)))
+    return Segmentation.join(
+        list(pieces(poses, model, progress, knowledge, executor, watch, Detail.GEOMETRY))
+    )
 
 
 def pieces(
@@ -84,15 +86,16 @@ def pieces(
     knowledge: Knowledge = NOTHING,
     executor: Executor | None = None,
     watch: Callable[[Seen], None] | None = None,
-    geometry: bool = False,
+    online: Detail = Detail.SHARED,
 ) -> Iterator[Segmentation]:
     """What ``segment`` finds, piece by piece and in bounded memory.
 
     Each piece holds the segments that were concluded since the one before with their beliefs, and what was
-    filtered since then: that is ahead of the beliefs, and has ``geometry`` only if asked for.
+    filtered since then: that is ahead of the beliefs, tells as much as ``online`` asks for, and nothing with
+    mere ``Detail.WEIGHTS``.
     """
-    segmenter = Segmenter(executor)
-    for seen in forward(poses, model, progress, knowledge, geometry):
+    segmenter = Segmenter(executor, keeps_online=online >= Detail.SHARED)
+    for seen in forward(poses, model, progress, knowledge, online):
         segmenter.note(seen)
         if watch is not None:
             watch(seen)
@@ -104,8 +107,8 @@ def pieces(
 class Segmenter:
     """Takes in the ticks of a forward pass and tells segments as they become certain."""
 
-    def __init__(self, executor: Executor | None = None) -> None:
-        self._executor = executor
+    def __init__(self, executor: Executor | None = None, keeps_online: bool = True) -> None:
+        self._executor, self._keeps_online = executor, keeps_online
         self._forward: hmm.Forward | None = None
         self._past, self._survivors = hmm.Past(), hmm.Survivors()
         self._due = PIECE_TICKS
@@ -129,7 +132,8 @@ class Segmenter:
         excess = (tick.excess.position_m2, tick.excess.rotation_rad2)
         times = (tick.start_ns, tick.stamp_ns, tick.count)
         self._ticks.append((*times, tick.zeta, excess, seen.belief.residual))
-        self._online.append(seen.belief)
+        if self._keeps_online:
+            self._online.append(seen.belief)
         if len(self._online) == _FEW:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()

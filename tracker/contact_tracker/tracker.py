@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import bank, fixed_lag, hmm, hypotheses, ticks
-from contact_tracker.answers import answer, believe, remaining, touching
+from contact_tracker import fixed_lag, hmm, hypotheses, ticks
+from contact_tracker.answers import answer, believe, remaining, touching, weighed_up
 from contact_tracker.bank import Birth
-from contact_tracker.belief import Belief
+from contact_tracker.belief import Belief, Detail
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.free_motion import NO_EXCESS
@@ -96,20 +96,23 @@ def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
     return replace(state, averaging=averaging), [tick]
 
 
-def observe(state: TrackerState, tick: Tick, geometry: bool = True) -> tuple[TrackerState, Belief]:
-    """Take in one tick; without ``geometry`` the belief has none, which takes less time."""
+def observe(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -> tuple[TrackerState, Belief]:
+    """Take in one tick, and tell of it in ``detail``."""
     if _is_mute(state, tick):
         assert state.belief is not None
         return _remember(_wait(state, tick), replace(state.belief, stamp_ns=tick.stamp_ns))
     state = _weigh(state, tick)
     belief = believe(state, tick.stamp_ns)
     learns = _learns(state, belief)
-    where = touching(state, belief.contact) if geometry or learns else None
+    if learns or detail >= Detail.SHARED:
+        belief = weighed_up(state, belief)
+        learns = learns and _learns(state, belief)
+    where = touching(state, belief.contact) if learns or detail >= Detail.GEOMETRY else None
     if learns and where is not None:
         assert state.averaging is not None
         position_m = state.window.zeta[-1, T] + state.averaging.origin_m
         state = replace(state, memory=state.memory.learn(where, belief.onset_ns, tick.stamp_ns, position_m))
-    return _remember(state, replace(belief, geometry=where if geometry else None))
+    return _remember(state, replace(belief, geometry=where if detail >= Detail.GEOMETRY else None))
 
 
 def _remember(state: TrackerState, belief: Belief) -> tuple[TrackerState, Belief]:
@@ -167,20 +170,17 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         births.append(Birth(begun, *when, numbers, float(entry[column]), past[column], turn))
         numbers += begun.many
     windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(banks))]
-    grown = hypotheses.advance(banks, births, windows, scales, stay[:FREE], model.search.margin_nats)
-    best = max(float(entry[FREE]), *(b.best for b in grown))
-    kept = [
-        bank.prune(_older(b, column), CONTACT_MODELS[column], state.ticks, best, model.search.margin_nats)
-        for column, b in enumerate(grown)
-    ]
-    log_left = np.array([*(b.log_weight for b in kept), entry[FREE] - best])
+    rival, margin = float(entry[FREE]), model.search.margin_nats
+    living = hypotheses.advance(banks, births, windows, scales, stay[:FREE], margin, rival)
+    kept = tuple(_older(b, column) for column, b in enumerate(living.banks))
+    log_left = np.append(living.log_weight, rival - living.best)
     label = STATES[int(np.argmax(log_left))]
     pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in kept), fixed_lag.grown(past[FREE], FREE)]
     return replace(
         state,
         window=window,
         frames=frames,
-        banks=tuple(kept),
+        banks=kept,
         log_left=log_left,
         ticks=state.ticks + 1,
         numbers=numbers + 1,

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "advancing.hpp"
+#include "dropping.hpp"
 
 namespace kernels {
 
@@ -60,5 +61,22 @@ struct Seeable {
                 static_cast<int>(number.shape(0))};
     }
 };
+
+// Which rows of a table are kept, and these, their weights against `best`; the log of the sum of all weights.
+inline py::tuple left_of(const Model& model, const Table& table, std::int64_t now, double best, double margin) {
+    const Where& where = model.kind.where;
+    const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
+    const auto count = static_cast<py::ssize_t>(rows.size());
+    Floats left({count, static_cast<py::ssize_t>(model.words)});
+    double *out = left.mutable_data(), sum = 0.0;
+    for (std::int64_t b : rows) {
+        const double* row = table.row(static_cast<int>(b));
+        std::copy_n(row, model.words, out);
+        out[where.entry] -= best;
+        sum += std::exp(joint(where, out));
+        out += model.words;
+    }
+    return py::make_tuple(Ints(count, rows.data()), left, std::log(sum));
+}
 
 }  // namespace kernels

@@ -1,6 +1,5 @@
 // The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
 #include "bindings.hpp"
-#include "dropping.hpp"
 #include "parts.hpp"
 #include "products.hpp"
 
@@ -95,23 +94,58 @@ py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const B
     });
 }
 
-Floats advanced(const Model& model, const Floats& words, const Floats& born, const Bools& told, const Floats& turn,
-                std::int64_t onset, std::int64_t onset_ns, std::int64_t number, double entry, const Seeable& seen,
-                double heard, const Weights& weights, double log_stay, double margin,
-                const std::optional<Floats>& directions) {
-    const Table old = table_of(model, words);
-    const Birth birth{table_of(model, born), told.data(), turn.data(), onset, onset_ns, number, entry};
-    Floats grown({old.count + birth.words.count, model.words});
-    const Table table{grown.mutable_data(), old.count + birth.words.count, model.words};
-    const Ticks ticks = seen.ticks();
-    Directions drawn{};
-    if (directions) drawn = {directions->data(), static_cast<int>(directions->shape(0))};
-    visit(model, [&](auto family) {
-        py::gil_scoped_release release;
-        advance<decltype(family)>(model.kind, old, birth, table, ticks, heard, weights, log_stay, margin,
-                                  directions ? &drawn : nullptr);
-    });
-    return grown;
+// What is told of a contact's hypotheses when a tick begins.
+struct Begun {
+    const Model& model;
+    Table old, table;  // before the tick, and in it
+    Birth birth;
+    Ticks ticks;
+    double heard, log_stay;
+    std::optional<Directions> directions;
+};
+
+// All contacts through a tick, and what is kept against the best of all and of a `rival`.
+py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Floats>& words,
+                   const std::vector<std::pair<Floats, Bools>>& assumed, const Floats& turn, std::int64_t onset,
+                   std::int64_t onset_ns, const std::vector<std::int64_t>& numbers,
+                   const std::vector<double>& entries, const std::vector<const Seeable*>& seen,
+                   const std::vector<double>& heard, const Weights& weights, const std::vector<double>& log_stay,
+                   double margin, const std::vector<std::optional<Floats>>& directions, double rival) {
+    const std::size_t contacts = models.size();
+    for (std::size_t size : {words.size(), assumed.size(), numbers.size(), entries.size(), seen.size(), heard.size(),
+                             log_stay.size(), directions.size()}) {
+        require(size == contacts, "something is not told of each contact");
+    }
+    std::vector<Begun> all;
+    std::size_t total = 0;
+    for (std::size_t i = 0; i < contacts; ++i) {
+        const auto& [born, told] = assumed[i];
+        const Table old = table_of(*models[i], words[i]), fresh = table_of(*models[i], born);
+        const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, numbers[i], entries[i]};
+        all.push_back({*models[i], old, {nullptr, old.count + fresh.count, old.words}, birth, seen[i]->ticks(),
+                       heard[i], log_stay[i], std::nullopt});
+        if (directions[i]) all[i].directions = Directions{directions[i]->data(), static_cast<int>(directions[i]->shape(0))};
+        total += static_cast<std::size_t>(all[i].table.count) * old.words;
+    }
+    static thread_local std::vector<double> memory;  // remains from tick to tick
+    memory.resize(std::max(memory.size(), total));
+    double* next = memory.data();
+    double best = rival;
+    for (Begun& one : all) {
+        one.table.data = next;
+        next += static_cast<std::size_t>(one.table.count) * one.table.words;
+        visit(one.model, [&](auto family) {
+            py::gil_scoped_release release;
+            advance<decltype(family)>(one.model.kind, one.old, one.birth, one.table, one.ticks, one.heard, weights,
+                                      one.log_stay, margin, one.directions ? &*one.directions : nullptr);
+        });
+        for (int b = 0; b < one.table.count; ++b) {
+            best = std::max(best, joint(one.model.kind.where, one.table.row(b)));
+        }
+    }
+    py::list left;
+    for (const Begun& one : all) left.append(left_of(one.model, one.table, onset, best, margin));
+    return py::make_tuple(left, best);
 }
 
 void learned(const Model& model, Floats words, const Seeable& seen, const Ints& steps, const Weights& weights) {
@@ -136,19 +170,6 @@ void searched(const Model& model, Floats words, const Seeable& seen, const Ints&
                                      work);
         }
     });
-}
-
-py::tuple pruned(const Model& model, const Floats& words, std::int64_t now, double best, double margin) {
-    const Table table = table_of(model, words);
-    const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
-    Floats left({static_cast<py::ssize_t>(rows.size()), static_cast<py::ssize_t>(model.words)});
-    double* out = left.mutable_data();
-    for (std::int64_t b : rows) {
-        std::copy_n(table.row(static_cast<int>(b)), model.words, out);
-        out[model.kind.where.entry] -= best;
-        out += model.words;
-    }
-    return py::make_tuple(Ints(static_cast<py::ssize_t>(rows.size()), rows.data()), left);
 }
 
 template <class X, class Y>
@@ -213,7 +234,6 @@ PYBIND11_MODULE(kernels, module) {
                py::arg("steps"), py::arg("weights"));
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
                py::arg("rows"), py::arg("directions"), py::arg("weights"));
-    module.def("pruned", &pruned);
     module.def("minimised", &minimised);
     add_parts(module.def_submodule("parts"));
 }

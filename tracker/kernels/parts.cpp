@@ -72,6 +72,10 @@ std::vector<int> searching(const Model& model, const Floats& words) {
     return lost(model.kind, table_of(model, words));
 }
 
+py::tuple dropped(const Model& model, const Floats& words, std::int64_t now, double best, double margin) {
+    return left_of(model, table_of(model, words), now, best, margin);
+}
+
 py::tuple relaxed(const Model& model, const Floats& moments) {
     return visit(model, [&](auto family) {
         using F = decltype(family);
@@ -95,6 +99,7 @@ void add_parts(py::module_ module) {
                py::arg("log_stay"));
     module.def("offered", &offered);
     module.def("searching", &searching);
+    module.def("dropped", &dropped);
     module.def("relaxed", &relaxed);
 }
 

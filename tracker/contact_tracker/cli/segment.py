@@ -42,6 +42,7 @@ def _output(text: str) -> Path | None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from contact_tracker.belief import Detail
     from contact_tracker.cli.source import Source
     from contact_tracker.presets import load_model
     from contact_tracker.recording import open_log
@@ -50,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     model, knowledge = load_model(args.model), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
     with progress("segment", "poses") as set_done, workers(args.processes) as executor:
-        found = source.counted(pieces(source, model, set_done, knowledge, executor))
+        found = source.counted(pieces(source, model, set_done, knowledge, executor, online=Detail.WEIGHTS))
         if args.output is None:
             segments = [one for piece in found for one in piece.segments]
         else:

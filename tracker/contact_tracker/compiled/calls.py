@@ -1,5 +1,6 @@
 """From the arrays of the numpy code to those of the kernels, and back."""
 
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from typing import Protocol
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.compiled import kernels
-from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.labels import Contact
 from contact_tracker.pace import patience
@@ -85,39 +86,39 @@ def summed(
 
 
 def advance(
-    model: ContactModel,
-    words: Array,
-    birth: Birth,
-    assumed: tuple[Array, NDArray[np.bool_]],
-    window: Window,
+    words: Sequence[Array],
+    births: Sequence[Birth],
+    assumed: Sequence[tuple[Array, NDArray[np.bool_]]],
+    windows: Sequence[Window],
     scales: Scales,
-    log_stay: float,
+    log_stay: Array,
     margin: float,
-    directions: Array | None,
-) -> Array:
-    """The rows of a bank and those of a ``birth``, which ``bank.assuming`` gives, a tick on; with random
-    ``directions`` they search from scratch as well."""
+    directions: Sequence[Array | None],
+    rival: float,
+) -> tuple[list[tuple[Index, Array, float]], float]:
+    """The rows of all banks and those of ``births``, which ``bank.assuming`` gives, a tick on; with random
+    ``directions`` they search from scratch as well.
+
+    Of each contact which rows are kept, and these, their weights against the best, and the log of their sum;
+    and the best log weight of all and the ``rival``.
+    """
     return kernels.advanced(
-        model_of(model, scales.reach_m),
+        [model_of(model, scales.reach_m) for model in CONTACT_MODELS],
         words,
-        *assumed,
-        birth.turn,
-        birth.onset,
-        birth.onset_ns,
-        birth.number,
-        birth.entry,
-        ticks_of(window, model),
-        float(window.activity[-1]),
+        assumed,
+        births[0].turn,
+        births[0].onset,
+        births[0].onset_ns,
+        [birth.number for birth in births],
+        [birth.entry for birth in births],
+        [ticks_of(window, model) for window, model in zip(windows, CONTACT_MODELS, strict=True)],
+        [float(window.activity[-1]) for window in windows],
         _weights(scales),
-        log_stay,
+        log_stay.tolist(),
         float(margin),
         directions,
+        rival,
     )
-
-
-def prune(model: ContactModel, words: Array, now: int, best: float, margin: float) -> tuple[Index, Array]:
-    """Which rows of a bank are kept, and these, their weights against ``best``."""
-    return kernels.pruned(model_of(model, 1.0), words, now, float(best), float(margin))
 
 
 def learn(model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index) -> None:

@@ -52,27 +52,26 @@ def summed(
     model: Model, x: Numbers, onset: Index, certain: Bools, ticks: Ticks, weights: Weights
 ) -> tuple[Numbers, Numbers, Numbers]: ...
 def advanced(
-    model: Model,
-    words: Numbers,
-    born: Numbers,
-    told: Bools,
+    models: Sequence[Model],
+    words: Sequence[Numbers],
+    assumed: Sequence[tuple[Numbers, Bools]],
     turn: Numbers,
     onset: int,
     onset_ns: int,
-    number: int,
-    entry: float,
-    ticks: Ticks,
-    heard: float,
+    numbers: Sequence[int],
+    entries: Sequence[float],
+    seen: Sequence[Ticks],
+    heard: Sequence[float],
     weights: Weights,
-    log_stay: float,
+    log_stay: Sequence[float],
     margin: float,
-    directions: Numbers | None,
-) -> Numbers: ...
+    directions: Sequence[Numbers | None],
+    rival: float,
+) -> tuple[list[tuple[Index, Numbers, float]], float]: ...
 def learned(model: Model, words: Numbers, ticks: Ticks, steps: Index, weights: Weights) -> None: ...
 def searched(
     model: Model, words: Numbers, ticks: Ticks, rows: Index, directions: Numbers, weights: Weights
 ) -> None: ...
-def pruned(model: Model, words: Numbers, now: int, best: float, margin: float) -> tuple[Index, Numbers]: ...
 def minimised(
     of_x: str, of_y: str, k: Numbers, x: Numbers, y: Numbers, tolerance: float, iterations: int
 ) -> tuple[Numbers, Numbers, Numbers, Bools]: ...
