@@ -46,9 +46,7 @@ def tick(rotation, height_m):
 def meetings(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        begins = beginnings(knowledge, Memory(), 0.0, np.zeros(3), newest.zeta[-1, 9:12])[
-            model.contact.column
-        ]
+        begins = beginnings(model, knowledge, Memory(), 0.0, np.zeros(3), newest.zeta[-1, 9:12])
         found.append((assumptions(knowledge, model), meeting(model, begins, newest, SCALES)))
     return found
 

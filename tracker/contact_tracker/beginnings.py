@@ -8,7 +8,7 @@ import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.form import directions
 from contact_tracker.contacts.given import given
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
@@ -20,38 +20,38 @@ CELL_M: Final = 0.25
 
 
 def beginnings(
-    knowledge: Knowledge, memory: Memory, recognised: float, origin_m: Array, place_m: Array
-) -> tuple[Begins, ...]:
-    """Hypotheses of each contact that may begin now; their shares add up to one, or there are none.
+    model: ContactModel,
+    knowledge: Knowledge,
+    memory: Memory,
+    recognised: float,
+    origin_m: Array,
+    place_m: Array,
+) -> Begins:
+    """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
 
     ``recognised`` is the share of those that have met their elements before, if there are any; ``origin_m``
     is the world's origin in which hypotheses are, and the body is at ``place_m`` from it.
     """
+    cell_m = CELL_M * np.round(place_m / CELL_M) * _has_lines(knowledge, memory)
+    return _beginnings(model, knowledge, memory, recognised, tuple(origin_m.tolist()), tuple(cell_m.tolist()))
+
+
+@lru_cache(maxsize=16)
+def _has_lines(knowledge: Knowledge, memory: Memory) -> bool:
     surroundings = (*knowledge.environment, *(met.known for met in memory.environment))
-    lines = any(isinstance(known.element, Line) for known in surroundings)
-    cell_m = CELL_M * np.round(place_m / CELL_M) * lines
-    return _beginnings(knowledge, memory, recognised, tuple(origin_m.tolist()), tuple(cell_m.tolist()))
+    return any(isinstance(known.element, Line) for known in surroundings)
 
 
-@lru_cache(maxsize=16)  # for as long as nothing is learnt
+@lru_cache(maxsize=64)  # for as long as nothing is learnt
 def _beginnings(
+    model: ContactModel,
     knowledge: Knowledge,
     memory: Memory,
     recognised: float,
     origin_m: tuple[float, ...],
     place_m: tuple[float, ...],
-) -> tuple[Begins, ...]:
-    frame = np.array(origin_m), np.array(place_m)
-    return tuple(_of(model, knowledge, memory, recognised, frame) for model in CONTACT_MODELS)
-
-
-def _of(
-    model: ContactModel,
-    knowledge: Knowledge,
-    memory: Memory,
-    recognised: float,
-    frame: tuple[Array, Array],
 ) -> Begins:
+    frame = np.array(origin_m), np.array(place_m)
     met = memory.assumptions(model)
     rows: list[tuple[Assumption, float, int, bool]] = []
     for number, known in enumerate(assumptions(knowledge, model)):

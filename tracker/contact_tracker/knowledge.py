@@ -14,7 +14,7 @@ from contact_tracker.labels import Contact
 from contact_tracker.polyhedron import Feature, Polyhedron
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
-_TYPES: Final = {"f": Plane, "e": Line, "v": Point}
+_KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Known:
     @property
     def kind(self) -> str:
         """``f``, ``e`` or ``v``."""
-        return next(kind for kind, wanted in _TYPES.items() if isinstance(self.element, wanted))
+        return _KIND[type(self.element)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,16 +12,19 @@ from contact_tracker.encounter import foreseen, meeting
 from contact_tracker.evidence import Window
 from contact_tracker.geometry import Array
 from contact_tracker.lift import T
+from contact_tracker.memory import Memory
+from contact_tracker.search import is_due
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.transitions import exposure, log_stay, log_transition
 
 
 class Outlook(NamedTuple):
-    """``begins`` of each contact; ``exposure`` to change; ``change`` (7, 7) and ``stay`` (7,), the log
-    chances of changing before the tick and of lasting through it; ``entry`` (7,), the log weights with which
-    states begin."""
+    """``begins`` of each contact, and what of the memory it has been ``reminded`` of; ``exposure`` to change;
+    ``change`` (7, 7) and ``stay`` (7,), the log chances of changing before the tick and of lasting in it;
+    ``entry`` (7,), the log weights with which states begin."""
 
     begins: tuple[Begins, ...]
+    reminded: tuple[Memory, ...]
     exposure: float
     change: Array
     stay: Array
@@ -34,12 +37,21 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     model = state.model
     first, origin_m = state.ticks == 0, state.averaging.origin_m
     recognised = model.geometry.recognised
-    begins = beginnings(state.knowledge, state.memory, recognised, origin_m, window.zeta[-1, T])
+    # contacts take turns: what one tick has taught is not told to all of them in the next
+    reminded = tuple(
+        state.memory if is_due(contact, window) else earlier
+        for contact, earlier in zip(CONTACT_MODELS, state.reminded, strict=True)
+    )
+    where = recognised, origin_m, window.zeta[-1, T]
+    begins = tuple(
+        beginnings(contact, state.knowledge, memory, *where)
+        for contact, memory in zip(CONTACT_MODELS, reminded, strict=True)
+    )
     exposed = exposure(float(window.activity[-1])) + state.withheld
     if not state.knowledge:
         change, stay = log_transition(model, exposed), log_stay(model, exposed)
         entry = state.log_left if first else hmm.enter(state.log_left, change)
-        return Outlook(begins, exposed, change, stay, entry)
+        return Outlook(begins, reminded, exposed, change, stay, entry)
     # what is known is met by moving, however smoothly
     exposed = max(exposed, window.unrest)
     scales, newest = scales_of(model), window.cut(-1, None)
@@ -50,6 +62,6 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     begins = tuple(m.of(b) for m, b in zip(met, begins, strict=True))
     change, stay = foreseen(log_transition(model, exposed), log_stay(model, exposed), met)
     if not first:
-        return Outlook(begins, exposed, change, stay, hmm.enter(state.log_left, change))
+        return Outlook(begins, reminded, exposed, change, stay, hmm.enter(state.log_left, change))
     entry = state.log_left + np.array([*(m.log_odds for m in met), 0.0])
-    return Outlook(begins, exposed, change, stay, entry - hmm.log_sum_exp(entry))
+    return Outlook(begins, reminded, exposed, change, stay, entry - hmm.log_sum_exp(entry))

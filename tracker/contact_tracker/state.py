@@ -11,7 +11,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
-from contact_tracker.memory import Memory
+from contact_tracker.memory import NOTHING_MET, Memory
 from contact_tracker.model import Model
 from contact_tracker.table import Bank
 from contact_tracker.ticks import TickState
@@ -25,7 +25,8 @@ class TrackerState:
     """Everything the tracker knows; bounded in size however long the stream.
 
     ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
-    ``banks`` of hypotheses by contact; ``log_left`` (7,) weights of the states at the last boundary, up to a
+    ``banks`` of hypotheses by contact; the ``memory`` of elements met, and what of it each contact
+    has been ``reminded`` of; ``log_left`` (7,) weights of the states at the last boundary, up to a
     constant; ``ticks`` seen, ``numbers`` of hypotheses given out, ``outliers`` among the poses; the label and
     since when it has been free; ``exposure`` to change at the last boundary, ``change`` (7, 7) and ``entry``
     (7,), the log chances of change there and the log weights with which states began; the exposure that is
@@ -40,6 +41,7 @@ class TrackerState:
     frames: Array
     banks: tuple[Bank, ...]
     memory: Memory
+    reminded: tuple[Memory, ...]
     log_left: Array
     ticks: int
     numbers: int
@@ -73,7 +75,8 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         window=nothing,
         frames=np.zeros(0),
         banks=banks,
-        memory=Memory(),
+        memory=NOTHING_MET,
+        reminded=(NOTHING_MET,) * len(CONTACT_MODELS),
         log_left=initial,
         ticks=0,
         numbers=0,

@@ -77,9 +77,7 @@ def tell(stretch: Stretch) -> Told:
 def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
     """The best hypothesis of a contact about a whole stretch, if there can be one."""
     place_m = window.zeta[:, T].mean(axis=0)
-    begins = beginnings(stretch.knowledge, NOTHING_MET, 0.0, stretch.origin_m, place_m)[
-        contact.contact.column
-    ]
+    begins = beginnings(contact, stretch.knowledge, NOTHING_MET, 0.0, stretch.origin_m, place_m)
     own = window.with_error(stretch.model.noise.beyond_floor(contact.contact.column))
     return hypotheses.fit_stretch(contact, own, scales_of(stretch.model), begins)
 

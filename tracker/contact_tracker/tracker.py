@@ -162,7 +162,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     model, scales = state.model, scales_of(state.model)
     banks = _settle_oldest(state, scales)
     window, frames = _append(state, tick)
-    begins, exposed, change, stay, entry = outlook(state, window)
+    begins, reminded, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
     births, numbers, turn = [], state.numbers, tick.zeta[R].reshape(3, 3)
     for column, begun in enumerate(begins):
@@ -181,6 +181,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         window=window,
         frames=frames,
         banks=kept,
+        reminded=reminded,
         log_left=log_left,
         ticks=state.ticks + 1,
         numbers=numbers + 1,

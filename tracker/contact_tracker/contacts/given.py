@@ -133,14 +133,12 @@ def _covariance(element: Element) -> Array:
 
 
 def _inverse(covariance: Array, lengths: slice) -> Array:
-    """Inverse on the directions in which there is variance; ``lengths`` are in m, the rest in rad."""
-    scale = np.ones(len(covariance))
-    is_length = np.zeros(len(covariance), bool)
-    is_length[lengths] = True
-    for part in (is_length, ~is_length):
-        variance = np.diag(covariance)[part]
-        scale[part] = np.sqrt(variance.max()) if variance.any() else 1.0
-    values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    """Inverse on directions in which there is variance; ``lengths``, the last, are in m, others in rad."""
+    variance, weight = covariance.diagonal(), np.ones(len(covariance))
+    for part in (lengths, slice(0, lengths.start)):
+        largest = variance[part].max(initial=0.0)
+        weight[part] = 1.0 / np.sqrt(largest) if largest > 0.0 else 1.0
+    values, axes = np.linalg.eigh(weight[:, None] * covariance * weight)
     good = values > _SMALLEST * max(float(values[-1]), 0.0)
-    inverse = (axes[:, good] / values[good]) @ axes[:, good].T
-    return np.asarray(inverse / np.outer(scale, scale))
+    axes = weight[:, None] * axes[:, good]
+    return np.asarray((axes / values[good]) @ axes.T)
