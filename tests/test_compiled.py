@@ -439,4 +439,4 @@ def test_kernels_refuse_what_they_do_not_know():
     with pytest.raises(ValueError, match="not a table of this contact"):
         kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="no family of this form"):
-        compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), 9, {}, True, 1.0, 2.0, [], [], [], 3)
+        compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), 9, {}, True, 1.0, 2.0, [], [], 3)

@@ -43,6 +43,9 @@ struct Family : Form {
 
     static constexpr bool turns_in(int p) { return p < of_1 ? Form::d1 >= 0 && p < 2 : p < of_1 + 2; }
 
+    // Whether a free direction lives on a sphere or is a height: all that the prior leaves flat is along these.
+    static constexpr bool flat_in(int p) { return turns_in(p) || (Form::h >= 0 && p == P - 1); }
+
     template <int N>
     static constexpr std::array<int, N> those(bool turning) {
         std::array<int, N> found{};

@@ -69,14 +69,14 @@ double complete(const Moments& window, double* x, Work<F>& work) {
         work.trial_weight[k] = window.row_weight[k] / (k == F::last ? scale : 1.0);
     });
     const double weight = work.trial_weight[F::last];
-    multiply<F::S, F::S>(x, prior.precision, work.pull);
+    prior.times(x, work.pull);
     for (int s = 0; s < F::S; ++s) work.pull[s] -= prior.information[s];
     double normal[F::L][F::L], shift[F::L], pulled[F::S], trace = 0.0;
     for (int i = 0; i < F::L; ++i) {
         const double* along = work.axes[F::shifts[i]];
         slope_of_last<F>(x, along, work.design[i]);
         carry<F, F::last>(work.design[i], window, work.moved[i]);
-        multiply<F::S, F::S>(along, prior.precision, pulled);
+        prior.times(along, pulled);
         shift[i] = -weight * pair<F, F::last>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
         for (int j = 0; j <= i; ++j) {
             normal[j][i] = weight * pair<F, F::last>(work.design[j], work.moved[i]) +
@@ -98,7 +98,7 @@ double complete(const Moments& window, double* x, Work<F>& work) {
     }
     double squares = 0.0;
     each_row<F>([&](auto k) { squares += work.trial_weight[k] * pair<F, k>(work.rows[k], work.carried[k]); });
-    multiply<F::S, F::S>(x, prior.precision, work.pull);
+    prior.times(x, work.pull);
     return 0.5 * (squares + dot<F::S>(x, work.pull)) - dot<F::S>(x, prior.information) + prior.constant;
 }
 
@@ -119,7 +119,7 @@ void equations_of_shifts(double* hessian, Work<F>& work) {
     const double weight = work.weight[F::last];
     double pulled[F::S];
     for (int p = 0; p < F::P; ++p) {
-        multiply<F::S, F::S>(work.free[p], work.prior.precision, pulled);
+        work.prior.times(work.free[p], pulled);
         work.gradient[p] = dot<F::S>(work.free[p], work.pull);
         for (int q = 0; q <= p; ++q) work.held[p][q] = work.held[q][p] = dot<F::S>(work.free[q], pulled);
     }
@@ -183,9 +183,10 @@ double take_step(double* hessian, double damping, Work<F>& work) {
     return std::abs(dot<F::P>(work.gradient, work.step));
 }
 
+// `is_left` a step: it was not `converged` before the last one.
 struct Descent {
-    double cost;
-    bool converged;
+    double cost, damping;
+    bool is_left;
 };
 
 // As `fit.minimise` of one window, from x (S,), in place; what `work` holds at an x is at that one.
@@ -205,11 +206,17 @@ Descent descend(const Moments& window, double* x, int steps, double* hessian, Wo
         if (left < steps) {
             damping = std::min(std::max(damping * (better ? fits.less : fits.more), fits.least), fits.most);
         }
-        if (take_step<F>(hessian, damping, work) < settings.tolerance) return {cost, true};
-        if (left <= 0) return {cost, false};
+        if (left <= 0) return {cost, damping, true};
+        if (take_step<F>(hessian, damping, work) < settings.tolerance) return {cost, damping, false};
         multiply<F::P, F::S>(work.step, work.free[0], work.trial);
         for (int s = 0; s < F::S; ++s) work.trial[s] += x[s];
     }
+}
+
+// Whether another step would lower the cost by next to nothing.
+template <class F>
+bool converged(const Descent& descent, double* hessian, Work<F>& work) {
+    return !descent.is_left || take_step<F>(hessian, descent.damping, work) < settings.tolerance;
 }
 
 }  // namespace kernels

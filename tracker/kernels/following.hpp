@@ -25,8 +25,8 @@ void weigh(const Kind& kind, double* row, const Weights& weights, const Sums<F>&
         earned += sums.gain[k];
         row_weight[k] = sums.precision[k] / ticks;
     }
-    double price = volume<F>(kind, x, row + where.first, foretold, row + where.hessian, work);
-    multiply<F::S, F::S>(x, work.prior.precision, work.pull);
+    double price = volume<F>(x, row + where.first, foretold, row + where.hessian, work);
+    work.prior.times(x, work.pull);
     price += 0.5 * dot<F::S>(x, work.pull) - dot<F::S>(x, work.prior.information) + work.prior.constant;
     const double told = sums.log_ratio + row[where.settled] - std::min(price, earned);
     row[where.log_likelihood] = row[where.lasted] + weights.independence * told;

@@ -216,9 +216,9 @@ PYBIND11_MODULE(kernels, module) {
     py::class_<Model>(module, "Model")
         .def(py::init([](const Form& form, const Sizes& sizes, int words, const std::map<std::string, int>& where,
                          bool body_in_1, double needed, double patience, std::vector<std::int64_t> lifted,
-                         std::vector<double> pull, std::vector<double> flat, int relaxed) {
+                         std::vector<double> pull, int relaxed) {
             const Which which = which_of(form, sizes);
-            return Model{{body_in_1, needed, patience, lifted, pull, flat, relaxed, where_of(where)}, which, words};
+            return Model{{body_in_1, needed, patience, lifted, pull, relaxed, where_of(where)}, which, words};
         }));
     py::class_<Seeable>(module, "Ticks")
         .def(py::init([](Ints number, Floats pose, Floats variance, Floats free, std::optional<Floats> uneven) {

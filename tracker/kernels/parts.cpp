@@ -29,7 +29,7 @@ py::tuple minimised(const Model& model, const Floats& words, const Floats& preci
             const Descent found =
                 descend<F>(window, x.mutable_data() + b * F::S, static_cast<int>(steps.at(b)), own, work);
             cost.mutable_at(b) = found.cost;
-            converged.mutable_at(b) = found.converged;
+            converged.mutable_at(b) = kernels::converged<F>(found, own, work);
         }
         return py::make_tuple(x, cost, hessian, converged);
     });

@@ -10,13 +10,11 @@ namespace kernels {
 // `foretold` (K,) and `hessian` (K, P, P) as in `evidence.complexity`, where `given` is `fit.information` of
 // the `first` lifted tick (C,). `work` is at x (S,).
 template <class F>
-double volume(const Kind& kind, const double* x, const double* first, const double* foretold, double* hessian,
-              Work<F>& work) {
+double volume(const double* x, const double* first, const double* foretold, double* hessian, Work<F>& work) {
     double before[F::P][F::P], after[F::P][F::P], told[F::P] = {};
     for (int p = 0; p < F::P; ++p) {
         for (int q = p; q < F::P; ++q) {
-            double held = work.held[p][q], gained = 0.0;
-            for (int s = 0; s < F::S; ++s) held += work.free[p][s] * kind.flat[s] * work.free[q][s];
+            double held = work.held[p][q] + (p == q && F::flat_in(p) ? 1.0 : 0.0), gained = 0.0;
             for (int k = 0; k < F::K; ++k) {
                 held += foretold[k] * entry<F>(hessian, k, p, q);
                 gained += entry<F>(hessian, k, p, q);

@@ -17,13 +17,13 @@ struct Where {
 };
 
 // What sort of contact it is, see `contacts`: where its body is, how many poses are `needed` and the
-// `patience` that follows; which entries of a pose are `lifted` (C,); `pull` (S,) of the weak prior, `flat`
-// where it has none; how many starts are `relaxed`.
+// `patience` that follows; which entries of a pose are `lifted` (C,); `pull` (S,) of the weak prior; how many
+// starts are `relaxed`.
 struct Kind {
     bool body_in_1;
     double needed, patience;
     std::vector<std::int64_t> lifted;
-    std::vector<double> pull, flat;
+    std::vector<double> pull;
     int relaxed;
     Where where;
 };
@@ -48,10 +48,21 @@ inline void put_whole(double* row, int word, std::int64_t value) { std::memcpy(r
 inline double joint(const Where& where, const double* row) { return row[where.entry] + row[where.log_likelihood]; }
 
 // As `fit.Prior` of one hypothesis, and its `anchors`; `mean` is that of the weak prior, zero but for points.
+// Where nothing is known of the elements, the `precision` is diagonal.
 template <class F>
 struct Prior {
     double precision[F::S * F::S], information[F::S], constant, anchors[6];
     double mean[F::S] = {};
+    bool is_diagonal = false;
+
+    // `x @ precision`.
+    void times(const double* x, double (&out)[F::S]) const {
+        if (is_diagonal) {
+            for (int s = 0; s < F::S; ++s) out[s] = x[s] * precision[s * F::S + s];
+        } else {
+            multiply<F::S, F::S>(x, precision, out);
+        }
+    }
 };
 
 // As `bank.anchors_of`.
@@ -74,6 +85,7 @@ void know(const Kind& kind, const double* row, Prior<F>& prior) {
     multiply<F::S, F::S>(known_mean, known, prior.information);
     prior.constant = 0.5 * dot<F::S>(prior.information, known_mean);
     std::copy_n(known, F::S * F::S, prior.precision);
+    prior.is_diagonal = whole(row, kind.where.source) == 0;
     for (int s = 0; s < F::S; ++s) {
         const double weak = kind.pull[s] * prior.mean[s];
         prior.precision[s * F::S + s] += kind.pull[s];

@@ -155,7 +155,6 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
         patience(model.needed),
         columns,
         (family.SPREAD / reach_m**2).tolist(),
-        (1.0 - family.SPREAD).tolist(),
         family.starts(np.eye(len(columns))[None]).shape[1],
     )
 

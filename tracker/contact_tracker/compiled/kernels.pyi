@@ -32,7 +32,6 @@ class Model:
         patience: float,
         lifted: Sequence[int],
         pull: Sequence[float],
-        flat: Sequence[float],
         relaxed: int,
     ) -> None: ...
 
