@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import tracker
 from contact_tracker.assumptions import assumptions
-from contact_tracker.beginnings import beginnings
+from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import FREE, foreseen, meeting
 from contact_tracker.evidence import Scales, Window
@@ -46,7 +46,7 @@ def tick(rotation, height_m):
 def meetings(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        begins = beginnings(model, knowledge, Memory(), 0.0, np.zeros(3), newest.zeta[-1, 9:12])
+        begins = beginnings(model, knowledge, Memory(), 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
         found.append((assumptions(knowledge, model), meeting(model, begins, newest, SCALES)))
     return found
 

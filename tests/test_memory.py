@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contact_tracker.beginnings import beginnings
+from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import ContactGeometry, Line, Plane, Point
@@ -23,7 +23,7 @@ ON_THE_TABLE = ContactGeometry(EDGE, TABLE)
 
 def offers(memory: Memory, contact: Contact) -> Begins:
     model = CONTACT_MODELS[contact.column]
-    return beginnings(model, NOTHING, memory, 0.5, ORIGIN, ORIGIN)
+    return beginnings(model, NOTHING, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
 
 
 def test_nothing_met_offers_nothing():
@@ -110,6 +110,6 @@ def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():
     knowledge = Knowledge(environment=(Known("table", TABLE),))
     memory = Memory().learn(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)
     model = CONTACT_MODELS[Contact.EF.column]
-    begins = beginnings(model, knowledge, memory, 0.5, ORIGIN, ORIGIN)
+    begins = beginnings(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
     on_table = ~np.isnan(begins.pivot[:, 0]) & begins.known_mean[:, 6:9].any(axis=1)
     assert on_table.any()

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,23 +17,32 @@ from contact_tracker.memory import Memory
 
 CELL_M: Final = 0.25
 """Known lines are told anew when the body has gone so far."""
+_ANYWHERE: Final = (0.0, 0.0, 0.0)
+
+
+class Frame(NamedTuple):
+    """The world's origin in which hypotheses are, and from there about where the body is (m)."""
+
+    origin_m: tuple[float, ...]
+    near_m: tuple[float, ...]
+
+    @classmethod
+    def around(cls, origin_m: Array, place_m: Array) -> "Frame":
+        """With the body at ``place_m`` from the origin."""
+        cell_m = CELL_M * np.round(place_m / CELL_M)
+        return cls(tuple(origin_m.tolist()), tuple(cell_m.tolist()))
 
 
 def beginnings(
-    model: ContactModel,
-    knowledge: Knowledge,
-    memory: Memory,
-    recognised: float,
-    origin_m: Array,
-    place_m: Array,
+    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float, frame: Frame
 ) -> Begins:
     """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
 
-    ``recognised`` is the share of those that have met their elements before, if there are any; ``origin_m``
-    is the world's origin in which hypotheses are, and the body is at ``place_m`` from it.
+    ``recognised`` is the share of those that have met their elements before, if there are any.
     """
-    cell_m = CELL_M * np.round(place_m / CELL_M) * _has_lines(knowledge, memory)
-    return _beginnings(model, knowledge, memory, recognised, tuple(origin_m.tolist()), tuple(cell_m.tolist()))
+    if not _has_lines(knowledge, memory):
+        frame = frame._replace(near_m=_ANYWHERE)
+    return _beginnings(model, knowledge, memory, recognised, frame)
 
 
 @lru_cache(maxsize=16)
@@ -44,14 +53,8 @@ def _has_lines(knowledge: Knowledge, memory: Memory) -> bool:
 
 @lru_cache(maxsize=64)  # for as long as nothing is learnt
 def _beginnings(
-    model: ContactModel,
-    knowledge: Knowledge,
-    memory: Memory,
-    recognised: float,
-    origin_m: tuple[float, ...],
-    place_m: tuple[float, ...],
+    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float, frame: Frame
 ) -> Begins:
-    frame = np.array(origin_m), np.array(place_m)
     met = memory.assumptions(model)
     rows: list[tuple[Assumption, float, int, bool]] = []
     for number, known in enumerate(assumptions(knowledge, model)):
@@ -65,7 +68,7 @@ def _beginnings(
     if not rows:
         return fresh(model).pick(np.zeros(0, np.int64))
     assumed, log_share, pair, is_met = zip(*rows, strict=True)
-    prior, pivot = given(model, [one.pair(*frame) for one in assumed])
+    prior, pivot = given(model, [one.pair(*map(np.array, frame)) for one in assumed])
     recalled, told = np.array(is_met), prior.told(model)[:, directions(model.family.FORM)]
     something = prior.information.any(axis=(1, 2)) | recalled
     return Begins(

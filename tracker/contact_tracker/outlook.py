@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.beginnings import beginnings
+from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
@@ -42,9 +42,9 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         state.memory if is_due(contact, window) else earlier
         for contact, earlier in zip(CONTACT_MODELS, state.reminded, strict=True)
     )
-    where = recognised, origin_m, window.zeta[-1, T]
+    frame = Frame.around(origin_m, window.zeta[-1, T])
     begins = tuple(
-        beginnings(contact, state.knowledge, memory, *where)
+        beginnings(contact, state.knowledge, memory, recognised, frame)
         for contact, memory in zip(CONTACT_MODELS, reminded, strict=True)
     )
     exposed = exposure(float(window.activity[-1])) + state.withheld

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import hypotheses, separability
 from contact_tracker.assumptions import assumptions
-from contact_tracker.beginnings import beginnings, named
+from contact_tracker.beginnings import Frame, beginnings, named
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Window
 from contact_tracker.geometry import ContactGeometry
@@ -77,7 +77,8 @@ def tell(stretch: Stretch) -> Told:
 def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
     """The best hypothesis of a contact about a whole stretch, if there can be one."""
     place_m = window.zeta[:, T].mean(axis=0)
-    begins = beginnings(contact, stretch.knowledge, NOTHING_MET, 0.0, stretch.origin_m, place_m)
+    frame = Frame.around(stretch.origin_m, place_m)
+    begins = beginnings(contact, stretch.knowledge, NOTHING_MET, 0.0, frame)
     own = window.with_error(stretch.model.noise.beyond_floor(contact.contact.column))
     return hypotheses.fit_stretch(contact, own, scales_of(stretch.model), begins)
 
