@@ -2,8 +2,7 @@
 
     python tests/benchmarks/memory.py
 
-It reads /proc, as Linux has it. One thread: others have buffers of their own. The first run compiles kernels,
-which takes memory; look at the second.
+It reads /proc, as Linux has it. One thread: others have buffers of their own.
 """
 
 import os
@@ -26,19 +25,12 @@ def steps() -> Iterator[tuple[str, Callable[[], object]]]:
     for name in LIBRARIES:
         yield name, partial(import_module, name)
     yield "contact_tracker", partial(import_module, "contact_tracker.forward")
-    yield "numba", partial(import_module, "numba")
-    yield "its first kernel", first_kernel
+    yield "kernels", partial(import_module, "contact_tracker.compiled.kernels")
     yield f"{POSES} poses", follow
 
 
-def first_kernel() -> float:
-    """One that does next to nothing."""
-    one: float = import_module("numba").njit(lambda x: x + 1.0)(0.0)
-    return one
-
-
 def follow() -> int:
-    """The first poses of a recording, online, with the kernels that this needs."""
+    """The first poses of a recording, online."""
     from contact_tracker.forward import forward
     from contact_tracker.presets import load_model
     from contact_tracker.recording import open_log
