@@ -24,7 +24,8 @@ void join(const Kind& kind, const Table& old, const Birth& birth, const Table& t
         if (joint(where, old.row(b)) > joint(where, old.row(best))) best = b;
     }
     std::copy_n(old.data, static_cast<std::size_t>(old.count) * old.words, table.data);
-    std::copy_n(birth.words.data, static_cast<std::size_t>(birth.words.count) * old.words, table.row(old.count));
+    std::copy_n(birth.words.data, static_cast<std::size_t>(birth.words.count) * old.words,
+                table.row(old.count));
     for (int i = 0; i < birth.words.count; ++i) {
         double *row = table.row(old.count + i), *x = row + where.x;
         put_whole(row, where.onset, birth.onset);
@@ -64,8 +65,10 @@ inline int group_of(const Kind& kind, const double* row) {
     const double told = row[where.told];
     if (told > kind.patience && joint(where, row) < -settings.far_nats) return -1;
     const int age = static_cast<int>(std::min(told, static_cast<double>(settings.due.size() - 1)));
-    if (!(settings.due[age] && row[where.rms] > settings.at_the_noise && whole(row, where.searched) != 0)) return -1;
-    const auto passed = std::upper_bound(settings.ages.begin(), settings.ages.end(), told) - settings.ages.begin();
+    if (!(settings.due[age] && row[where.rms] > settings.at_the_noise && whole(row, where.searched) != 0))
+        return -1;
+    const auto passed =
+        std::upper_bound(settings.ages.begin(), settings.ages.end(), told) - settings.ages.begin();
     return 2 * static_cast<int>(passed) + (whole(row, where.source) > 0);
 }
 
@@ -87,10 +90,12 @@ inline std::vector<int> lost(const Kind& kind, const Table& table) {
     return best;
 }
 
-// `table` (H + n, words) of the `old` hypotheses and those of a `birth`; with `directions` they search as well.
+// `table` (H + n, words) of the `old` hypotheses and those of a `birth`; with `directions` they search as
+// well.
 template <class F>
 void advance(const Kind& kind, const Table& old, const Birth& birth, const Table& table, const Ticks& ticks,
-             double heard, const Weights& weights, double log_stay, double margin, const Directions* directions) {
+             double heard, const Weights& weights, double log_stay, double margin,
+             const Directions* directions) {
     Work<F> work;
     join<F>(kind, old, birth, table);
     for (int b = 0; b < table.count; ++b) {

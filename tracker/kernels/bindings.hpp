@@ -5,9 +5,13 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cstdint>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "advancing.hpp"
 #include "dropping.hpp"
@@ -57,13 +61,18 @@ struct Seeable {
     std::optional<Floats> uneven;
 
     Ticks ticks() const {
-        return {number.data(), pose.data(), variance.data(), free.data(), uneven ? uneven->data() : nullptr,
+        return {number.data(),
+                pose.data(),
+                variance.data(),
+                free.data(),
+                uneven ? uneven->data() : nullptr,
                 static_cast<int>(number.shape(0))};
     }
 };
 
 // Which rows of a table are kept, and these, their weights against `best`; the log of the sum of all weights.
-inline py::tuple left_of(const Model& model, const Table& table, std::int64_t now, double best, double margin) {
+inline py::tuple left_of(const Model& model, const Table& table, std::int64_t now, double best,
+                         double margin) {
     const Where& where = model.kind.where;
     const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
     const auto count = static_cast<py::ssize_t>(rows.size());

@@ -31,7 +31,8 @@ template <class Form>
 struct Family : Form {
     static constexpr int of_1 = 2 * (Form::d1 >= 0) + (Form::q1 >= 0 ? (Form::d1 >= 0 ? 2 : 3) : 0);
     static constexpr int of_2 = 2 + 2 * (Form::q2 >= 0) + (Form::h >= 0);
-    static constexpr int S = 3 * (Form::d1 >= 0) + 3 * (Form::q1 >= 0) + 3 + 3 * (Form::q2 >= 0) + (Form::h >= 0);
+    static constexpr int S =
+        3 * (Form::d1 >= 0) + 3 * (Form::q1 >= 0) + 3 + 3 * (Form::q2 >= 0) + (Form::h >= 0);
     static constexpr int C = Form::q2 >= 0 ? 19 : 13;
     static constexpr int K = Form::each;
     static constexpr int P = of_1 + of_2;
@@ -43,7 +44,8 @@ struct Family : Form {
 
     static constexpr bool turns_in(int p) { return p < of_1 ? Form::d1 >= 0 && p < 2 : p < of_1 + 2; }
 
-    // Whether a free direction lives on a sphere or is a height: all that the prior leaves flat is along these.
+    // Whether a free direction lives on a sphere or is a height: all that the prior leaves flat is along
+    // these.
     static constexpr bool flat_in(int p) { return turns_in(p) || (Form::h >= 0 && p == P - 1); }
 
     template <int N>

@@ -77,7 +77,8 @@ double complete(const Moments& window, double* x, Work<F>& work) {
         slope_of_last<F>(x, along, work.design[i]);
         carry<F, F::last>(work.design[i], window, work.moved[i]);
         prior.times(along, pulled);
-        shift[i] = -weight * pair<F, F::last>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
+        shift[i] =
+            -weight * pair<F, F::last>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
         for (int j = 0; j <= i; ++j) {
             normal[j][i] = weight * pair<F, F::last>(work.design[j], work.moved[i]) +
                            dot<F::S>(work.axes[F::shifts[j]], pulled);
@@ -128,7 +129,8 @@ void equations_of_shifts(double* hessian, Work<F>& work) {
         std::copy_n(work.design[i], F::C, work.slopes[p][F::last]);
         work.gradient[p] += weight * pair<F, F::last>(work.design[i], work.carried[F::last]);
         for (int j = 0; j <= i; ++j) {
-            put_both<F>(hessian, F::last, p, F::shifts[j], weight * pair<F, F::last>(work.design[j], work.moved[i]));
+            put_both<F>(hessian, F::last, p, F::shifts[j],
+                        weight * pair<F, F::last>(work.design[j], work.moved[i]));
         }
     }
 }

@@ -57,13 +57,15 @@ void grow(const Kind& kind, double* row, const Ticks& ticks, double heard, doubl
 
 // As `following.learn` of one hypothesis.
 template <class F>
-void learn(const Kind& kind, double* row, const Ticks& ticks, int steps, const Weights& weights, Work<F>& work) {
+void learn(const Kind& kind, double* row, const Ticks& ticks, int steps, const Weights& weights,
+           Work<F>& work) {
     const Where& where = kind.where;
     double* x = row + where.x;
     know<F>(kind, row, work.prior);
     descend<F>(moments_of(kind, row), x, steps, row + where.hessian, work);
     const bool certain = whole(row, where.certain) != 0;
-    weigh<F>(kind, row, weights, add_up<F>(kind, x, whole(row, where.onset), certain, ticks, weights.lengths), work);
+    weigh<F>(kind, row, weights, add_up<F>(kind, x, whole(row, where.onset), certain, ticks, weights.lengths),
+             work);
 }
 
 // How many steps a hypothesis takes in every tick.

@@ -2,6 +2,7 @@
 #include "bindings.hpp"
 #include "parts.hpp"
 #include "products.hpp"
+#include "reading.hpp"
 
 #define QUOTED(text) #text
 #define AS_TEXT(text) QUOTED(text)
@@ -9,53 +10,12 @@
 namespace kernels {
 namespace {
 
-Damping damping_of(const py::module_& module) {
-    const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
-    return {number("FIRST_DAMPING"), number("LEAST_DAMPING"), number("MOST_DAMPING"),   number("LESS"),
-            number("MORE"),          number("LEAST_SHARE"),   number("LEAST_CURVATURE")};
-}
-
-void read_settings() {
-    const auto load = [](const char* name) {
-        return py::module_::import((std::string("contact_tracker.") + name).c_str());
-    };
-    const py::module_ fit = load("fit"), edges = load("contacts.edge_edge"), pace = load("pace");
-    const auto number = [&](const char* name) { return pace.attr(name).cast<double>(); };
-    const auto count = [&](const char* name) { return pace.attr(name).cast<int>(); };
-    settings.fits = damping_of(fit);
-    settings.products = damping_of(load("paper.batched"));
-    settings.tolerance = fit.attr("TOLERANCE").cast<double>();
-    settings.sine_sq_floor = edges.attr("SINE_SQ_FLOOR").cast<double>();
-    settings.tiny = edges.attr("TINY").cast<double>();
-    settings.edge_ridge = edges.attr("RIDGE").cast<double>();
-    settings.vertex_ridge = load("contacts.vertex_face").attr("RIDGE").cast<double>();
-    settings.first_ticks = number("FIRST_TICKS");
-    settings.at_rest = number("AT_REST");
-    settings.far_nats = number("FAR_NATS");
-    settings.lift = number("LIFT");
-    settings.at_the_noise = number("AT_THE_NOISE");
-    settings.least_gain = number("LEAST_GAIN");
-    settings.met_share = number("MET_SHARE");
-    settings.refine_steps = count("REFINE_STEPS");
-    settings.first_steps = count("FIRST_STEPS");
-    settings.screened = count("SCREENED");
-    settings.weighed = count("WEIGHED");
-    settings.young = count("YOUNG");
-    settings.ages = pace.attr("AGES").attr("tolist")().cast<std::vector<double>>();
-    settings.due = pace.attr("DUE").attr("tolist")().cast<std::vector<bool>>();
-    settings.rounds.clear();
-    for (const auto& round : pace.attr("ROUNDS")) {
-        const auto [steps, kept] = round.cast<std::pair<int, int>>();
-        settings.rounds.push_back({steps, kept});
-    }
-}
-
 Where where_of(const std::map<std::string, int>& f) {
-    return {f.at("onset"),   f.at("onset_ns"),   f.at("number"),     f.at("source"),         f.at("certain"),
-            f.at("searched"), f.at("met"),       f.at("entry"),      f.at("lasted"),         f.at("settled"),
-            f.at("earned"),  f.at("weight"),     f.at("told"),       f.at("log_likelihood"), f.at("rms"),
-            f.at("known_mean"), f.at("known"),   f.at("pivot"),      f.at("first"),          f.at("moments"),
-            f.at("place_sum"), f.at("x"),        f.at("hessian"),    f.at("row_weight")};
+    return {f.at("onset"),      f.at("onset_ns"), f.at("number"),  f.at("source"),         f.at("certain"),
+            f.at("searched"),   f.at("met"),      f.at("entry"),   f.at("lasted"),         f.at("settled"),
+            f.at("earned"),     f.at("weight"),   f.at("told"),    f.at("log_likelihood"), f.at("rms"),
+            f.at("known_mean"), f.at("known"),    f.at("pivot"),   f.at("first"),          f.at("moments"),
+            f.at("place_sum"),  f.at("x"),        f.at("hessian"), f.at("row_weight")};
 }
 
 using Form = std::array<int, 5>;
@@ -74,8 +34,8 @@ Which which_of(const Form& form, const Sizes& sizes) {
     return Which::edge_edge;
 }
 
-py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const Bools& certain, const Seeable& seen,
-                 const Weights& weights) {
+py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const Bools& certain,
+                 const Seeable& seen, const Weights& weights) {
     return visit(model, [&](auto family) {
         using F = decltype(family);
         require(x.ndim() == 2 && x.shape(1) == F::S, "not geometry of this contact");
@@ -106,14 +66,15 @@ struct Begun {
 
 // All contacts through a tick, and what is kept against the best of all and of a `rival`.
 py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Floats>& words,
-                   const std::vector<std::pair<Floats, Bools>>& assumed, const Floats& turn, std::int64_t onset,
-                   std::int64_t onset_ns, const std::vector<std::int64_t>& numbers,
+                   const std::vector<std::pair<Floats, Bools>>& assumed, const Floats& turn,
+                   std::int64_t onset, std::int64_t onset_ns, const std::vector<std::int64_t>& numbers,
                    const std::vector<double>& entries, const std::vector<const Seeable*>& seen,
-                   const std::vector<double>& heard, const Weights& weights, const std::vector<double>& log_stay,
-                   double margin, const std::vector<std::optional<Floats>>& directions, double rival) {
+                   const std::vector<double>& heard, const Weights& weights,
+                   const std::vector<double>& log_stay, double margin,
+                   const std::vector<std::optional<Floats>>& directions, double rival) {
     const std::size_t contacts = models.size();
-    for (std::size_t size : {words.size(), assumed.size(), numbers.size(), entries.size(), seen.size(), heard.size(),
-                             log_stay.size(), directions.size()}) {
+    for (std::size_t size : {words.size(), assumed.size(), numbers.size(), entries.size(), seen.size(),
+                             heard.size(), log_stay.size(), directions.size()}) {
         require(size == contacts, "something is not told of each contact");
     }
     std::vector<Begun> all;
@@ -122,9 +83,16 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
         const auto& [born, told] = assumed[i];
         const Table old = table_of(*models[i], words[i]), fresh = table_of(*models[i], born);
         const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, numbers[i], entries[i]};
-        all.push_back({*models[i], old, {nullptr, old.count + fresh.count, old.words}, birth, seen[i]->ticks(),
-                       heard[i], log_stay[i], std::nullopt});
-        if (directions[i]) all[i].directions = Directions{directions[i]->data(), static_cast<int>(directions[i]->shape(0))};
+        all.push_back({*models[i],
+                       old,
+                       {nullptr, old.count + fresh.count, old.words},
+                       birth,
+                       seen[i]->ticks(),
+                       heard[i],
+                       log_stay[i],
+                       std::nullopt});
+        if (directions[i])
+            all[i].directions = Directions{directions[i]->data(), static_cast<int>(directions[i]->shape(0))};
         total += static_cast<std::size_t>(all[i].table.count) * old.words;
     }
     static thread_local std::vector<double> memory;  // remains from tick to tick
@@ -136,8 +104,9 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
         next += static_cast<std::size_t>(one.table.count) * one.table.words;
         visit(one.model, [&](auto family) {
             py::gil_scoped_release release;
-            advance<decltype(family)>(one.model.kind, one.old, one.birth, one.table, one.ticks, one.heard, weights,
-                                      one.log_stay, margin, one.directions ? &*one.directions : nullptr);
+            advance<decltype(family)>(one.model.kind, one.old, one.birth, one.table, one.ticks, one.heard,
+                                      weights, one.log_stay, margin,
+                                      one.directions ? &*one.directions : nullptr);
         });
         for (int b = 0; b < one.table.count; ++b) {
             best = std::max(best, joint(one.model.kind.where, one.table.row(b)));
@@ -148,7 +117,8 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
     return py::make_tuple(left, best);
 }
 
-void learned(const Model& model, Floats words, const Seeable& seen, const Ints& steps, const Weights& weights) {
+void learned(const Model& model, Floats words, const Seeable& seen, const Ints& steps,
+             const Weights& weights) {
     const Table table = table_of(model, words);
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
@@ -159,15 +129,15 @@ void learned(const Model& model, Floats words, const Seeable& seen, const Ints& 
     });
 }
 
-void searched(const Model& model, Floats words, const Seeable& seen, const Ints& rows, const Floats& directions,
-              const Weights& weights) {
+void searched(const Model& model, Floats words, const Seeable& seen, const Ints& rows,
+              const Floats& directions, const Weights& weights) {
     const Table table = table_of(model, words);
     const Directions drawn{directions.data(), static_cast<int>(directions.shape(0))};
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
         for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
-            search<decltype(family)>(model.kind, table, static_cast<int>(rows.at(i)), drawn, seen.ticks(), weights,
-                                     work);
+            search<decltype(family)>(model.kind, table, static_cast<int>(rows.at(i)), drawn, seen.ticks(),
+                                     weights, work);
         }
     });
 }
@@ -214,16 +184,18 @@ PYBIND11_MODULE(kernels, module) {
     read_settings();
     module.attr("FINGERPRINT") = AS_TEXT(FINGERPRINT);  // of the sources
     py::class_<Model>(module, "Model")
-        .def(py::init([](const Form& form, const Sizes& sizes, int words, const std::map<std::string, int>& where,
-                         bool body_in_1, double needed, double patience, std::vector<std::int64_t> lifted,
-                         std::vector<double> pull, int relaxed) {
+        .def(py::init([](const Form& form, const Sizes& sizes, int words,
+                         const std::map<std::string, int>& where, bool body_in_1, double needed,
+                         double patience, std::vector<std::int64_t> lifted, std::vector<double> pull,
+                         int relaxed) {
             const Which which = which_of(form, sizes);
             return Model{{body_in_1, needed, patience, lifted, pull, relaxed, where_of(where)}, which, words};
         }));
     py::class_<Seeable>(module, "Ticks")
-        .def(py::init([](Ints number, Floats pose, Floats variance, Floats free, std::optional<Floats> uneven) {
-            return Seeable{number, pose, variance, free, uneven};
-        }));
+        .def(py::init(
+            [](Ints number, Floats pose, Floats variance, Floats free, std::optional<Floats> uneven) {
+                return Seeable{number, pose, variance, free, uneven};
+            }));
     py::class_<Weights>(module, "Weights")
         .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
             return Weights{{radius_sq, pull}, foreknowledge, independence};

@@ -10,9 +10,9 @@ namespace kernels {
 // So many windows stand side by side: their sums stay in registers.
 constexpr int abreast = 8;
 
-// What N hypotheses ask of a geometry, `abreast` columns at a time: the upper triangles of their `moments` and
-// of the `precision` of what they knew before, `information`, `constant`, `row_weight`, and the square of the
-// lift's 1, `total`.
+// What N hypotheses ask of a geometry, `abreast` columns at a time: the upper triangles of their `moments`
+// and of the `precision` of what they knew before, `information`, `constant`, `row_weight`, and the square of
+// the lift's 1, `total`.
 template <class F>
 struct Block {
     double moments[F::C * (F::C + 1) / 2][abreast], precision[F::S * (F::S + 1) / 2][abreast];
@@ -108,8 +108,10 @@ std::vector<int> givers(const Kind& kind, const Table& table, Prior<F>& prior) {
     const int width = blocks * abreast;
     std::vector<Block<F>> asked(blocks);
     std::vector<double> cost(static_cast<std::size_t>(table.count) * width);
-    for (int t = 0; t < takers; ++t) ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast], prior);
-    for (int n = 0; n < table.count; ++n) every_cost<F>(table.row(n) + kind.where.x, asked, cost.data() + n * width);
+    for (int t = 0; t < takers; ++t)
+        ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast], prior);
+    for (int n = 0; n < table.count; ++n)
+        every_cost<F>(table.row(n) + kind.where.x, asked, cost.data() + n * width);
     for (int t = 0; t < takers; ++t) {
         const auto of = [&](int n) { return cost[n * width + t]; };
         int best = asking[t];

@@ -5,20 +5,22 @@ namespace kernels {
 namespace {
 
 template <class F>
-void put_prior(const Floats& precision, const Floats& information, const Floats& constant, const Floats& anchors,
-               int b, Prior<F>& prior) {
+void put_prior(const Floats& precision, const Floats& information, const Floats& constant,
+               const Floats& anchors, int b, Prior<F>& prior) {
     std::copy_n(precision.data() + b * F::S * F::S, F::S * F::S, prior.precision);
     std::copy_n(information.data() + b * F::S, F::S, prior.information);
     prior.constant = constant.data()[b];
     std::copy_n(anchors.data() + b * 6, 6, prior.anchors);
 }
 
-py::tuple minimised(const Model& model, const Floats& words, const Floats& precision, const Floats& information,
-                    const Floats& constant, const Floats& anchors, const Ints& steps, const Floats& start) {
+py::tuple minimised(const Model& model, const Floats& words, const Floats& precision,
+                    const Floats& information, const Floats& constant, const Floats& anchors,
+                    const Ints& steps, const Floats& start) {
     const Table table = table_of(model, words);
     return visit(model, [&](auto family) {
         using F = decltype(family);
-        py::array_t<double> x({table.count, F::S}), cost(table.count), hessian({table.count, F::K, F::P, F::P});
+        py::array_t<double> x({table.count, F::S}), cost(table.count),
+            hessian({table.count, F::K, F::P, F::P});
         py::array_t<bool> converged(table.count);
         std::copy_n(start.data(), table.count * F::S, x.mutable_data());
         Work<F> work;
@@ -35,8 +37,9 @@ py::tuple minimised(const Model& model, const Floats& words, const Floats& preci
     });
 }
 
-py::tuple completed(const Model& model, const Floats& words, const Floats& precision, const Floats& information,
-                    const Floats& constant, const Floats& anchors, const Floats& start) {
+py::tuple completed(const Model& model, const Floats& words, const Floats& precision,
+                    const Floats& information, const Floats& constant, const Floats& anchors,
+                    const Floats& start) {
     const Table table = table_of(model, words);
     return visit(model, [&](auto family) {
         using F = decltype(family);
@@ -95,8 +98,8 @@ py::tuple relaxed(const Model& model, const Floats& moments) {
 void add_parts(py::module_ module) {
     module.def("minimised", &minimised);
     module.def("completed", &completed);
-    module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"), py::arg("heard"),
-               py::arg("log_stay"));
+    module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
+               py::arg("heard"), py::arg("log_stay"));
     module.def("offered", &offered);
     module.def("searching", &searching);
     module.def("dropped", &dropped);

@@ -117,7 +117,8 @@ Vector edge_in(const double* moments, Vector n) {
     for (int j = 0; j < 3; ++j) {
         for (int m = 0; m < 3; ++m) {
             for (int i = 0; i < 3; ++i) {
-                for (int k = 0; k < 3; ++k) left[j][m] += normal[i] * normal[k] * moments[(3 * i + j) * N + 3 * k + m];
+                for (int k = 0; k < 3; ++k)
+                    left[j][m] += normal[i] * normal[k] * moments[(3 * i + j) * N + 3 * k + m];
             }
         }
     }
@@ -144,8 +145,8 @@ int relax_lines(Square<F::C>& lifted, double told, int many, double* out) {
 
 // As `Family.starts` of one window's moments (C, C), into `out` (`many`, S); returns how many there are.
 //
-// Less where poses are too few to tell one smallest direction of coefficients: any other would do as well, and
-// which it is would hang on how the frames are turned, since Jacobi's method prefers their axes.
+// Less where poses are too few to tell one smallest direction of coefficients: any other would do as well,
+// and which it is would hang on how the frames are turned, since Jacobi's method prefers their axes.
 template <class F>
 int relax(const double* moments, int many, double* out) {
     double trace = 0.0;

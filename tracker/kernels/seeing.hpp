@@ -73,7 +73,8 @@ void crossed(const double* x, const double* r, Seen<F>& seen) {
     const Vector across = turned(r, 0, d1);
     const double d2_r_m1 = inner(d2, turned(r, 0, cross(q1, d1)));
     const double volume = d2_r_m1 + inner(cross(q2, d2), across) + inner(d2, turned(r, TXR, d1));
-    const double cosine = inner(d2, across), sine_sq = std::max(1.0 - cosine * cosine, settings.sine_sq_floor);
+    const double cosine = inner(d2, across),
+                 sine_sq = std::max(1.0 - cosine * cosine, settings.sine_sq_floor);
     const double w_d1 = inner(q1, d1) + inner(d1, at(r, U)) - inner(q2, across);
     const double w_d2 = inner(d2, turned(r, 0, q1)) + inner(d2, at(r, T)) - inner(d2, q2);
     const double s = (cosine * w_d2 - w_d1) / sine_sq, sine = std::sqrt(sine_sq);
@@ -134,7 +135,8 @@ Sums<F> add_up(const Kind& kind, const double* x, std::int64_t onset, bool certa
     sums.after = ticks.count - after;
     double narrowed[F::K];
     std::fill_n(narrowed, F::K, 1.0);
-    for (int w = first; w < ticks.count; ++w) add<F>(kind, x, ticks, w, certain, w >= after, lengths, narrowed, sums);
+    for (int w = first; w < ticks.count; ++w)
+        add<F>(kind, x, ticks, w, certain, w >= after, lengths, narrowed, sums);
     for (int k = 0; k < F::K; ++k) {
         sums.gain[k] += 0.5 * std::log(narrowed[k]);
         sums.log_ratio += sums.gain[k];

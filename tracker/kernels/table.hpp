@@ -42,10 +42,14 @@ inline std::int64_t whole(const double* row, int word) {
     return value;
 }
 
-inline void put_whole(double* row, int word, std::int64_t value) { std::memcpy(row + word, &value, sizeof value); }
+inline void put_whole(double* row, int word, std::int64_t value) {
+    std::memcpy(row + word, &value, sizeof value);
+}
 
 // As `Bank.joint`.
-inline double joint(const Where& where, const double* row) { return row[where.entry] + row[where.log_likelihood]; }
+inline double joint(const Where& where, const double* row) {
+    return row[where.entry] + row[where.log_likelihood];
+}
 
 // As `fit.Prior` of one hypothesis, and its `anchors`; `mean` is that of the weak prior, zero but for points.
 // Where nothing is known of the elements, the `precision` is diagonal.

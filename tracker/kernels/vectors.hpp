@@ -79,8 +79,8 @@ inline double dot(const double* a, const double* b) {
     return total;
 }
 
-// Solve `a y = b` of a positive definite a (N, N), of which the upper triangle is read; y comes to stand where
-// b was, and in a's diagonal what multiplies to its determinant.
+// Solve `a y = b` of a positive definite a (N, N), of which the upper triangle is read; y comes to stand
+// where b was, and in a's diagonal what multiplies to its determinant.
 template <int N>
 inline void eliminate(double (&a)[N][N], double (&b)[N]) {
     for (int k = 0; k < N; ++k) {
