@@ -58,7 +58,7 @@ LAYERS = (
 )
 FIRST_EDGE_LAYER = LAYERS.index(("whole_file", "presets"))
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
-READS_FILES = {"compiled"}  # of the core; its own: what compiled code is made from
+READS_FILES = {"compiled"}  # of the core; its own: whether kernels are built from them
 ALONE = {"hmm", "fixed_lag"}  # see arrays only: import numpy, and nothing else of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",

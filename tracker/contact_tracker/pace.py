@@ -28,7 +28,8 @@ ROUNDS: Final = ((2, 3), (3, 2))
 WEIGHED: Final = 1
 """So often what a search has found is weighed: the weights of the rows follow the geometry."""
 AT_THE_NOISE: Final = 1.2
-"""A whitened residual below which there is no better minimum to search for, or to take from others."""
+"""A whitened residual up to which a hypothesis fits: it neither searches for a better minimum nor takes one
+from others, though that may be worth some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
 MET_SHARE: Final = 0.35

@@ -103,10 +103,12 @@ def observe(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -
         return _remember(_wait(state, tick), replace(state.belief, stamp_ns=tick.stamp_ns))
     state = _weigh(state, tick)
     belief = believe(state, tick.stamp_ns)
-    learns = _learns(state, belief)
-    if learns or detail >= Detail.SHARED:
-        belief = weighed_up(state, belief)
-        learns = learns and _learns(state, belief)
+    shared, learns = belief, _learns(state, belief)
+    if learns or detail >= Detail.SHARED:  # which leaves the label no more than it has
+        shared = weighed_up(state, belief)
+        learns = learns and _learns(state, shared)
+    if detail >= Detail.SHARED:
+        belief = shared
     where = touching(state, belief.contact) if learns or detail >= Detail.GEOMETRY else None
     if learns and where is not None:
         assert state.averaging is not None

@@ -49,16 +49,41 @@ decltype(auto) visit(const Model& model, Function&& function) {
     }
 }
 
+// To be read.
 inline Table table_of(const Model& model, const Floats& words) {
     require(words.ndim() == 2 && words.shape(1) == model.words, "not a table of this contact");
     return {const_cast<double*>(words.data()), static_cast<int>(words.shape(0)), model.words};
 }
 
-// Ticks with the arrays that they look into.
+// To be changed in place: Python says so where that is not allowed.
+inline Table changing(const Model& model, Floats& words) {
+    words.mutable_data();
+    return table_of(model, words);
+}
+
+// An array of a shape.
+template <class Numbers>
+void require_shape(const Numbers& array, const std::vector<py::ssize_t>& shape, const char* what) {
+    require(array.ndim() == static_cast<py::ssize_t>(shape.size()) &&
+                std::equal(shape.begin(), shape.end(), array.shape()),
+            what);
+}
+
+// Some ticks, with the arrays that they look into.
 struct Seeable {
     Ints number;
     Floats pose, variance, free;
     std::optional<Floats> uneven;
+
+    Seeable(Ints number, Floats pose, Floats variance, Floats free, std::optional<Floats> uneven)
+        : number(number), pose(pose), variance(variance), free(free), uneven(uneven) {
+        require(number.ndim() == 1 && number.shape(0) > 0, "there are no ticks");
+        const py::ssize_t count = number.shape(0);
+        require_shape(pose, {count, Ticks::entries}, "a tick has one lifted pose");
+        require_shape(variance, {count, 2}, "a tick has two variances");
+        require_shape(free, {2, count, 2}, "a tick has two pairs of variances of free motion");
+        if (uneven) require_shape(*uneven, {count, 3, 3}, "a tick has one covariance");
+    }
 
     Ticks ticks() const {
         return {number.data(),
@@ -70,6 +95,12 @@ struct Seeable {
     }
 };
 
+inline Directions directions_of(const Model& model, const Floats& x) {
+    const int size = visit(model, [](auto family) { return decltype(family)::S; });
+    require(x.ndim() == 2 && x.shape(1) == size, "directions are not geometry of this contact");
+    return {x.data(), static_cast<int>(x.shape(0))};
+}
+
 // Which rows of a table are kept, and these, their weights against `best`; the log of the sum of all weights.
 inline py::tuple left_of(const Model& model, const Table& table, std::int64_t now, double best,
                          double margin) {
@@ -77,15 +108,16 @@ inline py::tuple left_of(const Model& model, const Table& table, std::int64_t no
     const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
     const auto count = static_cast<py::ssize_t>(rows.size());
     Floats left({count, static_cast<py::ssize_t>(model.words)});
-    double *out = left.mutable_data(), sum = 0.0;
+    double *out = left.mutable_data(), top = -std::numeric_limits<double>::infinity(), sum = 0.0;
+    for (std::int64_t b : rows) top = std::max(top, joint(where, table.row(static_cast<int>(b))) - best);
     for (std::int64_t b : rows) {
         const double* row = table.row(static_cast<int>(b));
         std::copy_n(row, model.words, out);
         out[where.entry] -= best;
-        sum += std::exp(joint(where, out));
+        sum += std::exp(joint(where, out) - top);
         out += model.words;
     }
-    return py::make_tuple(Ints(count, rows.data()), left, std::log(sum));
+    return py::make_tuple(Ints(count, rows.data()), left, rows.empty() ? top : top + std::log(sum));
 }
 
 }  // namespace kernels

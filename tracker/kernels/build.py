@@ -20,25 +20,32 @@ OPTIONS = (
     else ["-O3", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"]
 )
 
-NOT_BUILT = (BaseError, CompileError, LinkError)
+NOT_BUILT = (BaseError, CompileError, LinkError, OSError)
 
 
-class Kernels(BuildHookInterface):
-    """A module beside the Python code that calls it, in a work tree as well as in a wheel."""
+class Kernels(BuildHookInterface[Any]):
+    """A module beside the Python code that calls it: in a wheel, or in a tree that is installed editable."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        self._scratch = tempfile.TemporaryDirectory()
         root = Path(self.root)
         try:
-            built = build(root)
+            built = build(root, Path(self._scratch.name))
+            if version == "editable":
+                put(built, root / PACKAGE)
+            else:
+                build_data["force_include"][str(built)] = f"contact_tracker/compiled/{built.name}"
         except NOT_BUILT as error:
             self.app.display_warning(f"numpy will do the work of the kernels, they cannot be built: {error}")
             return
-        build_data["artifacts"].append(f"/{PACKAGE.as_posix()}/{built.name}")
         build_data["pure_python"], build_data["infer_tag"] = False, True
 
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        self._scratch.cleanup()
 
-def build(root: Path) -> Path:
-    """The module; raises one of ``NOT_BUILT`` where that cannot be done."""
+
+def build(root: Path, scratch: Path) -> Path:
+    """The module, in the folder ``scratch``; raises one of ``NOT_BUILT`` where that cannot be done."""
     name = "contact_tracker.compiled.kernels"
     told = runpy.run_path(str(root / PACKAGE / "sources.py"))["fingerprint"](root / SOURCES)
     extension = Pybind11Extension(
@@ -48,10 +55,14 @@ def build(root: Path) -> Path:
         define_macros=[("FINGERPRINT", told)],
         extra_compile_args=OPTIONS,
     )
-    with tempfile.TemporaryDirectory() as scratch:
-        command = build_ext(Distribution({"name": "contact-tracker", "ext_modules": [extension]}))
-        command.build_lib = command.build_temp = scratch
-        command.ensure_finalized()
-        command.run()
-        found = Path(command.get_ext_fullpath(name))
-        return Path(shutil.copy(found, root / PACKAGE / found.name))
+    command = build_ext(Distribution({"name": "contact-tracker", "ext_modules": [extension]}))
+    command.build_lib = command.build_temp = str(scratch)
+    command.ensure_finalized()
+    command.run()
+    return Path(command.get_ext_fullpath(name))
+
+
+def put(module: Path, folder: Path) -> None:
+    """Into a folder, at once: whoever has loaded the one that it replaces keeps that."""
+    waiting = Path(shutil.copy(module, folder / f".{module.name}"))
+    waiting.replace(folder / module.name)

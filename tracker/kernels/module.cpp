@@ -1,4 +1,6 @@
 // The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
+#include <memory>
+
 #include "bindings.hpp"
 #include "parts.hpp"
 #include "products.hpp"
@@ -10,12 +12,17 @@
 namespace kernels {
 namespace {
 
-Where where_of(const std::map<std::string, int>& f) {
-    return {f.at("onset"),      f.at("onset_ns"), f.at("number"),  f.at("source"),         f.at("certain"),
-            f.at("searched"),   f.at("met"),      f.at("entry"),   f.at("lasted"),         f.at("settled"),
-            f.at("earned"),     f.at("weight"),   f.at("told"),    f.at("log_likelihood"), f.at("rms"),
-            f.at("known_mean"), f.at("known"),    f.at("pivot"),   f.at("first"),          f.at("moments"),
-            f.at("place_sum"),  f.at("x"),        f.at("hessian"), f.at("row_weight")};
+Where where_of(const std::map<std::string, int>& fields) {
+    const auto at = [&](const std::string& name) {
+        const auto found = fields.find(name);
+        if (found == fields.end()) throw std::invalid_argument("a table without " + name);
+        return found->second;
+    };
+    return {at("onset"),      at("onset_ns"), at("number"),  at("source"),         at("certain"),
+            at("searched"),   at("met"),      at("entry"),   at("lasted"),         at("settled"),
+            at("earned"),     at("weight"),   at("told"),    at("log_likelihood"), at("rms"),
+            at("known_mean"), at("known"),    at("pivot"),   at("first"),          at("moments"),
+            at("place_sum"),  at("x"),        at("hessian"), at("row_weight")};
 }
 
 using Form = std::array<int, 5>;
@@ -77,11 +84,18 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
                              heard.size(), log_stay.size(), directions.size()}) {
         require(size == contacts, "something is not told of each contact");
     }
+    require(
+        std::count(models.begin(), models.end(), nullptr) + std::count(seen.begin(), seen.end(), nullptr) ==
+            0,
+        "a contact is None");
+    require_shape(turn, {3, 3}, "a turn is a matrix");
     std::vector<Begun> all;
     std::size_t total = 0;
     for (std::size_t i = 0; i < contacts; ++i) {
         const auto& [born, told] = assumed[i];
         const Table old = table_of(*models[i], words[i]), fresh = table_of(*models[i], born);
+        const int size = visit(*models[i], [](auto family) { return decltype(family)::S; });
+        require_shape(told, {fresh.count, size}, "what is told is not of these births");
         const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, numbers[i], entries[i]};
         all.push_back({*models[i],
                        old,
@@ -91,13 +105,11 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
                        heard[i],
                        log_stay[i],
                        std::nullopt});
-        if (directions[i])
-            all[i].directions = Directions{directions[i]->data(), static_cast<int>(directions[i]->shape(0))};
+        if (directions[i]) all[i].directions = directions_of(*models[i], *directions[i]);
         total += static_cast<std::size_t>(all[i].table.count) * old.words;
     }
-    static thread_local std::vector<double> memory;  // remains from tick to tick
-    memory.resize(std::max(memory.size(), total));
-    double* next = memory.data();
+    const std::unique_ptr<double[]> memory(new double[total]);  // all of it is written before it is read
+    double* next = memory.get();
     double best = rival;
     for (Begun& one : all) {
         one.table.data = next;
@@ -119,7 +131,7 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
 
 void learned(const Model& model, Floats words, const Seeable& seen, const Ints& steps,
              const Weights& weights) {
-    const Table table = table_of(model, words);
+    const Table table = changing(model, words);
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
         for (int b = 0; b < table.count; ++b) {
@@ -131,11 +143,12 @@ void learned(const Model& model, Floats words, const Seeable& seen, const Ints& 
 
 void searched(const Model& model, Floats words, const Seeable& seen, const Ints& rows,
               const Floats& directions, const Weights& weights) {
-    const Table table = table_of(model, words);
-    const Directions drawn{directions.data(), static_cast<int>(directions.shape(0))};
+    const Table table = changing(model, words);
+    const Directions drawn = directions_of(model, directions);
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
         for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
+            require(rows.at(i) >= 0 && rows.at(i) < table.count, "no such row");
             search<decltype(family)>(model.kind, table, static_cast<int>(rows.at(i)), drawn, seen.ticks(),
                                      weights, work);
         }
@@ -146,7 +159,10 @@ template <class X, class Y>
 void minimise_all(const Floats& k, double tolerance, int iterations, Floats& x, Floats& y, Floats& value,
                   Bools& converged) {
     constexpr int n = X::size * Y::size;
+    const py::ssize_t count = k.shape(0);
     require(k.ndim() == 3 && k.shape(1) == n && k.shape(2) == n, "K is not of these factors");
+    require_shape(x, {count, X::size}, "there is not one start of each window");
+    require_shape(y, {count, Y::size}, "there is not one start of each window");
     for (int w = 0; w < k.shape(0); ++w) {
         const Minimum found = minimise<X, Y>(k.data() + w * n * n, x.mutable_data() + w * X::size,
                                              y.mutable_data() + w * Y::size, tolerance, iterations);
@@ -189,13 +205,11 @@ PYBIND11_MODULE(kernels, module) {
                          double patience, std::vector<std::int64_t> lifted, std::vector<double> pull,
                          int relaxed) {
             const Which which = which_of(form, sizes);
+            require(pull.size() == static_cast<std::size_t>(sizes[0]), "not a pull of each of x");
+            require(lifted.size() == static_cast<std::size_t>(sizes[1]), "not a column of each of the lift");
             return Model{{body_in_1, needed, patience, lifted, pull, relaxed, where_of(where)}, which, words};
         }));
-    py::class_<Seeable>(module, "Ticks")
-        .def(py::init(
-            [](Ints number, Floats pose, Floats variance, Floats free, std::optional<Floats> uneven) {
-                return Seeable{number, pose, variance, free, uneven};
-            }));
+    py::class_<Seeable>(module, "Ticks").def(py::init<Ints, Floats, Floats, Floats, std::optional<Floats>>());
     py::class_<Weights>(module, "Weights")
         .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
             return Weights{{radius_sq, pull}, foreknowledge, independence};

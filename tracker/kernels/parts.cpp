@@ -56,7 +56,7 @@ py::tuple completed(const Model& model, const Floats& words, const Floats& preci
 }
 
 void grown(const Model& model, Floats words, const Seeable& seen, double heard, double log_stay) {
-    const Table table = table_of(model, words);
+    const Table table = changing(model, words);
     visit(model, [&](auto family) {
         for (int b = 0; b < table.count; ++b) {
             grow<decltype(family)>(model.kind, table.row(b), seen.ticks(), heard, log_stay);

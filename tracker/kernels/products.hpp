@@ -1,7 +1,7 @@
 // The algorithm of `paper.batched`: one window after the other.
 #pragma once
 
-#include <array>
+#include <type_traits>
 #include <utility>
 
 #include "settings.hpp"

@@ -12,7 +12,7 @@ struct Directions {
     int count;
 };
 
-// A geometry, and its cost or, once it is weighed, log-likelihood.
+// A geometry, and its cost.
 template <class F>
 struct Found {
     double cost, x[F::S];

@@ -20,7 +20,7 @@ SWITCH: Final = "CONTACT_TRACKER_COMPILED"
 
 NAME: Final = "contact_tracker.compiled.kernels"
 SOURCES: Final = Path(__file__).parents[2] / "kernels"
-"""In a work tree; an installed package has none."""
+"""In a work tree; an installed package has none, and may have another one's folder of that name beside it."""
 
 
 @cache
@@ -40,7 +40,7 @@ def fault() -> str:
         kernels = import_module(NAME)
     except ImportError as error:
         return f"they cannot be loaded, {' '.join(str(error).split())}"
-    if SOURCES.is_dir() and fingerprint(SOURCES) != kernels.FINGERPRINT:
+    if (SOURCES / "module.cpp").is_file() and fingerprint(SOURCES) != kernels.FINGERPRINT:
         return "their sources have changed since, install the package again"
     return ""
 
@@ -50,5 +50,5 @@ def described() -> str:
     if os.environ.get(SWITCH) == "0":
         return f"numpy, {SWITCH}=0"
     if find_spec(NAME) is None:
-        return "numpy; no compiler was found when it was installed"
+        return "numpy; no kernels were built for this Python, pip install -v says why"
     return f"numpy instead of kernels: {fault()}" if fault() else "compiled kernels"

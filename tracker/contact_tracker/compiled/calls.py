@@ -96,8 +96,8 @@ def advance(
     directions: Sequence[Array | None],
     rival: float,
 ) -> tuple[list[tuple[Index, Array, float]], float]:
-    """The rows of all banks and those of ``births``, which ``bank.assuming`` gives, a tick on; with random
-    ``directions`` they search from scratch as well.
+    """The rows of all banks and those of ``births`` of one tick, which ``bank.assuming`` gives, a tick on;
+    with random ``directions`` they search from scratch as well.
 
     Of each contact which rows are kept, and these, their weights against the best, and the log of their sum;
     and the best log weight of all and the ``rival``.

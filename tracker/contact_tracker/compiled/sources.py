@@ -5,6 +5,6 @@ from pathlib import Path
 
 
 def fingerprint(folder: Path) -> str:
-    """Of the sources in a folder."""
-    paths = sorted(path for path in folder.iterdir() if path.suffix in {".cpp", ".hpp"})
+    """Of the sources in a folder, and of how they are built."""
+    paths = sorted(path for path in folder.iterdir() if path.suffix in {".cpp", ".hpp", ".py"})
     return sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:16]

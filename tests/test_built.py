@@ -1,0 +1,71 @@
+"""Whether kernels are there, and what is done where they are not."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from contact_tracker import compiled
+
+
+def said(program, **environment):
+    """What a program prints in a fresh interpreter."""
+    found = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return found.stdout.strip()
+
+
+def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
+    program = (
+        "import sys; from contact_tracker import compiled, segmenter;"
+        "print('contact_tracker.compiled.kernels' in sys.modules, compiled.described())"
+    )
+    assert said(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
+    assert said(program, CONTACT_TRACKER_COMPILED="1") == "False compiled kernels"
+
+
+@pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++", "cl"))), reason="no compiler")
+def test_kernels_are_built_where_there_is_a_compiler():
+    """Whether the tests of kernels run is not left to chance."""
+    assert compiled.find_spec(compiled.NAME)
+    assert compiled.fault() == ""
+
+
+def test_without_kernels_it_says_so(monkeypatch):
+    monkeypatch.delenv(compiled.SWITCH, raising=False)
+    monkeypatch.setattr(compiled, "find_spec", lambda name: None)
+    assert not compiled.in_use.__wrapped__()
+    assert compiled.described().startswith("numpy; no kernels were built for this Python")
+
+
+def test_a_folder_of_the_same_name_beside_an_installed_package_is_another_ones(tmp_path, monkeypatch):
+    (tmp_path / "__init__.py").write_text("")
+    monkeypatch.setattr(compiled, "SOURCES", tmp_path)
+    assert compiled.fault.__wrapped__() == compiled.fault()
+
+
+def test_kernels_of_other_sources_are_done_without(tmp_path, monkeypatch):
+    """Of a work tree that has moved on since it was installed."""
+    (tmp_path / "module.cpp").write_text("// another algorithm")
+    monkeypatch.setattr(compiled, "SOURCES", tmp_path)
+    fault = compiled.fault.__wrapped__()
+    assert fault == "their sources have changed since, install the package again"
+    monkeypatch.setattr(compiled, "fault", lambda: fault)
+    with pytest.warns(UserWarning, match="numpy does the work of the kernels: their sources"):
+        assert not compiled.in_use.__wrapped__()
+    assert compiled.described() == f"numpy instead of kernels: {fault}"
+
+
+def test_kernels_that_cannot_be_loaded_are_done_without(monkeypatch):
+    def broken(name):
+        raise ImportError("another\nPython")
+
+    monkeypatch.setattr(compiled, "import_module", broken)
+    assert compiled.fault.__wrapped__() == "they cannot be loaded, another Python"
