@@ -1,4 +1,4 @@
-"""Kernels for ``hypotheses`` and all below, ``bank.prune`` and ``paper.batched``, where they could be built.
+"""Kernels for ``hypotheses`` and all that it calls, and for ``paper.batched``, where they could be built.
 
 They are C++ (``tracker/kernels``), which is built when the package is installed. The numpy code is the
 reference, and what runs where there was no compiler. They are imported when the first fit needs them.
@@ -16,8 +16,6 @@ from contact_tracker.compiled.sources import fingerprint
 
 SWITCH: Final = "CONTACT_TRACKER_COMPILED"
 """Environment variable; 0 means numpy."""
-
-
 NAME: Final = "contact_tracker.compiled.kernels"
 SOURCES: Final = Path(__file__).parents[2] / "kernels"
 """In a work tree; an installed package has none, and may have another one's folder of that name beside it."""
