@@ -62,8 +62,10 @@ def problem(model, rng):
 def strange(kind, rng, family, moments, weight, prior, anchors, x):
     """The same with something that is hard to compute with."""
     size = family.SIZE
-    if kind == "known elements":  # as far as rank 2 goes
-        root = rng.normal(size=(COUNT, 2, size)) * 1e3
+    if kind == "known elements":  # as far as rank 4 goes
+        root = rng.normal(size=(COUNT, 4, size)) * 1e3
+        if family.FORM.q1 >= 0:  # what is known of one element tells nothing of the other
+            root[:, :2, family.FORM.d2 :] = root[:, 2:, : family.FORM.d2] = 0.0
         prior = prior + fit.Prior.around(x, np.swapaxes(root, 1, 2) @ root, prior.flat)
     elif kind == "empty":
         moments = moments * 0.0

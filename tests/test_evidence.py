@@ -148,7 +148,8 @@ class Fitted:
         self.first = self.information(lifted[:1])
 
     def information(self, lifted):
-        return fit.information(self.family, lifted[None], self.weight, self.moments, self.anchors, self.x)
+        squares = (lifted.T @ lifted)[None]
+        return fit.information(self.family, squares, self.weight, self.moments, self.anchors, self.x)
 
     @property
     def pull(self):

@@ -201,15 +201,14 @@ def complete(
 
 
 def information(
-    family: Family, lifted: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
+    family: Family, squares: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
 ) -> Array:
-    """Hessian (B, P, P) that N weighted lifted poses (B, N, C) contribute at x (B, S)."""
+    """Hessian (B, P, P) that lifted poses contribute at x (B, S) beside the window of ``moments``, by the
+    sums (B, C, C) of their ``squares``."""
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
-    slopes = np.swapaxes(along[:, None] @ family.rows_derivative(x), -1, -2)
-    jacobian = lifted[:, None] @ slopes
-    weighted = _per_metre(family, moments, row_weight, x)[..., None, None] * jacobian
-    flat = len(x), family.ROWS * lifted.shape[1], family.PARAMETERS
-    return np.asarray(np.swapaxes(weighted.reshape(flat), -1, -2) @ jacobian.reshape(flat))
+    slopes = along[:, None] @ family.rows_derivative(x)
+    weight = _per_metre(family, moments, row_weight, x)[..., None, None]
+    return np.asarray((weight * (slopes @ squares[:, None]) @ np.swapaxes(slopes, -1, -2)).sum(axis=1))
 
 
 def _normal_equations(

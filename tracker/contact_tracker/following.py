@@ -101,9 +101,8 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
 
 def _weighed(bank: Bank, model: ContactModel, window: Window, scales: Scales, known: Before) -> Bank:
     seen = summed(model, bank.x, bank.onset, window, scales, bank.certain)
-    given = fit.information(
-        model.family, bank.first[:, None], bank.row_weight, bank.moments, known.anchors, bank.x
-    )
+    first = bank.first[:, :, None] * bank.first[:, None]
+    given = fit.information(model.family, first, bank.row_weight, bank.moments, known.anchors, bank.x)
     foretold = _foretold(bank, model, scales, seen)
     price = complexity(model.family, bank.x, known.anchors, bank.hessian, given, foretold, known.prior)
     earned = seen.gain.sum(axis=1) + bank.earned

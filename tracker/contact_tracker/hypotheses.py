@@ -81,10 +81,12 @@ def _advanced(
 ) -> Bank:
     if not len(bank) and not birth.begins.many:
         return bank
-    due = is_due(model, window)
+    due, old = is_due(model, window), len(bank)
     bank = add(bank, model, birth)
     waits = not due and bank.told >= FIRST_TICKS
     far = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)
+    # what assumes met elements begins with them: one tick, which is given, teaches nothing
+    far |= bank.met & (np.arange(len(bank)) >= old)
     bank = follow(grow(bank, model, window, log_stay), model, window, scales, far)
     if due:
         bank = adopted(bank, model, window, scales)

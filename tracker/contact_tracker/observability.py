@@ -73,12 +73,11 @@ def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
 
 def feigned_information(one: Bank, model: ContactModel, anchors: Array, variance: Array) -> Array:
     """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis."""
-    values, vectors = np.linalg.eigh(one.moments[0])
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    sigma = np.sqrt(variance[[1, 1, 1, 0, 0, 0]])[:, None, None]
-    jitter = np.swapaxes(sigma * (_perturbations(model) @ root), 1, 2).reshape(1, -1, len(root))
+    off = _perturbations(model)
+    by_each = off @ one.moments[0] @ np.swapaxes(off, 1, 2)
+    jitter = np.einsum("i,icd->cd", variance[[1, 1, 1, 0, 0, 0]], by_each)
     window = one.row_weight, one.moments, anchors, one.x
-    return np.asarray(fit.information(model.family, jitter, *window)[0])
+    return np.asarray(fit.information(model.family, jitter[None], *window)[0])
 
 
 @cache

@@ -44,13 +44,20 @@ class Poses:
         return cls(np.array(stamp_ns, np.int64), np.array(position_m, float), np.array(quat_xyzw, float))
 
     @classmethod
-    def join(cls, parts: Sequence["Poses"]) -> "Poses":
-        """Poses one after the other, copied."""
-        parts = parts or [cls.collect([])]
+    def join(cls, parts: Sequence["Poses | Pose"]) -> "Poses":
+        """Poses one after the other, copied; single ones may be among them."""
+        columns, single = [NO_POSES], list[Pose]()
+        for part in parts:
+            if isinstance(part, Pose):
+                single.append(part)
+            else:
+                columns += [cls.collect(single), part] if single else [part]
+                single = []
+        columns.append(cls.collect(single))
         return cls(
-            np.concatenate([part.stamp_ns for part in parts]),
-            np.concatenate([part.position_m for part in parts]),
-            np.concatenate([part.quat_xyzw for part in parts]),
+            np.concatenate([part.stamp_ns for part in columns]),
+            np.concatenate([part.position_m for part in columns]),
+            np.concatenate([part.quat_xyzw for part in columns]),
         )
 
     def __len__(self) -> int:

@@ -11,7 +11,7 @@ from contact_tracker.free_motion import NO_EXCESS, Excess, FreeMotion
 from contact_tracker.lift import R, T, mean_lift
 from contact_tracker.model import Model
 from contact_tracker.noise import Heard, NoiseEstimate
-from contact_tracker.poses import NO_POSES, Poses
+from contact_tracker.poses import NO_POSES, Pose, Poses
 from contact_tracker.quaternions import between, rotation_vectors
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class TickState(NamedTuple):
     origin_ns: int
     origin_m: Array
     number: int
-    frames: tuple[Poses, ...]
+    frames: tuple[Poses | Pose, ...]
     last: Tick | None
     noise: NoiseEstimate
     heard: Heard
@@ -56,6 +56,11 @@ def begin(model: Model, poses: Poses) -> TickState:
     estimate = noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     origin_m = poses.position_m[0].copy()
     return TickState(int(poses.stamp_ns[0]), origin_m, 0, (), None, estimate, noise.NOTHING_HEARD, None)
+
+
+def goes_on(state: TickState, pose: Pose, model: Model) -> bool:
+    """Whether a pose that follows closes no tick: it may wait to be taken in with the ``frames``."""
+    return pose.stamp_ns < state.origin_ns + (state.number + 1) * model.tick_ns
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick], Poses]:

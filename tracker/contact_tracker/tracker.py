@@ -77,8 +77,11 @@ def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
 
 def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     """Average poses into ticks; returns the ticks that this pose closes (several after a gap)."""
-    state, closed, _ = gather_some(state, Poses.collect((pose,)))
-    return state, closed
+    averaging = state.averaging
+    if averaging is None or not ticks.goes_on(averaging, pose, state.model):
+        state, closed, _ = gather_some(state, Poses.collect((pose,)))
+        return state, closed
+    return replace(state, averaging=averaging._replace(frames=(*averaging.frames, pose))), []
 
 
 def gather_some(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick], Poses]:

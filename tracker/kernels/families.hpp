@@ -38,6 +38,8 @@ struct Family : Form {
     static constexpr int P = of_1 + of_2;
     static constexpr int last = K - 1;
     static constexpr bool crosses = Form::q2 >= 0;
+    // Whether each element has entries of x of its own: two faces have one height together.
+    static constexpr bool apart = Form::q1 >= 0;
     // Beyond its first `active_in(k)` columns the k-th row is zero: what only turns sees no position.
     static constexpr int active_in(int k) { return k < last ? 9 : crosses ? 18 : C; }
     static constexpr int T = 2 * (Form::d1 >= 0) + 2, L = P - T;

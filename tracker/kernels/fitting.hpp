@@ -80,8 +80,9 @@ double complete(const Moments& window, double* x, Work<F>& work) {
         shift[i] =
             -weight * pair<F, F::last>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
         for (int j = 0; j <= i; ++j) {
+            const int p = F::shifts[i], q = F::shifts[j];
             normal[j][i] = weight * pair<F, F::last>(work.design[j], work.moved[i]) +
-                           dot<F::S>(work.axes[F::shifts[j]], pulled);
+                           prior.held(p, q, work.axes[q], pulled);
         }
         trace += normal[i][i];
     }
@@ -122,7 +123,9 @@ void equations_of_shifts(double* hessian, Work<F>& work) {
     for (int p = 0; p < F::P; ++p) {
         work.prior.times(work.free[p], pulled);
         work.gradient[p] = dot<F::S>(work.free[p], work.pull);
-        for (int q = 0; q <= p; ++q) work.held[p][q] = work.held[q][p] = dot<F::S>(work.free[q], pulled);
+        for (int q = 0; q <= p; ++q) {
+            work.held[p][q] = work.held[q][p] = work.prior.held(p, q, work.free[q], pulled);
+        }
     }
     for (int i = 0; i < F::L; ++i) {
         const int p = F::shifts[i];

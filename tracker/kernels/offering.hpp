@@ -45,7 +45,8 @@ struct Products {
     double factor[N * (N + 1) / 2];
     int place[N * (N + 1) / 2], count = 0;
 
-    explicit Products(const double* v) {
+    void of(const double* v) {
+        count = 0;
         for (int a = 0, i = 0; a < N; ++a) {
             for (int b = a; b < N; ++b, ++i) {
                 factor[count] = (a == b ? 1.0 : 2.0) * v[a] * v[b];
@@ -64,16 +65,23 @@ struct Products {
     }
 };
 
+// A geometry that is offered: products of x (S,), of its rows, and of what their scale hangs on.
+template <class F>
+struct Offer {
+    Products<F::S> prior;
+    Products<F::C> data[F::K], cosine;
+};
+
 // As `fit.every_cost` of one geometry x (S,) in all `blocks`: `out` (N,).
 template <class F>
-void every_cost(const double* x, const std::vector<Block<F>>& blocks, double* out) {
+void every_cost(const double* x, const std::vector<Block<F>>& blocks, Offer<F>& offer, double* out) {
+    auto& [prior, data, cosine] = offer;
     double of_rows[F::K][F::C], squares[abreast], cosines[abreast], direction[F::C] = {};
     rows<F>(x, of_rows);
     std::copy_n(of_rows[F::last] + 9, F::crosses ? 9 : 0, direction);
-    const Products<F::S> prior(x);
-    const Products<F::C> cosine(direction);
-    std::vector<Products<F::C>> data;
-    for (const auto& row : of_rows) data.emplace_back(row);
+    prior.of(x);
+    cosine.of(direction);
+    for (int k = 0; k < F::K; ++k) data[k].of(of_rows[k]);
     for (const Block<F>& block : blocks) {
         double cost[abreast];
         prior.squares(block.precision, squares);
@@ -104,14 +112,16 @@ std::vector<int> givers(const Kind& kind, const Table& table, Prior<F>& prior) {
         giver[b] = b;
         if (table.row(b)[kind.where.rms] > settings.at_the_noise) asking.push_back(b);
     }
+    if (asking.empty()) return giver;
     const int takers = static_cast<int>(asking.size()), blocks = (takers + abreast - 1) / abreast;
     const int width = blocks * abreast;
     std::vector<Block<F>> asked(blocks);
     std::vector<double> cost(static_cast<std::size_t>(table.count) * width);
     for (int t = 0; t < takers; ++t)
         ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast], prior);
+    Offer<F> offer;
     for (int n = 0; n < table.count; ++n)
-        every_cost<F>(table.row(n) + kind.where.x, asked, cost.data() + n * width);
+        every_cost<F>(table.row(n) + kind.where.x, asked, offer, cost.data() + n * width);
     for (int t = 0; t < takers; ++t) {
         const auto of = [&](int n) { return cost[n * width + t]; };
         int best = asking[t];

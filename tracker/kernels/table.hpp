@@ -52,7 +52,8 @@ inline double joint(const Where& where, const double* row) {
 }
 
 // As `fit.Prior` of one hypothesis, and its `anchors`; `mean` is that of the weak prior, zero but for points.
-// Where nothing is known of the elements, the `precision` is diagonal.
+// The `precision` has a block of each element where these are `apart`; where nothing is known of them, it is
+// diagonal.
 template <class F>
 struct Prior {
     double precision[F::S * F::S], information[F::S], constant, anchors[6];
@@ -63,9 +64,20 @@ struct Prior {
     void times(const double* x, double (&out)[F::S]) const {
         if (is_diagonal) {
             for (int s = 0; s < F::S; ++s) out[s] = x[s] * precision[s * F::S + s];
-        } else {
+        } else if constexpr (!F::apart) {
             multiply<F::S, F::S>(x, precision, out);
+        } else {
+            constexpr int rest = F::S - F::d2;
+            multiply<F::d2, F::d2, F::S>(x, precision, out);
+            multiply<rest, rest, F::S>(x + F::d2, precision + F::d2 * (F::S + 1), out + F::d2);
         }
+    }
+
+    // `a @ precision @ b` of directions a and b = `pulled` in which the p-th and the q-th parameter are free.
+    double held(int p, int q, const double* a, const double* pulled) const {
+        if constexpr (!F::apart) return dot<F::S>(a, pulled);
+        if ((p < F::of_1) != (q < F::of_1)) return 0.0;
+        return p < F::of_1 ? dot<F::d2>(a, pulled) : dot<F::S - F::d2>(a + F::d2, pulled + F::d2);
     }
 };
 

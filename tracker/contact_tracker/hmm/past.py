@@ -57,7 +57,7 @@ class Past:
         posterior (n, N) in the first of these futures; spread (n,) between all of them.
         """
         states, columns = len(self._steps[0].source), futures.shape[1]
-        held = _Held(states, columns, self.first)
+        held = _Held(states, columns, self.first, self.first + len(self))
         held.add(living.onset, living.state, futures)
         cover = np.zeros((states, columns))  # probability of each state in the tick at hand
         np.add.at(cover, living.state, futures)
@@ -90,36 +90,36 @@ def _size(step: Step) -> int:
 class _Held:
     """Probability of the beginnings that last through the tick at hand, (N, C) by onset.
 
-    Those before ``first`` are not asked for again.
+    Those before ``first`` or after ``end`` are not asked for.
     """
 
-    def __init__(self, states: int, columns: int, first: int) -> None:
+    def __init__(self, states: int, columns: int, first: int, end: int) -> None:
         self._first = first
         self._table = np.zeros((16, states, columns))
-        self._rows: dict[int, int] = {}
+        self._row = np.full(end - first, -1)
         self._free = list(range(16))
 
     def add(self, onset: NDArray[Any], state: NDArray[Any], probability: Array) -> None:
         """Each beginning at most once."""
         known = onset >= self._first
-        rows = [self._row(a) for a in onset[known].tolist()]
-        self._table[rows, state[known]] += probability[known]
+        since = onset[known] - self._first
+        new = np.unique(since[self._row[since] < 0])
+        if len(new):
+            self._make_room(len(new))
+            self._row[new] = [self._free.pop() for _ in new]
+        self._table[self._row[since], state[known]] += probability[known]
 
     def take(self, onset: int) -> Array:
         """What began then, and is not held before."""
-        row = self._rows.pop(onset, None)
-        if row is None:
+        row = int(self._row[onset - self._first])
+        if row < 0:
             return np.zeros(self._table.shape[1:])
         begun: Array = self._table[row].copy()
         self._table[row] = 0.0
         self._free.append(row)
         return begun
 
-    def _row(self, onset: int) -> int:
-        row = self._rows.get(onset)
-        if row is None:
-            if not self._free:
-                self._free = list(range(len(self._table), 2 * len(self._table)))
-                self._table = np.concatenate([self._table, np.zeros_like(self._table)])
-            row = self._rows[onset] = self._free.pop()
-        return row
+    def _make_room(self, count: int) -> None:
+        while len(self._free) < count:
+            self._free += range(len(self._table), 2 * len(self._table))
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)])

@@ -71,45 +71,43 @@ class Forward:
         ValueError : no path leads to any of them.
         """
         source = self._begin(log_transition)
-        states = len(self._initial)
+        states, onsets = len(self._initial), len(self._onset)
         row = np.searchsorted(self._onset, onset)
-        entry = self._entry[row, :, state]
-        score = entry[:, :2] + log_likelihood[:, None]
-        table = np.full((states, len(state), 2), -np.inf)
-        table[state, np.arange(len(state))] = score
-        top, top_best = table.max(axis=1).T
-        norm = top.max()  # weights matter up to a factor; without it they would outgrow their digits
+        group = row * states + state
+        score = self._entry[row, :2, state] + log_likelihood[:, None]
+        top = np.full((onsets, states, 2), -np.inf)
+        np.maximum.at(top.reshape(-1, 2), group, score)
+        top_sum, top_best = top.max(axis=0).T
+        norm = top_sum.max()  # weights matter up to a factor; without it they would outgrow their digits
         if not np.isfinite(norm):
             raise ValueError("no path covers all ticks")
-        safe = np.where(np.isfinite(top), top, 0.0)
+        safe = np.where(np.isfinite(top_sum), top_sum, 0.0)
         weight = np.exp(score[:, 0] - safe[state])
-        group = row * states + state
-        grouped = np.bincount(group, weight, self._entry.shape[0] * states)
-        of_state = grouped.reshape(-1, states).sum(axis=0)
-        alive = np.flatnonzero(grouped)
+        grouped = np.bincount(group, weight, onsets * states)
+        of_state = grouped.reshape(onsets, states).sum(axis=0)
+        alive = grouped.nonzero()[0]
         since, column = np.divmod(alive, states)
-        best = np.full(len(grouped), -np.inf)
-        np.maximum.at(best, group, score[:, 1])
+        beginning, origin = self._onset[since], self._entry[since, 2, column]
         self.living = Living(
-            self._onset[since],
+            beginning,
             column,
             np.log(grouped[alive]) + safe[column] - norm,
-            best[alive] - norm,
-            self._entry[since, 2, column].astype(np.int64),
+            top[since, column, 1] - norm,
+            origin.astype(np.int64),
         )
         probability = grouped[alive] / of_state[column]
         kept = probability > NEGLIGIBLE
-        winner = table[:, :, 1].argmax(axis=1)
-        origin = np.where(np.isfinite(top_best), [onset[winner], entry[winner, 2]], -1)
+        winner, every = top[:, :, 1].argmax(axis=0), np.arange(states)
+        best = np.where(np.isfinite(top_best), [self._onset[winner], self._entry[winner, 2, every]], -1)
         with np.errstate(divide="ignore"):
             self._left = np.stack([safe + np.log(of_state), top_best]) - norm
-        self._forget(np.bincount(row, minlength=len(self._onset)) > 0, norm)
+        self._forget(np.bincount(row, minlength=onsets) > 0, norm)
         return Step(
             source,
-            self.living.onset[kept].astype(np.int32),
+            beginning[kept].astype(np.int32),
             column[kept].astype(np.int8),
             probability[kept],
-            origin.astype(np.int32),
+            best.astype(np.int32),
         )
 
     def _begin(self, log_transition: Array) -> Array:
