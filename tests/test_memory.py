@@ -77,18 +77,18 @@ def test_a_vertex_may_be_anywhere_on_the_edge_that_turned():
 CORNER = ContactGeometry(Point(np.array([0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TABLE)
 
 
-def test_only_what_is_next_to_the_last_contact_is_offered_beside_what_was_met():
+def test_elements_go_together_that_may_touch_each_other_again():
     memory = Memory()
-    for onset_ns in range(3):
-        memory = memory.learn(ON_THE_TABLE, 2 * onset_ns, 100, ORIGIN).learn(
-            CORNER, 2 * onset_ns + 1, 100, ORIGIN
-        )
-    points = 1 + KEPT + 1  # none, those met, an end of the edge
-    assert offers(memory, Contact.VF).many == points * (1 + KEPT)
-    # an edge through the corner stands on the face of the last contact, or an edge of that meets it
-    assert offers(memory, Contact.EF).many == (1 + KEPT) * (1 + KEPT) + 1
+    for onset_ns in range(0, 6, 2):  # edges met at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
+        memory = memory.learn(ON_THE_TABLE, onset_ns, 100, ORIGIN)
+        memory = memory.learn(CORNER, onset_ns + 1, 100, ORIGIN)
+    # nothing; 5 and 5 with an unknown one; 3-5, 5-4, 5-5; an end of the edge of 4 with both tables
+    assert offers(memory, Contact.VF).many == 1 + 2 + 3 + 2
+    # nothing; 4 and 5 with an unknown one; 2-5, 4-4, 4-5; an edge through the corner of 5 on its table
+    assert offers(memory, Contact.EF).many == 1 + 2 + 3 + 1
+    # nothing; 4 with an unknown one; an edge through the corner of 5 and one in its table
     edges = offers(memory, Contact.EE)
-    assert edges.many == 1 + KEPT + 1
+    assert edges.many == 3
     through = ~np.isnan(edges.pivot).all(axis=1) & ~edges.known_mean[:, [0, 1, 2, 6, 7, 8]].any(axis=1)
     (pivot,) = edges.pivot[through]
     np.testing.assert_array_equal(pivot[~np.isnan(pivot)], [0.1, 0.2, 0.3])

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -70,20 +70,17 @@ class Memory:
         return stamp_ns - onset_ns >= LONGER * (max(looked_ns) - onset_ns) if looked_ns else True
 
     def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
-        """Pairs of elements met before, or of one and an unknown one; of elements next to those of the last
-        contact only such as go with each other or with those."""
+        """Pairs of elements met before, or of one and an unknown one, as far as they ``_go_together``."""
         ours, theirs = model.contact.value[0], model.contact.value[2]
         last_ns = max((met.onset_ns for met in (*self.object, *self.environment)), default=0)
-        pairs = [
-            (o, e, int(o_last and o is not None) + int(e_last and e is not None))
-            for (o, o_last, o_met), (e, e_last, e_met) in product(
-                _offered(self.object, ours, last_ns), _offered(self.environment, theirs, last_ns)
-            )
-            if (o or e) and ((o_met and e_met) or (o_last and e_last))
-        ]
-        log_weight = np.log(LAST) * np.array([many for _, _, many in pairs])
+        offers = product(_offered(self.object, ours, last_ns), _offered(self.environment, theirs, last_ns))
+        pairs = [pair for pair in offers if _go_together(*pair)]
+        many = [sum(offer.is_last and offer.known is not None for offer in pair) for pair in pairs]
+        log_weight = np.log(LAST) * np.array(many)
         log_share = log_weight - np.logaddexp.reduce(log_weight)
-        return tuple(Assumption(o, e, float(s)) for (o, e, _), s in zip(pairs, log_share, strict=True))
+        return tuple(
+            Assumption(o.known, e.known, float(s)) for (o, e), s in zip(pairs, log_share, strict=True)
+        )
 
 
 NOTHING_MET: Final = Memory()
@@ -101,20 +98,50 @@ def _kept(
     return (*(old for old in others if old.onset_ns not in forgotten), new)
 
 
-def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[tuple[Known | None, bool, bool]]:
-    """What an element of a kind may be, whether it is of the contact of ``last_ns``, and whether it was met.
+class _Offer(NamedTuple):
+    """What an element of a contact may be: ``known``, or None for an unknown one.
 
-    None is an unknown one; of the last contact, too, where the user knows what touched. An end of the edge
-    met last counts as met; what else is next to the last contact does not: an edge through that vertex ...
+    Whether it is of the last contact, whether it was met itself, the onset of the contact it is from, and
+    whether none of its kind was met later.
     """
-    yield None, all(beside.onset_ns != last_ns for beside in met), True
+
+    known: Known | None
+    is_last: bool
+    was_met: bool
+    onset_ns: int = 0
+    is_latest: bool = True
+
+
+def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[_Offer]:
+    """What an element of a kind may be, where the last contact is that of ``last_ns``.
+
+    An unknown one is of the last contact, too, where the user knows what touched. An end of the edge met last
+    counts as met; what else is next to the last contact does not: an edge through that vertex ...
+    """
+    yield _Offer(None, all(beside.onset_ns != last_ns for beside in met), True)
     edges = [beside for beside in met if beside.known.kind == "e"][-1:] if kind == "v" else []
+    latest_ns = max((beside.onset_ns for beside in met if beside.known.kind == kind), default=last_ns)
     for beside in met:
-        last = beside.onset_ns == last_ns
+        is_last = beside.onset_ns == last_ns
+        when = beside.onset_ns, beside.onset_ns == latest_ns
         if beside.known.kind == kind:
-            yield beside.known, last, True
-        elif last or beside in edges:
-            yield _next_to(beside, kind), last, beside in edges
+            yield _Offer(beside.known, is_last, True, *when)
+        elif is_last or beside in edges:
+            yield _Offer(_next_to(beside, kind), is_last, beside in edges, *when)
+
+
+def _go_together(ours: _Offer, theirs: _Offer) -> bool:
+    """Whether a contact may be of two elements, of which one at least is known.
+
+    What is next to the last contact goes with what was met, or with what is next to it as well. An unknown
+    element goes with the latest of a kind. Two that were met go together where they did before, or where one
+    of them touched last.
+    """
+    if not ((ours.was_met and theirs.was_met) or (ours.is_last and theirs.is_last)):
+        return False
+    if ours.known is None or theirs.known is None:
+        return ours.known is not theirs.known and ours.is_latest and theirs.is_latest
+    return ours.is_last or theirs.is_last or ours.onset_ns == theirs.onset_ns
 
 
 @lru_cache(maxsize=64)  # the same object for all contacts
