@@ -15,6 +15,7 @@ from scipy.linalg import eigh
 from contact_tracker import fit, lift
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.base import cross
 from contact_tracker.evidence import Scales
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, Unobserved
 from contact_tracker.table import Bank
@@ -46,12 +47,14 @@ def observed_geometry(
     tangent = model.family.tangent(one.x, anchors)[0]
     prior = tangent.T @ (before.precision[0] + np.diag(before.flat)) @ tangent
     known = prior + feigned_information(one, model, anchors, variance)
-    told, ways = eigh(one.hessian[0].sum(axis=0), known)
+    told, ways = eigh(one.hessian[0].sum(axis=0), known, check_finite=False)
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
-    left = ways[:, told < SHOWN]
-    could = tangent @ left @ np.linalg.inv(left.T @ prior @ left) @ left.T @ tangent.T
     x = one.x[0].copy()  # it is given away
     found = model.geometry(x, covariance, scales.reach_m)
+    left = ways[:, told < SHOWN]
+    if not left.size:
+        return found
+    could = tangent @ left @ np.linalg.inv(left.T @ prior @ left) @ left.T @ tangent.T
     free = model.geometry(x, could, 0.0)
     return ContactGeometry(
         replace(found.object, unobserved=_ways(free.object, scales.reach_m)),
@@ -105,7 +108,9 @@ def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Arra
     """Turns of a unit vector, and the covariance of the rest of the element where it has not turned."""
     turned, rest = covariance[:3, :3], covariance[3:, 3:]
     wide = _wide(turned, OPEN)
-    turns = tuple(Unobserved("turns_about", _signed(np.cross(axis, to))) for to in wide.T)
+    if not wide.size:
+        return (), rest
+    turns = tuple(Unobserved("turns_about", _signed(cross(axis, to))) for to in wide.T)
     with_turn = covariance[3:, :3] @ wide
     explained = with_turn @ np.linalg.inv(wide.T @ turned @ wide) @ with_turn.T
     return turns, rest - explained
@@ -118,6 +123,8 @@ def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
 
 def _wide(covariance: Array, sd: float) -> Array:
     """Orthonormal directions (3, n) in which ``covariance`` is wider than ``sd``, the widest first."""
+    if covariance.trace() <= sd**2:  # as mostly
+        return np.zeros((3, 0))
     variance, axes = np.linalg.eigh(covariance)
     return np.asarray(axes[:, variance > sd**2][:, ::-1])
 

@@ -21,8 +21,7 @@ def geometry_of(
 
     ``window`` gives the noise of the ticks, ``origin_m`` is the world's origin in which the bank works.
     """
-    variance = np.median(window.variance, axis=0)
-    found = observed_geometry(bank, row, model, scales, variance)
+    found = observed_geometry(bank, row, model, scales, window.usual_variance)
     body_m = bank.place_sum[row] / bank.weight[row]
     environment = shifted(by_foot(found.environment, body_m), origin_m)
     return ContactGeometry(by_foot(found.object, np.zeros(3)), environment)

@@ -127,16 +127,10 @@ def used_directions(window: Window) -> int:
     twist = np.concatenate([shifted, turned], axis=1)
     weight = window.activity[last] + TINY
     power = (twist * weight[:, None]).T @ twist / weight.sum()
-    position, rotation = 2.0 * _median(window.variance)
+    position, rotation = 2.0 * window.usual_variance
     lever_sq = (middle * middle).sum(axis=1).mean() * 2.0 / 3.0
     sigma = np.sqrt(np.array([position + rotation * lever_sq] * 3 + [rotation] * 3))
     return int((np.linalg.eigvalsh(power / (sigma[:, None] * sigma)) > USED).sum())
-
-
-def _median(rows: Array) -> Array:
-    """Of each column; ``np.median`` takes several times as long for few of them."""
-    middle = np.array([(len(rows) - 1) // 2, len(rows) // 2])
-    return np.asarray(np.sort(rows, axis=0)[middle].mean(axis=0))
 
 
 def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Rivals:
