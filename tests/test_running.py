@@ -96,7 +96,8 @@ def test_pieces_of_a_recording_are_the_whole_and_are_told_soon(blur):
 
 @many
 @given(seed=seeds)
-def test_no_future_changes_more_than_the_spread_says(seed):
+@pytest.mark.parametrize("checked", [1, 16])
+def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
     """Cut anywhere; then the most one-sided futures there are: one beginning goes on, all else is over."""
     case = Case(seed, sizes=((3, 6), (4, 5)), death=0.1, absent=0.0, forbidden=0.0)
     trellis, (initial, change) = case.trellis, case.model
@@ -107,8 +108,6 @@ def test_no_future_changes_more_than_the_spread_says(seed):
         past.append(
             forward.advance(trellis.state[alive], trellis.onset[alive], trellis.log_likelihood[b], change[b])
         )
-    probability, _ = past.look_back(forward.living, TOLERANCE)
-    _, spread = past.follow(forward.living, np.eye(len(forward.living.onset)))
     seen = []
     for h in trellis.alive[cut - 1]:
         likelihood = trellis.log_likelihood[cut - 1][trellis.alive[cut - 1] == h]
@@ -117,8 +116,12 @@ def test_no_future_changes_more_than_the_spread_says(seed):
             log_likelihood=[*trellis.log_likelihood[: cut - 1], likelihood],
         )
         seen.append(hmm.smooth(alone, initial, change[:cut])[0])
-        assert np.all(np.abs(seen[-1] - probability).max(axis=1) <= spread + 1e-9)
-    np.testing.assert_allclose(np.ptp(seen, axis=0).max(axis=1), spread, atol=1e-9)  # and it is no larger
+    spread = np.ptp(seen, axis=0).max(axis=1)
+    for tolerance in (TOLERANCE, *(spread + 1e-9), *np.maximum(spread - 1e-9, 0.0)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("contact_tracker.hmm.past._CHECKED", checked)
+            certain = past.certain(forward.living, float(tolerance))
+        assert certain == int(np.argmax(np.append(spread, np.inf) > tolerance + 1e-12))
 
 
 # --- hours -------------------------------------------------------------------------------------------------

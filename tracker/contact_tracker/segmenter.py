@@ -169,7 +169,7 @@ class Segmenter:
             return Segmentation()
         living = self._forward.living
         if len(self._past):
-            self._smoothed(self._past.follow(living, living.probability[:, None])[0])
+            self._smoothed(self._past.posterior(living))
         self._decided(self._survivors.finish(living))
         self._begin(final=True)
         return self._tell(len(self._jobs))

@@ -1,15 +1,18 @@
 """Smoothing of what is past as soon as the future cannot change it any more."""
 
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.hmm.running import Living, Step
-from contact_tracker.hmm.sums import Array, Index
+from contact_tracker.hmm.sums import Array
 
 _STEP_BYTES: Final = 1300
 _WAY_BYTES: Final = 13
+_CHECKED: Final = 16
+"""In every so many ticks it is looked whether futures still differ at all."""
 
 
 class Past:
@@ -41,46 +44,48 @@ class Past:
     def look_back(self, living: Living, tolerance: float) -> tuple[Array, int]:
         """Posterior (n, N) of the open ticks given the data so far; and how many of them, the oldest ones, no
         future can change by more than ``tolerance``."""
-        today = living.probability[:, None]
-        futures = np.eye(len(today))
-        posterior, spread = self.follow(living, np.hstack([today, futures[:, _outermost(living)]]))
-        if spread[0] <= tolerance:  # then it is worth while to look at all of them
-            _, spread = self.follow(living, futures)
-        return posterior, int(np.argmax(np.append(spread, np.inf) > tolerance))
+        return self.posterior(living), self.certain(living, tolerance)
 
-    def follow(self, living: Living, futures: Array) -> tuple[Array, Array]:
+    def posterior(self, living: Living) -> Array:
+        """That of the open ticks (n, N), given the data so far."""
+        posterior = np.zeros((len(self), len(self._steps[0].source)))
+        for row, cover, _ in self._followed(living, living.probability[:, None]):
+            posterior[row] = cover[:, 0]
+        return np.asarray(posterior / posterior.sum(axis=1, keepdims=True))
+
+    def certain(self, living: Living, tolerance: float) -> int:
+        """How many of the open ticks, the oldest ones, no future can change by more than ``tolerance``."""
+        certain = len(self)
+        for row, cover, held in self._followed(living, np.eye(len(living.onset))):
+            spread = np.max(cover.max(axis=1) - cover.min(axis=1))
+            if spread > tolerance:
+                certain = row
+            elif row % _CHECKED == 0 and spread + 2.0 * held.apart <= tolerance:
+                break  # of what futures have in common here they have all that was before in common
+        return certain
+
+    def _followed(self, living: Living, futures: Array) -> Iterator[tuple[int, Array, "_Held"]]:
         """Follow what is alive back through the open ticks, for C ``futures`` at once: given each, the
         probability (L, C) of what is alive now.
 
-        Returns
-        -------
-        posterior (n, N) in the first of these futures; spread (n,) between all of them.
+        From the newest tick on, of each its row, the probability (N, C) of the states in it, and of the
+        beginnings that last through it.
         """
         states, columns = len(self._steps[0].source), futures.shape[1]
         held = _Held(states, columns, self.first, self.first + len(self))
         held.add(living.onset, living.state, futures)
-        cover = np.zeros((states, columns))  # probability of each state in the tick at hand
+        cover = np.zeros((states, columns))
         np.add.at(cover, living.state, futures)
-        left = np.zeros((states, columns))  # that it is left at the tick's end
-        posterior, spread = np.zeros((len(self), states)), np.zeros(len(self))
+        left = np.zeros((states, columns))  # probability that a state is left at the tick's end
         for row in range(len(self) - 1, -1, -1):
             step = self._steps[row]
             if left.any():
                 cover += left
                 held.add(step.onset, step.state, step.probability[:, None] * left[step.state])
-            posterior[row] = cover[:, 0]
-            spread[row] = np.ptp(cover, axis=1).max()
+            yield row, cover, held
             begun = held.take(self.first + row)
             cover = np.maximum(cover - begun, 0.0)
             left = step.source @ begun
-        return posterior / posterior.sum(axis=1, keepdims=True), spread
-
-
-def _outermost(living: Living) -> Index:
-    """The oldest and the youngest of each state: futures that are likely to differ the most."""
-    order = np.lexsort((living.onset, living.state))
-    ends = np.flatnonzero(np.diff(living.state[order]))
-    return np.concatenate([order[[0, -1]], order[ends], order[ends + 1]])
 
 
 def _size(step: Step) -> int:
@@ -101,13 +106,15 @@ class _Held:
 
     def add(self, onset: NDArray[Any], state: NDArray[Any], probability: Array) -> None:
         """Each beginning at most once."""
-        known = onset >= self._first
-        since = onset[known] - self._first
-        new = np.unique(since[self._row[since] < 0])
-        if len(new):
+        old = int(onset.searchsorted(self._first))  # they are in order
+        since = onset[old:] - self._first
+        rows = self._row[since]
+        if rows.min(initial=0) < 0:
+            new = np.unique(since[rows < 0])
             self._make_room(len(new))
             self._row[new] = [self._free.pop() for _ in new]
-        self._table[self._row[since], state[known]] += probability[known]
+            rows = self._row[since]
+        self._table[rows, state[old:]] += probability[old:]
 
     def take(self, onset: int) -> Array:
         """What began then, and is not held before."""
@@ -118,6 +125,11 @@ class _Held:
         self._table[row] = 0.0
         self._free.append(row)
         return begun
+
+    @property
+    def apart(self) -> float:
+        """How far the columns differ, over all that is held."""
+        return float((self._table.max(axis=2) - self._table.min(axis=2)).sum())
 
     def _make_room(self, count: int) -> None:
         while len(self._free) < count:

@@ -17,9 +17,9 @@ NEGLIGIBLE: Final = 1e-14
 
 
 class Living(NamedTuple):
-    """Beginnings (C,) that are alive at a boundary: ``onset`` and ``state`` of each, the ``log_weight`` of
-    all paths that end there and the log weight ``best`` of the best one with the state ``origin`` that it
-    came from, -1 at the start."""
+    """Beginnings (C,) that are alive at a boundary, in order of onset: ``onset`` and ``state`` of each, the
+    ``log_weight`` of all paths that end there and the log weight ``best`` of the best one with the state
+    ``origin`` that it came from, -1 at the start."""
 
     onset: Index
     state: Index
@@ -39,8 +39,8 @@ class Step(NamedTuple):
 
     ``source`` (N, N): probability that what begins with the tick in state j was state i before; zero before
     the first. Of what is left in ``state`` (E,) at the tick's end, ``probability`` (E,) that it began at
-    ``onset`` (E,). ``best`` (2, N): on the best path to each state, when that began and the state before it;
-    -1 where there is none.
+    ``onset`` (E,), which are in order. ``best`` (2, N): on the best path to each state, when that began and
+    the state before it; -1 where there is none.
     """
 
     source: Array
