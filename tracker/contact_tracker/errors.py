@@ -56,10 +56,10 @@ class AmbiguousSource(UsageError):
 
 
 class ModelError(UsageError):
-    """A model parameter is missing, unknown, of the wrong type or out of range."""
+    """A model parameter is missing, unknown, of the wrong type or out of range; with no key, the model is."""
 
     def __init__(self, key: str, reason: str) -> None:
-        super().__init__(f"model parameter {key}: {reason}")
+        super().__init__(f"model parameter {key}: {reason}" if key else f"model: {reason}")
         self.key = key
         self.reason = reason
 

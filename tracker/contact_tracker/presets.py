@@ -33,13 +33,13 @@ def load_model(name_or_path: str = "default") -> Model:
 
     Raises
     ------
-    ModelError : names the key and the reason.
+    ModelError : names the key, if it is one, and the reason.
     """
     text = _read(name_or_path)
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
-        raise ModelError("--model", f"{name_or_path} is not TOML: {error}") from error
+        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
     model: Model = _build(Model, table, "")
     if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
         raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
@@ -74,10 +74,10 @@ def _read(name_or_path: str) -> str:
     try:
         text: str = source.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ModelError("--model", f"{name_or_path} is not TOML: {error}") from error
+        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
     except (OSError, ValueError) as error:
         reason = f"{name_or_path!r} is neither one of {', '.join(presets)} nor a file that can be read"
-        raise ModelError("--model", f"{reason}: {getattr(error, 'strerror', None) or error}") from error
+        raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}") from error
     return text
 
 
