@@ -1,5 +1,7 @@
 """Evidence against free motion: the ratio of two normal densities, nothing at rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -216,3 +218,11 @@ def test_windows_are_cut_and_joined():
     for name, value in vars(seen).items():
         np.testing.assert_array_equal(vars(both)[name], value)
     assert len(seen.cut(-1, None)) == 1
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3, 6, 7])
+def test_the_usual_variance_is_the_median(ticks):
+    rng = np.random.default_rng(ticks)
+    seen, _ = window(rng, CONTACT_MODELS[0])
+    some = replace(seen.cut(0, ticks), variance=rng.uniform(size=(ticks, 2)))
+    np.testing.assert_array_equal(some.usual_variance, np.median(some.variance, axis=0))

@@ -87,6 +87,8 @@ def test_of_one_element_only_its_own_part_is_given(model):
         assert np.linalg.matrix_rank(one.information) == FREEDOM[object_kind]
         assert np.linalg.matrix_rank(other.information) == FREEDOM[environment_kind]
         np.testing.assert_allclose(one.mean + other.mean, both.mean)
+        second = model.family.FORM.d2
+        assert not both.information[:second, second:].any()  # kernels rely on that
         np.testing.assert_allclose(one.information + other.information, both.information, atol=1e-6)
     nothing = prior(model, object=False, environment=False)[0]
     assert not nothing.mean.any()

@@ -82,10 +82,10 @@ def test_elements_go_together_that_may_touch_each_other_again():
     for onset_ns in range(0, 6, 2):  # edges met at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
         memory = memory.learn(ON_THE_TABLE, onset_ns, 100, ORIGIN)
         memory = memory.learn(CORNER, onset_ns + 1, 100, ORIGIN)
-    # nothing; 5 and 5 with an unknown one; 3-5, 5-4, 5-5; an end of the edge of 4 with both tables
-    assert offers(memory, Contact.VF).many == 1 + 2 + 3 + 2
-    # nothing; 4 and 5 with an unknown one; 2-5, 4-4, 4-5; an edge through the corner of 5 on its table
-    assert offers(memory, Contact.EF).many == 1 + 2 + 3 + 1
+    # nothing; 5 and both tables with an unknown one; 3-5, 5-4, 5-5; an end of the edge with both tables
+    assert offers(memory, Contact.VF).many == 1 + 3 + 3 + 2
+    # nothing; 4 and both tables with an unknown one; 2-5, 4-4, 4-5; an edge through the corner on its table
+    assert offers(memory, Contact.EF).many == 1 + 3 + 3 + 1
     # nothing; 4 with an unknown one; an edge through the corner of 5 and one in its table
     edges = offers(memory, Contact.EE)
     assert edges.many == 3
@@ -102,6 +102,36 @@ def test_elements_of_the_last_contact_are_likelier_than_others():
     share = np.exp(begins.log_share[begins.source > 0])
     assert share.sum() == pytest.approx(0.5)
     assert share.max() / share.min() == pytest.approx(LAST**2)
+
+
+SECOND = ContactGeometry(Point(np.array([-0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TABLE)
+
+
+@pytest.mark.parametrize(
+    ("before", "contact", "many"),
+    [
+        ((CORNER, SECOND), Contact.VF, 2),  # both corners
+        ((ON_THE_TABLE, CORNER), Contact.EF, 2),  # the edge, and one through the corner
+        ((CORNER, ON_THE_TABLE), Contact.VF, 2),  # the corner, and an end of the edge
+    ],
+)
+def test_all_that_was_met_is_offered_beside_a_table_that_the_user_knows(before, contact, many):
+    knowledge, memory = Knowledge(environment=(Known("table", TABLE),)), Memory()
+    for onset_ns, geometry in enumerate(before):
+        told = replace(geometry, environment=replace(TABLE, name="table"))
+        memory = memory.learn(told, onset_ns, 100, ORIGIN)
+    model = CONTACT_MODELS[contact.column]
+    begins = beginnings(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
+    on_table = begins.known[:, model.family.FORM.d2 :, model.family.FORM.d2 :].any(axis=(1, 2))
+    assert (begins.met & on_table).sum() == many
+
+
+def test_a_desk_is_offered_to_what_has_not_touched_it_after_a_wall_was_met():
+    wall = Plane(np.array([1.0, 0.0, 0.0]), -0.3, 1e-8 * np.eye(4))
+    memory = Memory().learn(CORNER, 1, 100, ORIGIN).learn(replace(SECOND, environment=wall), 2, 100, ORIGIN)
+    begins = offers(memory, Contact.VF)
+    new = ~begins.known[:, :3].any(axis=(1, 2))
+    np.testing.assert_allclose(begins.known_mean[new & begins.met][:, 3:6], [TABLE.normal, wall.normal])
 
 
 def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():

@@ -124,6 +124,28 @@ def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
         assert certain == int(np.argmax(np.append(spread, np.inf) > tolerance + 1e-12))
 
 
+def test_futures_may_agree_on_now_and_not_on_before():
+    """State 0 began with tick 20 after state 1, or with tick 40 after state 2: later ticks are the same."""
+    never = np.full((3, 3), -np.inf)
+    into_0 = {
+        tick: np.where(np.eye(3)[:, [before]] * np.eye(3)[0], 0.0, -np.inf)
+        for tick, before in ((20, 1), (40, 2))
+    }
+    forward, past = hmm.Forward(np.log(np.full(3, 1 / 3))), hmm.Past()
+    for tick in range(64):
+        alive = (
+            [(1, 0)] * (tick < 20)
+            + [(2, 0)] * (tick < 40)
+            + [(0, 20)] * (tick >= 20)
+            + [(0, 40)] * (tick >= 40)
+        )
+        state, onset = np.array(alive).T
+        past.append(forward.advance(state, onset, np.zeros(len(alive)), into_0.get(tick, never)))
+    posterior, certain = past.look_back(forward.living, TOLERANCE)
+    assert certain == 0
+    np.testing.assert_allclose(posterior[[10, 30, 50]], [[0, 0.5, 0.5], [0.5, 0, 0.5], [1, 0, 0]], atol=1e-12)
+
+
 # --- hours -------------------------------------------------------------------------------------------------
 
 

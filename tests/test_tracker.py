@@ -273,6 +273,28 @@ def in_parts(poses, cuts, lag_s=0.0):
     return [belief for belief in said if belief is not None]
 
 
+def test_poses_may_come_one_by_one_and_many_at_once():
+    poses = recorded(FACE_TO_EDGE).poses[:200]
+    state, found = tracker.start(MODEL), []
+    for first, end in pairwise([0, 1, 30, 33, 60, 61, 62, 200]):
+        if end - first < 5:
+            for pose in poses[first:end]:
+                state, closed = tracker.gather(state, pose)
+                found += closed
+            continue
+        left = poses[first:end]
+        while len(left):
+            state, closed, left = tracker.gather_some(state, left)
+            found += closed
+    whole, left = [], poses
+    state = tracker.start(MODEL)
+    while len(left):
+        state, closed, left = tracker.gather_some(state, left)
+        whole += closed
+    assert [tick.count for tick in found] == [tick.count for tick in whole]
+    np.testing.assert_array_equal([tick.zeta for tick in found], [tick.zeta for tick in whole])
+
+
 def paused(at, pause_s):
     poses = recorded(FACE_TO_EDGE).poses[:300]
     return replace(poses, stamp_ns=poses.stamp_ns + (np.arange(300) >= at) * round(pause_s * 1e9))

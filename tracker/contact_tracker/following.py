@@ -71,11 +71,13 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def follow(bank: Bank, model: ContactModel, window: Window, scales: Scales, far: Bools | None = None) -> Bank:
-    """``learn`` as far as is due in every tick, of what is ``far`` behind (H,) nothing."""
+def follow(
+    bank: Bank, model: ContactModel, window: Window, scales: Scales, idle: Bools | None = None
+) -> Bank:
+    """``learn`` as far as is due in every tick, what is ``idle`` (H,) nothing."""
     steps = REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.told < FIRST_TICKS)
-    if far is not None:
-        steps[far] = NOT_AT_ALL
+    if idle is not None:
+        steps[idle] = NOT_AT_ALL
     return learn(bank, model, window, scales, steps)
 
 

@@ -84,10 +84,10 @@ def _advanced(
     due, old = is_due(model, window), len(bank)
     bank = add(bank, model, birth)
     waits = not due and bank.told >= FIRST_TICKS
-    far = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)
-    # what assumes met elements begins with them: one tick, which is given, teaches nothing
-    far |= bank.met & (np.arange(len(bank)) >= old)
-    bank = follow(grow(bank, model, window, log_stay), model, window, scales, far)
+    idle = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)
+    # what assumes met elements begins with them: one tick, which is given, changes no weight
+    idle |= bank.met & (np.arange(len(bank)) >= old)
+    bank = follow(grow(bank, model, window, log_stay), model, window, scales, idle)
     if due:
         bank = adopted(bank, model, window, scales)
         if window.activity[-1] > AT_REST:

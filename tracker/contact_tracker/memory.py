@@ -123,7 +123,7 @@ def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[_Offer]:
     latest_ns = max((beside.onset_ns for beside in met if beside.known.kind == kind), default=last_ns)
     for beside in met:
         is_last = beside.onset_ns == last_ns
-        when = beside.onset_ns, beside.onset_ns == latest_ns
+        when = beside.onset_ns, beside.onset_ns >= latest_ns
         if beside.known.kind == kind:
             yield _Offer(beside.known, is_last, True, *when)
         elif is_last or beside in edges:
@@ -133,14 +133,16 @@ def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[_Offer]:
 def _go_together(ours: _Offer, theirs: _Offer) -> bool:
     """Whether a contact may be of two elements, of which one at least is known.
 
-    What is next to the last contact goes with what was met, or with what is next to it as well. An unknown
-    element goes with the latest of a kind. Two that were met go together where they did before, or where one
-    of them touched last.
+    What is next to the last contact goes with what is of that as well. What is new of the object may touch
+    all that was met; what is new of the surroundings, the latest of a kind. Two that were met go together if
+    that was in one contact, or if one of them is of the last.
     """
     if not ((ours.was_met and theirs.was_met) or (ours.is_last and theirs.is_last)):
         return False
-    if ours.known is None or theirs.known is None:
-        return ours.known is not theirs.known and ours.is_latest and theirs.is_latest
+    if ours.known is None:
+        return theirs.known is not None
+    if theirs.known is None:
+        return ours.is_latest or theirs.is_last
     return ours.is_last or theirs.is_last or ours.onset_ns == theirs.onset_ns
 
 

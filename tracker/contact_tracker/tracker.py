@@ -76,7 +76,10 @@ def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
 
 
 def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
-    """Average poses into ticks; returns the ticks that this pose closes (several after a gap)."""
+    """Average poses into ticks; returns the ticks that this pose closes (several after a gap).
+
+    The pose is kept as it is until its tick is over.
+    """
     averaging = state.averaging
     if averaging is None or not ticks.goes_on(averaging, pose, state.model):
         state, closed, _ = gather_some(state, Poses.collect((pose,)))

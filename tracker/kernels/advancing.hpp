@@ -103,7 +103,7 @@ void advance(const Kind& kind, const Table& old, const Birth& birth, const Table
         const bool begins = b >= old.count;
         const bool waits = !directions && row[kind.where.told] >= settings.first_ticks;
         const bool far = joint(kind.where, row) < -(waits ? std::min(margin, settings.far_nats) : margin);
-        // what assumes met elements begins with them: one tick, which is given, teaches nothing
+        // what assumes met elements begins with them: one tick, which is given, changes no weight
         const bool learns = !far && !(begins && whole(row, kind.where.met) != 0);
         grow<F>(kind, row, ticks, heard, log_stay);
         if (learns) learn<F>(kind, row, ticks, steps_of(kind, row), weights, work);

@@ -55,14 +55,21 @@ class Past:
 
     def certain(self, living: Living, tolerance: float) -> int:
         """How many of the open ticks, the oldest ones, no future can change by more than ``tolerance``."""
-        certain = len(self)
-        for row, cover, held in self._followed(living, np.eye(len(living.onset))):
+        futures = np.eye(len(living.onset))
+        if not self._common(living, futures[:, [0, -1]], tolerance):
+            return 0  # as at rest; all others would take long
+        return self._common(living, futures, tolerance)
+
+    def _common(self, living: Living, futures: Array, tolerance: float) -> int:
+        """How many of the oldest ticks ``futures`` have in common, up to the ``tolerance``."""
+        common = len(self)
+        for row, cover, held in self._followed(living, futures):
             spread = np.max(cover.max(axis=1) - cover.min(axis=1))
             if spread > tolerance:
-                certain = row
+                common = row
             elif row % _CHECKED == 0 and spread + 2.0 * held.apart <= tolerance:
-                break  # of what futures have in common here they have all that was before in common
-        return certain
+                break  # what is older than all that is held stays in its state
+        return common
 
     def _followed(self, living: Living, futures: Array) -> Iterator[tuple[int, Array, "_Held"]]:
         """Follow what is alive back through the open ticks, for C ``futures`` at once: given each, the
@@ -95,7 +102,7 @@ def _size(step: Step) -> int:
 class _Held:
     """Probability of the beginnings that last through the tick at hand, (N, C) by onset.
 
-    Those before ``first`` or after ``end`` are not asked for.
+    Those before ``first`` are not asked for; ``end`` is after all of them.
     """
 
     def __init__(self, states: int, columns: int, first: int, end: int) -> None:
@@ -122,7 +129,7 @@ class _Held:
         if row < 0:
             return np.zeros(self._table.shape[1:])
         begun: Array = self._table[row].copy()
-        self._table[row] = 0.0
+        self._table[row], self._row[onset - self._first] = 0.0, -1
         self._free.append(row)
         return begun
 
