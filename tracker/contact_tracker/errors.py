@@ -65,9 +65,10 @@ class ModelError(UsageError):
 
 
 class KnowledgeError(UsageError):
-    """What is given as known has a key that is missing, unknown, of the wrong type or out of range."""
+    """What is given as known has a key that is missing, unknown, of the wrong type or out of range; with no
+    key, it cannot be read."""
 
     def __init__(self, key: str, reason: str) -> None:
-        super().__init__(f"known {key}: {reason}")
+        super().__init__(f"known {key}: {reason}" if key else f"what is known: {reason}")
         self.key = key
         self.reason = reason

@@ -44,9 +44,9 @@ def read_table(path: str) -> dict[str, Any]:
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise KnowledgeError("--known", f"cannot read {path}: {error.strerror or error}") from error
+        raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:  # what is not UTF-8 or not TOML, and names with a zero byte
-        raise KnowledgeError("--known", f"{path} is not TOML: {error}") from error
+        raise KnowledgeError("", f"{path} is not TOML: {error}") from error
 
 
 def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> Knowledge:
