@@ -60,7 +60,12 @@ def begin(model: Model, poses: Poses) -> TickState:
 
 def goes_on(state: TickState, pose: Pose, model: Model) -> bool:
     """Whether a pose that follows closes no tick: it may wait to be taken in with the ``frames``."""
-    return pose.stamp_ns < state.origin_ns + (state.number + 1) * model.tick_ns
+    return pose.stamp_ns < _end_ns(state, model)
+
+
+def _end_ns(state: TickState, model: Model) -> int:
+    """When the tick under way is over."""
+    return state.origin_ns + (state.number + 1) * model.tick_ns
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick], Poses]:
@@ -72,7 +77,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     in.
     """
     step_ns = model.tick_ns
-    end_ns = state.origin_ns + (state.number + 1) * step_ns
+    end_ns = _end_ns(state, model)
     if poses.stamp_ns[-1] < end_ns:
         return state._replace(frames=(*state.frames, poses)), [], NO_POSES
     inside = int(poses.stamp_ns.searchsorted(end_ns))
