@@ -1,11 +1,22 @@
 """Parts of the kernels, called as the functions are that they stand for."""
 
 import numpy as np
+import pytest
 
-from contact_tracker import fit
+from contact_tracker import compiled, fit
 from contact_tracker.bank import blank
 from contact_tracker.compiled.calls import model_of, ticks_of
 from contact_tracker.compiled.kernels import parts
+
+
+def both(function, *args, **options):
+    """What a function gives in numpy, and what it gives compiled."""
+    results = []
+    for in_use in (False, True):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(compiled, "in_use", lambda now=in_use: now)
+            results.append(function(*args, **options))
+    return results
 
 
 def minimise(model, moments, row_weight, prior, anchors, x, iterations):

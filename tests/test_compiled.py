@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_tracker import compiled, fit, hypotheses, search, tracker
+from contact_tracker import fit, hypotheses, search, tracker
 from contact_tracker.bank import Birth, blank, prune
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
@@ -27,22 +27,13 @@ from touching import touching
 
 compiled_kernels = pytest.importorskip("contact_tracker.compiled.kernels")
 kernels = pytest.importorskip("kernels")
+both = kernels.both
 GROWS = ("first", "moments", "place_sum", "weight", "told", "lasted", "x")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
 COUNT = 12
 REACH_M = 0.3
 SCALES = Scales(REACH_M, body_radius_m=0.1, foreknowledge=0.3, independence=0.6, tick_s=0.1)
-
-
-def both(function, *args, **options):
-    """What a function gives in numpy, and what it gives compiled."""
-    results = []
-    for in_use in (False, True):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(compiled, "in_use", lambda now=in_use: now)
-            results.append(function(*args, **options))
-    return results
 
 
 def problem(model, rng):

@@ -6,8 +6,7 @@ white jerk whose strength follows the innovations. What the filter cannot predic
 constraint in this tick.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import exp
 from typing import Final, NamedTuple
 
@@ -16,6 +15,7 @@ from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import predict, update
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.quaternions import between, from_rotation_vectors, nearest, product, rotation_vectors
 
 Array = NDArray[np.float64]
@@ -43,8 +43,7 @@ _REST: Final = np.zeros(6)
 _UNIT: Final = np.ones(2)
 
 
-@dataclass(frozen=True, eq=False)
-class FreeMotion:
+class FreeMotion(NamedTuple):
     """Filters of two smooth vectors in R^3, the position (m) and the integrated rotation (rad).
 
     ``x`` (2, 3, 3) are value, rate and acceleration of each by axis; ``covariance`` (6, 6) of the states of
@@ -71,7 +70,7 @@ class FreeMotion:
     echo: Array
     ticks: int
 
-    @cached_property
+    @property
     def spread(self) -> Array:
         """Mean squared error per axis (2,) of the better prediction; infinite before any was made."""
         if not self.weight:
@@ -94,8 +93,7 @@ class FreeMotion:
         return np.asarray(variance * (np.maximum(axes, 1.0) ** (fresh / 3.0) - 1.0))
 
 
-@dataclass(frozen=True)
-class Excess:
+class Excess(NamedTuple):
     """Unpredictable motion per axis in a tick beyond the noise: variances in m^2 and rad^2."""
 
     position_m2: float
@@ -158,17 +156,23 @@ def advance(
     memory_s: float,
 ) -> tuple[FreeMotion, Excess]:
     """One tick on: the mean pose of the tick and its noise ``variance`` (2,) per axis (m^2, rad^2)."""
+    fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
+    if compiled.in_use():
+        from contact_tracker.compiled import kernels
+
+        tick, mean = _tick(tick_s), (rotation, position_m, variance)
+        moved, *beyond = kernels.moved(state, *mean, tick.onward, tick.jerk, fade, fade_shape)
+        return FreeMotion(*moved), Excess(*beyond)
     orientation = nearest(rotation)
     value = np.array([position_m, state.last[1] + rotation_vectors(between(state.orientation, orientation))])
     x, covariance, innovation = _filtered(state, value, variance, _tick(tick_s))
     ticks = state.ticks + 1
     if state.ticks < SETTLING_TICKS:
-        state = replace(state, x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks)
+        state = state._replace(x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks)
         return state, NO_EXCESS
     errors = np.array([innovation, value - state.last])
     squares = (errors * errors).sum(axis=2).T
     log_square = np.log(squares / 3.0 + TINY)
-    fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
     direction = innovation / (np.sqrt(squares[:, :1]) + TINY)
     state = FreeMotion(
         x,

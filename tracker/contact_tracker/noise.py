@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.poses import Poses
 from contact_tracker.quaternions import between, matrices, rotation_vectors
 
@@ -38,10 +39,10 @@ UNTOLD: Final = 0.05
 so many differences leave unknown."""
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
-_SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
-_MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
+SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
+MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """With three degrees of freedom."""
-_TINY: Final = 1e-30
+TINY: Final = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,14 @@ def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float
     """The noise that the differences (15, n) tell; near the last one."""
     if differences.shape[1] < 2 * ORDER:
         return begin(*prior)
+    if compiled.in_use():
+        from contact_tracker.compiled import kernels
+
+        spread = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
+        start_m2, start_rad2 = estimate.position_m2, estimate.rotation_rad2
+        return NoiseEstimate(
+            *kernels.told(start_m2, start_rad2, estimate.shape, differences, spread, np.array(prior))
+        )
     across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
     deviation = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
     shape = _shape(differences[:6] / deviation.repeat(3)[:, None], estimate.shape)
@@ -136,10 +145,14 @@ def _third_differences(frames: Poses) -> Array:
     """Columns (15, n) of what is ``Heard``."""
     if len(frames) <= ORDER:
         return NOTHING_HEARD.differences
+    if compiled.in_use():
+        from contact_tracker.compiled import kernels
+
+        return kernels.third_differences(frames.stamp_ns, frames.position_m, frames.quat_xyzw).T
     quat, position, interval = frames.quat_xyzw, frames.position_m, np.diff(frames.stamp_ns)
     turns = rotation_vectors(between(quat[:-1], quat[1:]))
     steps = np.concatenate([position[1:] - position[:-1], turns], axis=1)
-    third = np.diff(steps, ORDER - 1, axis=0)[::STRIDE] / _SCALE
+    third = np.diff(steps, ORDER - 1, axis=0)[::STRIDE] / SCALE
     rotation = matrices(quat[1 : 1 - ORDER : STRIDE])
     third[:, :3] = (third[:, None, :3] @ rotation)[:, 0]
     widest = reduce(np.maximum, (interval[i : len(interval) + 1 - ORDER + i] for i in range(ORDER)))[::STRIDE]
@@ -178,16 +191,16 @@ def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
     shape = start
     for _ in range(steps):
         length_sq = _distance_sq(rows, shape)
-        weight = np.divide(1.0, length_sq, out=np.zeros_like(length_sq), where=length_sq > _TINY)
+        weight = np.divide(1.0, length_sq, out=np.zeros_like(length_sq), where=length_sq > TINY)
         scatter = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
-        shape = scatter * (size * count / np.maximum(_trace(scatter), _TINY)) + ball
+        shape = scatter * (size * count / np.maximum(_trace(scatter), TINY)) + ball
     return np.asarray(shape * (size / _trace(shape)))
 
 
 def _size_sq(rows: Array, shape: Array) -> Array:
     """By what ``shape`` is to be multiplied, from the median column (...)."""
     distance_sq, middle = _distance_sq(rows, shape), rows.shape[-1] // 2
-    return np.asarray(np.partition(distance_sq, middle)[..., middle] / _MEDIAN_OF_CHI_SQ)
+    return np.asarray(np.partition(distance_sq, middle)[..., middle] / MEDIAN_OF_CHI_SQ)
 
 
 def _distance_sq(rows: Array, shape: Array) -> Array:

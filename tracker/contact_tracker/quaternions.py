@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
-_TINY: Final = 1e-300
+TINY: Final = 1e-300
 """Divides like nothing where there is nothing to divide."""
 
 
@@ -55,14 +55,14 @@ def matrices(quat: Array) -> Array:
 def rotation_vectors(quat: Array) -> Array:
     """Rotation vectors (..., 3) of at most half a turn."""
     vector, cosine = quat[..., :3], quat[..., 3]
-    sine = np.sqrt(_dot(vector, vector)) + _TINY
+    sine = np.sqrt(_dot(vector, vector)) + TINY
     scale = np.copysign(2.0 / sine, cosine) * np.arctan2(sine, np.abs(cosine))
     return np.asarray(vector * scale[..., None])
 
 
 def from_rotation_vectors(vector: Array) -> Array:
     """Unit quaternions (..., 4) of rotation vectors (..., 3)."""
-    half = 0.5 * np.sqrt(_dot(vector, vector)) + _TINY
+    half = 0.5 * np.sqrt(_dot(vector, vector)) + TINY
     scale = 0.5 * np.sin(half) / half
     return np.concatenate([vector * scale[..., None], np.cos(half)[..., None]], axis=-1)
 

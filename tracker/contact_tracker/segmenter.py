@@ -129,9 +129,8 @@ class Segmenter:
         step = self._forward.advance(alive.state, alive.onset, alive.log_likelihood, state.change)
         self._past.append(step)
         self._survivors.append(step)
-        excess = (tick.excess.position_m2, tick.excess.rotation_rad2)
         times = (tick.start_ns, tick.stamp_ns, tick.count)
-        self._ticks.append((*times, tick.zeta, excess, seen.belief.residual))
+        self._ticks.append((*times, tick.zeta, tick.excess, seen.belief.residual))
         if self._keeps_online:
             self._online.append(seen.belief)
         if len(self._online) == _FEW:  # objects are large

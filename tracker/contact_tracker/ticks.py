@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import free_motion, noise
+from contact_tracker import compiled, free_motion, noise
 from contact_tracker.free_motion import NO_EXCESS, Excess, FreeMotion
 from contact_tracker.lift import R, T, mean_lift
 from contact_tracker.model import Model
@@ -115,10 +115,9 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     frames = frames.fresh  # held poses say nothing new
     prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
     heard, estimate = noise.advance(state.heard, state.noise, frames, prior)
-    good = _plausible(state, frames, estimate, model)
-    used = frames if good.all() else frames[good]
-    zeta = mean_lift(used.rotation, used.position_m - state.origin_m)
-    variance = np.array(tick_variances(estimate, np.array(float(len(used))), model))
+    good, zeta = _averaged(state, frames, estimate, model)
+    used = int(np.count_nonzero(good))
+    variance = np.array(tick_variances(estimate, np.array(float(used)), model))
     turn = zeta[R].reshape(3, 3)
     if is_rest:
         motion, excess = None, NO_EXCESS
@@ -128,7 +127,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
         motion, excess = free_motion.advance(
             state.motion, turn, zeta[T], variance, model.tick_s, model.motion.memory_s
         )
-    tick = Tick(start_ns, stamp_ns, zeta, len(used), len(frames) - len(used), excess)
+    tick = Tick(start_ns, stamp_ns, zeta, used, len(frames) - used, excess)
     return state._replace(frames=(), last=tick, noise=estimate, heard=heard, motion=motion), tick
 
 
@@ -149,18 +148,41 @@ def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
     return np.asarray(beyond / np.maximum(count, 1.0)[:, None, None])
 
 
-def _plausible(state: TickState, frames: Poses, estimate: NoiseEstimate, model: Model) -> NDArray[np.bool_]:
-    """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far.
+def _averaged(
+    state: TickState, frames: Poses, estimate: NoiseEstimate, model: Model
+) -> tuple[NDArray[np.bool_], Array]:
+    """Which frames (N,) are plausible, and their mean lift (25,)."""
+    sigma_sq = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad]) ** 2
+    ahead_s = (frames.stamp_ns - state.origin_ns) / 1e9 - (state.number - 0.5) * model.tick_s
+    outlier_sigmas = model.noise.outlier_sigmas
+    if compiled.in_use():
+        from contact_tracker.compiled import kernels
+
+        columns = frames.position_m, frames.quat_xyzw, ahead_s
+        return kernels.averaged(*columns, state.motion, state.origin_m, sigma_sq, outlier_sigmas)
+    good = _plausible(frames, ahead_s, state.motion, state.origin_m, sigma_sq, outlier_sigmas)
+    used = frames if good.all() else frames[good]
+    return good, mean_lift(used.rotation, used.position_m - state.origin_m)
+
+
+def _plausible(
+    frames: Poses,
+    ahead_s: Array,
+    motion: FreeMotion | None,
+    origin_m: Array,
+    sigma_sq: Array,
+    outlier_sigmas: float,
+) -> NDArray[np.bool_]:
+    """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far;
+    ``ahead_s`` (N,) after the middle of the tick before, with noise ``sigma_sq`` (2,).
 
     While nothing is known of the motion: that stand out no more than by their steps. With all frames
     implausible the object has jumped: they are taken, and the filter follows.
     """
     count, everything = len(frames), np.ones(len(frames), bool)
-    sigma_sq = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad]) ** 2
-    if state.motion is not None and state.motion.weight:
-        ahead = (frames.stamp_ns - state.origin_ns) / 1e9 - (state.number - 0.5) * model.tick_s
-        at, facing = free_motion.predicted(state.motion, ahead)
-        off, spread = _off(frames, at + state.origin_m, facing), state.motion.spread
+    if motion is not None and motion.weight:
+        at, facing = free_motion.predicted(motion, ahead_s)
+        off, spread = _off(frames, at + origin_m, facing), motion.spread
         if count >= 3:  # frames stand beside their neighbours: little motion lies between them
             off = off - _local_median(off)
             spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
@@ -171,7 +193,7 @@ def _plausible(state: TickState, frames: Poses, estimate: NoiseEstimate, model: 
         off, allowed_sq = off - _local_median(off), np.maximum(sigma_sq, step_sq)
     else:
         return everything
-    good = (_distance_sq(off) < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
+    good = (_distance_sq(off) < outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(good if good.any() else everything)
 
 

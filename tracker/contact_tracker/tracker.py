@@ -232,12 +232,11 @@ def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
     old = state.window
     frames = np.append(state.frames, float(tick.count))
     variance = np.array(ticks.tick_variances(state.averaging.noise, frames, state.model)).T
-    excess = np.array([tick.excess.position_m2, tick.excess.rotation_rad2])
     window = Window(
         np.append(old.index, state.ticks),
         np.concatenate([old.zeta, tick.zeta[None]]),
         variance,
-        np.concatenate([old.excess, excess[None]]),
+        np.concatenate([old.excess, [tick.excess]]),
         ticks.tick_unevenness(state.averaging.noise, frames),
         old.before,
     )

@@ -221,5 +221,6 @@ PYBIND11_MODULE(kernels, module) {
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
                py::arg("rows"), py::arg("directions"), py::arg("weights"));
     module.def("minimised", &minimised);
+    add_averaging(module);
     add_parts(module.def_submodule("parts"));
 }

@@ -18,6 +18,21 @@ inline Damping damping_of(const pybind11::module_& module) {
             number("MORE"),          number("LEAST_SHARE"),   number("LEAST_CURVATURE")};
 }
 
+inline MotionSettings motion_of(const pybind11::module_& module) {
+    const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
+    const auto count = [&](const char* name) { return module.attr(name).cast<int>(); };
+    return {number("JERK_SHARE"), number("STILL"),         number("LOG_BIAS"),
+            number("TINY"),       count("SETTLING_TICKS"), count("NOW_TICKS")};
+}
+
+inline NoiseSettings noise_of(const pybind11::module_& module) {
+    const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
+    return {number("REGULAR"),  number("SCALE"),
+            number("PRIOR"),    number("BALL"),
+            number("SPREAD_M"), number("MEDIAN_OF_CHI_SQ"),
+            number("TINY"),     module.attr("STRIDE").cast<int>()};
+}
+
 // Raises what Python raises where one is missing.
 inline void read_settings() {
     const auto load = [](const char* name) {
@@ -33,6 +48,10 @@ inline void read_settings() {
     settings.tiny = edges.attr("TINY").cast<double>();
     settings.edge_ridge = edges.attr("RIDGE").cast<double>();
     settings.vertex_ridge = load("contacts.vertex_face").attr("RIDGE").cast<double>();
+    settings.motion = motion_of(load("free_motion"));
+    settings.noise = noise_of(load("noise"));
+    settings.least_sine = load("quaternions").attr("TINY").cast<double>();
+    settings.neighbours = load("ticks").attr("NEIGHBOURS").cast<int>();
     settings.first_ticks = number("FIRST_TICKS");
     settings.at_rest = number("AT_REST");
     settings.far_nats = number("FAR_NATS");

@@ -15,7 +15,23 @@ struct Round {
     int steps, kept;
 };
 
+// Of `free_motion`.
+struct MotionSettings {
+    double jerk_share, still, bias, tiny;
+    int settling_ticks, now_ticks;
+};
+
+// Of `noise`.
+struct NoiseSettings {
+    double regular, scale, prior, ball, spread, median_of_chi_sq, tiny;
+    int stride;
+};
+
 struct Settings {
+    MotionSettings motion;
+    NoiseSettings noise;
+    double least_sine;  // quaternions
+    int neighbours;     // ticks
     Damping fits, products;
     double tolerance;                                                                  // fit
     double sine_sq_floor, tiny, edge_ridge;                                            // contacts.edge_edge

@@ -62,7 +62,7 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
         np.arange(len(closed)),
         np.array([tick.zeta for tick in closed]),
         sigma**2 / count[:, None],
-        np.array([[tick.excess.position_m2, tick.excess.rotation_rad2] for tick in closed]),
+        np.array([tick.excess for tick in closed]),
     )
     middle = [(tick.start_ns + tick.stamp_ns) // 2 for tick in closed]
     return Observed(np.array(middle, np.int64), window, np.array(activity), float(sigma[0]), float(sigma[1]))
@@ -70,7 +70,7 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
 
 def _activity(tick: Tick, state: TickState, model: Model) -> float:
     variance = np.array(ticks.tick_variances(state.noise, np.array(float(tick.count)), model))
-    excess = np.array([tick.excess.position_m2, tick.excess.rotation_rad2])
+    excess = np.array(tick.excess)
     return Window(np.zeros(1, np.int64), tick.zeta[None], variance[None], excess[None]).activity.item()
 
 

@@ -1,7 +1,7 @@
-"""Kernels for ``hypotheses`` and all that it calls, and for ``paper.batched``, where they could be built.
+"""Kernels for what every tick does, averaging and ``hypotheses``, and for ``paper.batched``.
 
 They are C++ (``tracker/kernels``), which is built when the package is installed. The numpy code is the
-reference, and what runs where there was no compiler. They are imported when the first fit needs them.
+reference, and what runs where there was no compiler. They are imported when the first tick needs them.
 """
 
 import os

@@ -1,6 +1,7 @@
 """What ``tracker/kernels`` is built into; ``calls`` says what for."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,3 +75,34 @@ def searched(
 def minimised(
     of_x: str, of_y: str, k: Numbers, x: Numbers, y: Numbers, tolerance: float, iterations: int
 ) -> tuple[Numbers, Numbers, Numbers, Bools]: ...
+def averaged(
+    position_m: Numbers,
+    quat_xyzw: Numbers,
+    ahead_s: Numbers,
+    motion: tuple[Any, ...] | None,
+    origin_m: Numbers,
+    sigma_sq: Numbers,
+    outlier_sigmas: float,
+) -> tuple[Bools, Numbers]: ...
+def moved(
+    state: tuple[Any, ...],
+    rotation: Numbers,
+    position_m: Numbers,
+    variance: Numbers,
+    onward: Numbers,
+    jerk: Numbers,
+    fade: float,
+    fade_shape: float,
+) -> tuple[tuple[Any, ...], float, float]: ...
+def third_differences(stamp_ns: Index, position_m: Numbers, quat_xyzw: Numbers) -> Numbers:
+    """One a row (n, 15)."""
+
+def told(
+    position_m2: Numbers,
+    rotation_rad2: Numbers,
+    shape: Numbers,
+    differences: Numbers,
+    deviation: Numbers,
+    prior: Numbers,
+) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    """The fields of ``noise.NoiseEstimate``."""
