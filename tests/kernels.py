@@ -20,11 +20,13 @@ def both(function, *args, **options):
 
 
 def minimise(model, moments, row_weight, prior, anchors, x, iterations):
-    steps = np.broadcast_to(iterations, len(x))
-    x, cost, hessian, converged = parts.minimised(
-        *_problem(model, moments, row_weight, prior, anchors), steps, x
-    )
-    return fit.Fit(x, cost, hessian, converged)
+    """Windows that take as many steps are fitted together."""
+    steps, found = np.broadcast_to(iterations, len(x)), {}
+    for count in np.unique(steps):
+        rows = np.flatnonzero(steps == count)
+        part = _problem(model, moments[rows], row_weight[rows], prior.pick(rows), anchors[rows])
+        found |= zip(rows, zip(*parts.minimised(*part, count, x[rows]), strict=True), strict=True)
+    return fit.Fit(*map(np.array, zip(*(found[row] for row in range(len(x))), strict=True)))
 
 
 def complete(model, moments, row_weight, prior, anchors, x):

@@ -48,15 +48,17 @@ void join(const Kind& kind, const Table& old, const Birth& birth, const Table& t
 // Let hypotheses take geometry that others offer.
 template <class F>
 void adopt(const Kind& kind, const Table& table, const Ticks& ticks, const Weights& weights, Work<F>& work) {
-    const std::vector<int> giver = givers<F>(kind, table, work.prior);
+    const std::vector<int> giver = givers<F>(kind, table);
     std::vector<double> offered(static_cast<std::size_t>(table.count) * F::S);
     for (int b = 0; b < table.count; ++b) std::copy_n(table.row(b) + kind.where.x, F::S, &offered[b * F::S]);
+    Learners learners;
     for (int b = 0; b < table.count; ++b) {
         if (giver[b] == b) continue;
         double* row = table.row(b);
         std::copy_n(&offered[giver[b] * F::S], F::S, row + kind.where.x);
-        learn<F>(kind, row, ticks, steps_of(kind, row), weights, work);
+        learners.add(kind, row, steps_of(kind, row));
     }
+    learners.learn<F>(kind, ticks, weights, work);
 }
 
 // Of a hypothesis, as in `search.lost`; -1 if it does not search.
@@ -97,6 +99,7 @@ void advance(const Kind& kind, const Table& old, const Birth& birth, const Table
              double heard, const Weights& weights, double log_stay, double margin,
              const Directions* directions) {
     Work<F> work;
+    Learners learners;
     join<F>(kind, old, birth, table);
     for (int b = 0; b < table.count; ++b) {
         double* row = table.row(b);
@@ -106,8 +109,9 @@ void advance(const Kind& kind, const Table& old, const Birth& birth, const Table
         // what assumes met elements begins with them: one tick, which is given, changes no weight
         const bool learns = !far && !(begins && whole(row, kind.where.met) != 0);
         grow<F>(kind, row, ticks, heard, log_stay);
-        if (learns) learn<F>(kind, row, ticks, steps_of(kind, row), weights, work);
+        if (learns) learners.add(kind, row, steps_of(kind, row));
     }
+    learners.learn<F>(kind, ticks, weights, work);
     if (!directions) return;
     adopt<F>(kind, table, ticks, weights, work);
     if (heard <= settings.at_rest) return;

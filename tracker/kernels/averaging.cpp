@@ -1,7 +1,8 @@
 // From poses to ticks: what `ticks`, `free_motion` and `noise` do in every tick.
+#include "averaging.hpp"
+
 #include "bindings.hpp"
 #include "hearing.hpp"
-#include "parts.hpp"
 
 namespace kernels {
 namespace {

@@ -6,6 +6,7 @@
 #include <pybind11/stl.h>
 
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <optional>
 #include <stdexcept>
@@ -102,21 +103,24 @@ inline Directions directions_of(const Model& model, const Floats& x) {
 }
 
 // Which rows of a table are kept, and these, their weights against `best`; the log of the sum of all weights.
-inline py::tuple left_of(const Model& model, const Table& table, std::int64_t now, double best,
+// They move to the front of it.
+inline py::tuple left_of(const Model& model, const Floats& words, std::int64_t now, double best,
                          double margin) {
     const Where& where = model.kind.where;
+    const Table table = table_of(model, words);
     const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
-    const auto count = static_cast<py::ssize_t>(rows.size());
-    Floats left({count, static_cast<py::ssize_t>(model.words)});
-    double *out = left.mutable_data(), top = -std::numeric_limits<double>::infinity(), sum = 0.0;
+    const auto count = static_cast<py::ssize_t>(rows.size()), wide = static_cast<py::ssize_t>(model.words);
+    double top = -std::numeric_limits<double>::infinity(), sum = 0.0;
     for (std::int64_t b : rows) top = std::max(top, joint(where, table.row(static_cast<int>(b))) - best);
-    for (std::int64_t b : rows) {
-        const double* row = table.row(static_cast<int>(b));
-        std::copy_n(row, model.words, out);
-        out[where.entry] -= best;
-        sum += std::exp(joint(where, out) - top);
-        out += model.words;
+    for (int i = 0; i < count; ++i) {
+        double* row = table.row(i);
+        if (rows[i] != i) std::copy_n(table.row(static_cast<int>(rows[i])), model.words, row);
+        row[where.entry] -= best;
+        sum += std::exp(joint(where, row) - top);
     }
+    const auto size = static_cast<py::ssize_t>(sizeof(double));
+    const std::vector<py::ssize_t> shape{count, wide}, strides{wide * size, size};
+    const Floats left(shape, strides, words.data(), words);
     return py::make_tuple(Ints(count, rows.data()), left, rows.empty() ? top : top + std::log(sum));
 }
 

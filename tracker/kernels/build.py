@@ -17,7 +17,14 @@ PACKAGE = Path("tracker/contact_tracker/compiled")
 OPTIONS = (
     ["/O2"]
     if WIN
-    else ["-O3", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"]
+    else [
+        "-O3",
+        "-fno-math-errno",
+        "-fno-trapping-math",
+        "-fno-signed-zeros",
+        "-fassociative-math",
+        "-Wno-psabi",  # nothing that others call takes wide numbers
+    ]
 )
 
 NOT_BUILT = (BaseError, CompileError, LinkError, OSError)

@@ -64,16 +64,16 @@ struct Family : Form {
 };
 
 // As `Family.rows`, (K, C).
-template <class F>
-void rows(const double* x, double (&out)[F::K][F::C]) {
-    const Vector d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2);
-    double* last = out[F::last];
+template <class F, class N>
+void rows(const N* x, N (&out)[F::K][F::C]) {
+    const Vec<N> d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2);
+    N* last = out[F::last];
     if constexpr (F::crosses) {
         outers(last, 0, d2, cross(q1, d1), cross(at(x, F::q2), d2), d1);
         outer(last, 9, d2, d1);
         last[18] = 0.0;
     } else {
-        for (int k = 0; k < F::last; ++k) std::fill_n(out[k], F::C, 0.0);
+        for (int k = 0; k < F::last; ++k) std::fill_n(out[k], F::C, N(0.0));
         outer(last, 0, d2, q1);
         put(last, 9, d2);
         last[12] = -x[F::h];
@@ -87,22 +87,22 @@ void rows(const double* x, double (&out)[F::K][F::C]) {
 }
 
 // How the rows (K, C) change as x moves along v: `v @ Family.rows_derivative(x)`.
-template <class F>
-void slope(const double* x, const double* v, double (&out)[F::K][F::C]) {
-    const Vector d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2);
-    const Vector e1 = at(v, F::d1), p1 = at(v, F::q1), e2 = at(v, F::d2);
-    double* last = out[F::last];
+template <class F, class N>
+void slope(const N* x, const N* v, N (&out)[F::K][F::C]) {
+    const Vec<N> d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2);
+    const Vec<N> e1 = at(v, F::d1), p1 = at(v, F::q1), e2 = at(v, F::d2);
+    N* last = out[F::last];
     if constexpr (F::crosses) {
-        const Vector q2 = at(x, F::q2), p2 = at(v, F::q2);
-        const Vector m1 = cross(p1, d1) + cross(q1, e1), m2 = cross(p2, d2) + cross(q2, e2);
-        double more[9];
+        const Vec<N> q2 = at(x, F::q2), p2 = at(v, F::q2);
+        const Vec<N> m1 = cross(p1, d1) + cross(q1, e1), m2 = cross(p2, d2) + cross(q2, e2);
+        N more[9];
         outers(last, 0, e2, cross(q1, d1), cross(q2, d2), e1);
         outers(more, 0, d2, m1, m2, d1);
         for (int i = 0; i < 9; ++i) last[i] += more[i];
         outers(last, 9, e2, d1, d2, e1);
         last[18] = 0.0;
     } else {
-        for (int k = 0; k < F::last; ++k) std::fill_n(out[k], F::C, 0.0);
+        for (int k = 0; k < F::last; ++k) std::fill_n(out[k], F::C, N(0.0));
         outers(last, 0, e2, q1, d2, p1);
         put(last, 9, e2);
         last[12] = -v[F::h];
@@ -116,11 +116,11 @@ void slope(const double* x, const double* v, double (&out)[F::K][F::C]) {
 }
 
 // As `slope` of the last row (C,), where v shifts and turns nothing; other entries remain zero.
-template <class F>
-void slope_of_last(const double* x, const double* v, double (&out)[F::C]) {
-    const Vector p1 = at(v, F::q1), d2 = at(x, F::d2);
+template <class F, class N>
+void slope_of_last(const N* x, const N* v, N (&out)[F::C]) {
+    const Vec<N> p1 = at(v, F::q1), d2 = at(x, F::d2);
     if constexpr (F::crosses) {
-        const Vector d1 = at(x, F::d1);
+        const Vec<N> d1 = at(x, F::d1);
         outers(out, 0, d2, cross(p1, d1), cross(at(v, F::q2), d2), d1);
     } else {
         outer(out, 0, d2, p1);
@@ -129,56 +129,57 @@ void slope_of_last(const double* x, const double* v, double (&out)[F::C]) {
 }
 
 // Coordinates zero, in place.
-template <class F>
-void unshift(double* x) {
-    if constexpr (F::q1 >= 0) put(x, F::q1, {0.0, 0.0, 0.0});
-    if constexpr (F::q2 >= 0) put(x, F::q2, {0.0, 0.0, 0.0});
+template <class F, class N>
+void unshift(N* x) {
+    if constexpr (F::q1 >= 0) std::fill_n(x + F::q1, 3, N(0.0));
+    if constexpr (F::q2 >= 0) std::fill_n(x + F::q2, 3, N(0.0));
     if constexpr (F::h >= 0) x[F::h] = 0.0;
 }
 
 // As `Family.scale_sq`; `turn` (9) becomes the derivative of its logarithm by `outer(d2, d1)`.
-template <class F>
-double scale_sq(const double* row, const double* moments, double* turn) {
+template <class F, class N>
+N scale_sq(const N* row, const N* moments, N* turn) {
     if constexpr (!F::crosses) return 1.0;
-    const double total = std::max(moments[18 * F::C + 18], settings.tiny);
-    double cosine_sq = 0.0;
+    const N total = larger<N>(moments[18 * F::C + 18], settings.tiny);
+    N cosine_sq = 0.0;
     for (int i = 0; i < 9; ++i) {
         turn[i] = dot<9>(moments + i * F::C, row + 9);
         cosine_sq += row[9 + i] * turn[i];
     }
-    const double scale = std::max(1.0 - cosine_sq / total, settings.sine_sq_floor);
-    const double factor = scale > settings.sine_sq_floor ? -2.0 / (total * scale) : 0.0;
+    const N floor = settings.sine_sq_floor, scale = larger<N>(1.0 - cosine_sq / total, floor);
+    const N factor = where(floor < scale, -2.0 / (total * scale), N(0.0));
     for (int i = 0; i < 9; ++i) turn[i] *= factor;
     return scale;
 }
 
-template <int D, int Q>
-void normalise_element(double* x, const double* anchor) {
+template <int D, int Q, class N>
+void normalise_element(N* x, const N* anchor) {
     if constexpr (D >= 0) {
-        const Vector raw = at(x, D), n = (1.0 / std::sqrt(inner(raw, raw))) * raw;
+        using std::sqrt;
+        const Vec<N> raw = at(x, D), n = (1.0 / sqrt(inner(raw, raw))) * raw;
         put(x, D, n);
         if constexpr (Q >= 0) put(x, Q, at(x, Q) - inner(n, at(x, Q) - at(anchor, 0)) * n);
     }
 }
 
 // As `Family.normalise`, in place.
-template <class F>
-void normalise(double* x, const double* anchors) {
+template <class F, class N>
+void normalise(N* x, const N* anchors) {
     normalise_element<F::d1, F::q1>(x, anchors);
     normalise_element<F::d2, F::q2>(x, anchors + 3);
 }
 
-template <class F, int D, int Q>
-void free_element(const double* x, const double* anchor, int p, double (*out)[F::S]) {
+template <class F, int D, int Q, class N>
+void free_element(const N* x, const N* anchor, int p, N (*out)[F::S]) {
     if constexpr (D < 0) {
         for (int i = 0; i < 3; ++i) out[p + i][Q + i] = 1.0;
     } else {
-        const Vector n = at(x, D);
+        const Vec<N> n = at(x, D);
         const auto [b1, b2] = across(n);
         put(out[p], D, b1);
         put(out[p + 1], D, b2);
         if constexpr (Q >= 0) {
-            const Vector arm = at(x, Q) - at(anchor, 0);
+            const Vec<N> arm = at(x, Q) - at(anchor, 0);
             put(out[p], Q, -inner(arm, b1) * n);
             put(out[p + 1], Q, -inner(arm, b2) * n);
             put(out[p + 2], Q, b1);
@@ -188,9 +189,9 @@ void free_element(const double* x, const double* anchor, int p, double (*out)[F:
 }
 
 // As `Family.tangent`, one direction after the other (P, S).
-template <class F>
-void free(const double* x, const double* anchors, double (&out)[F::P][F::S]) {
-    for (auto& direction : out) std::fill_n(direction, F::S, 0.0);
+template <class F, class N>
+void free(const N* x, const N* anchors, N (&out)[F::P][F::S]) {
+    for (auto& direction : out) std::fill_n(direction, F::S, N(0.0));
     free_element<F, F::d1, F::q1>(x, anchors, 0, out);
     free_element<F, F::d2, F::q2>(x, anchors + 3, F::of_1, out);
     if constexpr (F::h >= 0) out[F::P - 1][F::h] = 1.0;

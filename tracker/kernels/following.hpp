@@ -12,30 +12,33 @@ struct Weights {
     double foreknowledge, independence;
 };
 
-// As `following._weighed`; `work` is at the hypothesis' x.
+// As `following._weighed`; `work` is at the hypotheses' x (S,).
 template <class F>
-void weigh(const Kind& kind, double* row, const Weights& weights, const Sums<F>& sums, Work<F>& work) {
+void weigh(const Kind& kind, const Rows& rows, const Lanes* x, const Weights& weights, const Sums<F>& sums,
+           Work<F>& work) {
     const Where& where = kind.where;
-    double *x = row + where.x, *row_weight = row + where.row_weight;
-    const double ticks = std::max(sums.ticks, 1.0);
-    const double share = weights.foreknowledge * kind.needed / std::max(row[where.told], 1.0);
-    double earned = row[where.earned], foretold[F::K];
+    const Lanes ticks = larger<Lanes>(sums.ticks, 1.0);
+    const Lanes share = weights.foreknowledge * kind.needed / larger<Lanes>(read(rows, where.told), 1.0);
+    Lanes earned = read(rows, where.earned), foretold[F::K], first[F::C];
     for (int k = 0; k < F::K; ++k) {
-        foretold[k] = share * std::exp(-2.0 * sums.gain[k] / std::max(sums.after, 1.0));
+        foretold[k] = share * exp(-2.0 * sums.gain[k] / larger<Lanes>(sums.after, 1.0));
         earned += sums.gain[k];
-        row_weight[k] = sums.precision[k] / ticks;
+        write(rows, where.row_weight + k, sums.precision[k] / ticks);
     }
-    double price = volume<F>(x, row + where.first, foretold, row + where.hessian, work);
+    read(rows, where.first, F::C, first);
+    Lanes price = volume<F>(x, first, foretold, work);
     work.prior.times(x, work.pull);
     price += 0.5 * dot<F::S>(x, work.pull) - dot<F::S>(x, work.prior.information) + work.prior.constant;
-    const double told = sums.log_ratio + row[where.settled] - std::min(price, earned);
-    row[where.log_likelihood] = row[where.lasted] + weights.independence * told;
-    row[where.rms] = std::sqrt(sums.chi_sq / (ticks * F::K));
+    const Lanes told = sums.log_ratio + read(rows, where.settled) - smaller<Lanes>(earned, price);
+    write(rows, where.log_likelihood, read(rows, where.lasted) + weights.independence * told);
+    write(rows, where.rms, sqrt(sums.chi_sq / (ticks * double(F::K))));
+    write(rows, where.x, F::S, x);
+    write(rows, where.hessian, F::K * F::P * F::P, work.near.hessian[0][0]);
 }
 
 // As `following.grow` of one hypothesis, by the newest of `ticks`, in which so much motion is `heard`.
 template <class F>
-void grow(const Kind& kind, double* row, const Ticks& ticks, double heard, double log_stay) {
+WIDE void grow(const Kind& kind, double* row, const Ticks& ticks, double heard, double log_stay) {
     const Where& where = kind.where;
     const double *pose = ticks.newest(), precision = 1.0 / ticks.variance[2 * (ticks.count - 1)];
     const bool begins = whole(row, where.onset) == ticks.number[ticks.count - 1];
@@ -55,22 +58,63 @@ void grow(const Kind& kind, double* row, const Ticks& ticks, double heard, doubl
     normalise<F>(row + where.x, anchors);
 }
 
-// As `following.learn` of one hypothesis.
-template <class F>
-void learn(const Kind& kind, double* row, const Ticks& ticks, int steps, const Weights& weights,
-           Work<F>& work) {
-    const Where& where = kind.where;
-    double* x = row + where.x;
-    know<F>(kind, row, work.prior);
-    descend<F>(moments_of(kind, row), x, steps, row + where.hessian, work);
-    const bool certain = whole(row, where.certain) != 0;
-    weigh<F>(kind, row, weights, add_up<F>(kind, x, whole(row, where.onset), certain, ticks, weights.lengths),
-             work);
-}
-
 // How many steps a hypothesis takes in every tick.
 inline int steps_of(const Kind& kind, const double* row) {
     return row[kind.where.told] < settings.first_ticks ? settings.first_steps : settings.refine_steps;
 }
+
+// As `following.learn` of hypotheses that take so many steps.
+template <class F>
+WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps, const Weights& weights,
+                Work<F>& work) {
+    const Where& where = kind.where;
+    const Moments<F> window(kind, rows);
+    Lanes x[F::S];
+    std::int64_t onset[lanes];
+    Mask certain;
+    read(rows, where.x, F::S, x);
+    for (int i = 0; i < lanes; ++i) {
+        onset[i] = whole(rows[i], where.onset);
+        certain.put(i, whole(rows[i], where.certain) != 0);
+    }
+    know<F>(kind, rows, work.prior);
+    descend<F>(window, x, steps, work);
+    weigh<F>(kind, rows, x, weights, add_up<F>(kind, x, onset, certain, ticks, weights.lengths), work);
+}
+
+// Hypotheses that are to learn, until as many stand side by side: those that take as many steps, and of which
+// something is known, or nothing.
+class Learners {
+public:
+    void add(const Kind& kind, double* row, int steps) {
+        const bool known = !is_nothing_known(kind, row);
+        for (Group& group : groups_) {
+            if (group.steps == steps && group.known == known) return group.rows.push_back(row);
+        }
+        groups_.push_back({steps, known, {row}});
+    }
+
+    template <class F>
+    void learn(const Kind& kind, const Ticks& ticks, const Weights& weights, Work<F>& work) {
+        for (Group& group : groups_) {
+            for (std::size_t first = 0; first < group.rows.size(); first += lanes) {
+                Rows rows;  // the last one again where there are too few
+                for (std::size_t i = 0; i < lanes; ++i)
+                    rows[i] = group.rows[std::min(first + i, group.rows.size() - 1)];
+                kernels::learn<F>(kind, rows, ticks, group.steps, weights, work);
+            }
+        }
+        groups_.clear();
+    }
+
+private:
+    struct Group {
+        int steps;
+        bool known;
+        std::vector<double*> rows;
+    };
+
+    std::vector<Group> groups_;
+};
 
 }  // namespace kernels

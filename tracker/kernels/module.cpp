@@ -1,6 +1,5 @@
 // The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
-#include <memory>
-
+#include "averaging.hpp"
 #include "bindings.hpp"
 #include "parts.hpp"
 #include "products.hpp"
@@ -48,14 +47,25 @@ py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const B
         require(x.ndim() == 2 && x.shape(1) == F::S, "not geometry of this contact");
         const int count = static_cast<int>(x.shape(0));
         py::array_t<double> totals({count, 4}), gain({count, F::K}), precision({count, F::K});
-        for (int b = 0; b < count; ++b) {
-            const double* own = x.data() + b * F::S;
-            const auto sums =
-                add_up<F>(model.kind, own, onset.at(b), certain.at(b), seen.ticks(), weights.lengths);
-            const double total[] = {sums.log_ratio, sums.chi_sq, sums.ticks, sums.after};
-            std::copy_n(total, 4, totals.mutable_data() + 4 * b);
-            std::copy_n(sums.gain, F::K, gain.mutable_data() + F::K * b);
-            std::copy_n(sums.precision, F::K, precision.mutable_data() + F::K * b);
+        for (int first = 0; first < count; first += lanes) {
+            Lanes geometry[F::S];
+            std::int64_t begun[lanes];
+            Mask sure;
+            const auto own = [&](int i) { return std::min(first + i, count - 1); };
+            for (int i = 0; i < lanes; ++i) {
+                begun[i] = onset.at(own(i));
+                sure.put(i, certain.at(own(i)));
+                for (int s = 0; s < F::S; ++s) geometry[s].put(i, x.data()[own(i) * F::S + s]);
+            }
+            const Sums<F> sums = add_up<F>(model.kind, geometry, begun, sure, seen.ticks(), weights.lengths);
+            for (int i = 0; i < lanes; ++i) {
+                const double total[] = {sums.log_ratio[i], sums.chi_sq[i], sums.ticks[i], sums.after[i]};
+                std::copy_n(total, 4, totals.mutable_data() + 4 * own(i));
+                for (int k = 0; k < F::K; ++k) {
+                    gain.mutable_at(own(i), k) = sums.gain[k][i];
+                    precision.mutable_at(own(i), k) = sums.precision[k][i];
+                }
+            }
         }
         return py::make_tuple(totals, gain, precision);
     });
@@ -64,7 +74,8 @@ py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const B
 // What is told of a contact's hypotheses when a tick begins.
 struct Begun {
     const Model& model;
-    Table old, table;  // before the tick, and in it
+    Table old;     // before the tick
+    Floats words;  // in it
     Birth birth;
     Ticks ticks;
     double heard, log_stay;
@@ -90,42 +101,30 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
         "a contact is None");
     require_shape(turn, {3, 3}, "a turn is a matrix");
     std::vector<Begun> all;
-    std::size_t total = 0;
     for (std::size_t i = 0; i < contacts; ++i) {
         const auto& [born, told] = assumed[i];
         const Table old = table_of(*models[i], words[i]), fresh = table_of(*models[i], born);
         const int size = visit(*models[i], [](auto family) { return decltype(family)::S; });
         require_shape(told, {fresh.count, size}, "what is told is not of these births");
         const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, numbers[i], entries[i]};
-        all.push_back({*models[i],
-                       old,
-                       {nullptr, old.count + fresh.count, old.words},
-                       birth,
-                       seen[i]->ticks(),
-                       heard[i],
-                       log_stay[i],
-                       std::nullopt});
+        all.push_back({*models[i], old, Floats({old.count + fresh.count, old.words}), birth, seen[i]->ticks(),
+                       heard[i], log_stay[i], std::nullopt});
         if (directions[i]) all[i].directions = directions_of(*models[i], *directions[i]);
-        total += static_cast<std::size_t>(all[i].table.count) * old.words;
     }
-    const std::unique_ptr<double[]> memory(new double[total]);  // all of it is written before it is read
-    double* next = memory.get();
     double best = rival;
     for (Begun& one : all) {
-        one.table.data = next;
-        next += static_cast<std::size_t>(one.table.count) * one.table.words;
+        const Table table = changing(one.model, one.words);
         visit(one.model, [&](auto family) {
             py::gil_scoped_release release;
-            advance<decltype(family)>(one.model.kind, one.old, one.birth, one.table, one.ticks, one.heard,
+            advance<decltype(family)>(one.model.kind, one.old, one.birth, table, one.ticks, one.heard,
                                       weights, one.log_stay, margin,
                                       one.directions ? &*one.directions : nullptr);
         });
-        for (int b = 0; b < one.table.count; ++b) {
-            best = std::max(best, joint(one.model.kind.where, one.table.row(b)));
-        }
+        for (int b = 0; b < table.count; ++b)
+            best = std::max(best, joint(one.model.kind.where, table.row(b)));
     }
     py::list left;
-    for (const Begun& one : all) left.append(left_of(one.model, one.table, onset, best, margin));
+    for (const Begun& one : all) left.append(left_of(one.model, one.words, onset, best, margin));
     return py::make_tuple(left, best);
 }
 
@@ -134,10 +133,12 @@ void learned(const Model& model, Floats words, const Seeable& seen, const Ints& 
     const Table table = changing(model, words);
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
+        Learners learners;
         for (int b = 0; b < table.count; ++b) {
             const int own = static_cast<int>(steps.at(b));
-            if (own >= 0) learn<decltype(family)>(model.kind, table.row(b), seen.ticks(), own, weights, work);
+            if (own >= 0) learners.add(model.kind, table.row(b), own);
         }
+        learners.learn<decltype(family)>(model.kind, seen.ticks(), weights, work);
     });
 }
 
@@ -222,5 +223,5 @@ PYBIND11_MODULE(kernels, module) {
                py::arg("rows"), py::arg("directions"), py::arg("weights"));
     module.def("minimised", &minimised);
     add_averaging(module);
-    add_parts(module.def_submodule("parts"));
+    parts::add(module.def_submodule("parts"));
 }

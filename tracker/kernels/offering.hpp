@@ -28,8 +28,9 @@ void triangle(const double* matrix, int b, double (*out)[abreast]) {
 
 // Write down what a hypothesis asks, in column b.
 template <class F>
-void ask(const Kind& kind, const double* row, int b, Block<F>& block, Prior<F>& prior) {
+void ask(const Kind& kind, const double* row, int b, Block<F>& block) {
     const double* moments = row + kind.where.moments;
+    Prior<F, double> prior{};
     know<F>(kind, row, prior);
     triangle<F::C>(moments, b, block.moments);
     triangle<F::S>(prior.precision, b, block.precision);
@@ -74,7 +75,7 @@ struct Offer {
 
 // As `fit.every_cost` of one geometry x (S,) in all `blocks`: `out` (N,).
 template <class F>
-void every_cost(const double* x, const std::vector<Block<F>>& blocks, Offer<F>& offer, double* out) {
+WIDE void every_cost(const double* x, const std::vector<Block<F>>& blocks, Offer<F>& offer, double* out) {
     auto& [prior, data, cosine] = offer;
     double of_rows[F::K][F::C], squares[abreast], cosines[abreast], direction[F::C] = {};
     rows<F>(x, of_rows);
@@ -106,7 +107,7 @@ void every_cost(const double* x, const std::vector<Block<F>>& blocks, Offer<F>& 
 
 // Of each hypothesis whose geometry it takes, as in `search.adopted`: its own where none is better.
 template <class F>
-std::vector<int> givers(const Kind& kind, const Table& table, Prior<F>& prior) {
+std::vector<int> givers(const Kind& kind, const Table& table) {
     std::vector<int> giver(table.count), asking;
     for (int b = 0; b < table.count; ++b) {
         giver[b] = b;
@@ -117,8 +118,7 @@ std::vector<int> givers(const Kind& kind, const Table& table, Prior<F>& prior) {
     const int width = blocks * abreast;
     std::vector<Block<F>> asked(blocks);
     std::vector<double> cost(static_cast<std::size_t>(table.count) * width);
-    for (int t = 0; t < takers; ++t)
-        ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast], prior);
+    for (int t = 0; t < takers; ++t) ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast]);
     Offer<F> offer;
     for (int n = 0; n < table.count; ++n)
         every_cost<F>(table.row(n) + kind.where.x, asked, offer, cost.data() + n * width);

@@ -1,14 +1,146 @@
-// What the module has beside what it does with hypotheses.
+// Parts of the kernels by themselves, for tests: as the functions are that they stand for.
 #pragma once
 
 #include "bindings.hpp"
 
-namespace kernels {
+namespace kernels::parts {
 
-// Averaging of poses.
-void add_averaging(py::module_& module);
+// Problems that tests set: windows of so many hypotheses, their priors and where they start.
+struct Problems {
+    const Model& model;
+    Table table;
+    const Floats &precision, &information, &constant, &anchors;
 
-// Parts of the kernels by themselves, for tests.
-void add_parts(py::module_ module);
+    int own(int first, int i) const { return std::min(first + i, table.count - 1); }
 
-}  // namespace kernels
+    Rows rows(int first) const {
+        Rows out;
+        for (int i = 0; i < lanes; ++i) out[i] = table.row(own(first, i));
+        return out;
+    }
+
+    // Of some from the `first` on.
+    template <class F>
+    void put_prior(int first, Prior<F, Lanes>& prior) const {
+        for (int i = 0; i < lanes; ++i) {
+            const int b = own(first, i);
+            for (int s = 0; s < F::S * F::S; ++s)
+                prior.precision[s].put(i, precision.data()[b * F::S * F::S + s]);
+            for (int s = 0; s < F::S; ++s) prior.information[s].put(i, information.data()[b * F::S + s]);
+            for (int a = 0; a < 6; ++a) prior.anchors[a].put(i, anchors.data()[b * 6 + a]);
+            prior.constant.put(i, constant.data()[b]);
+        }
+    }
+
+    // Numbers (H, `size`) of some from the `first` on.
+    void take(const double* from, int size, int first, Lanes* out) const {
+        for (int i = 0; i < lanes; ++i) {
+            for (int s = 0; s < size; ++s) out[s].put(i, from[own(first, i) * size + s]);
+        }
+    }
+
+    void give(const Lanes* values, int size, int first, double* to) const {
+        for (int i = 0; i < lanes; ++i) {
+            for (int s = 0; s < size; ++s) to[own(first, i) * size + s] = values[s][i];
+        }
+    }
+};
+
+inline py::tuple minimised(const Model& model, const Floats& words, const Floats& precision,
+                           const Floats& information, const Floats& constant, const Floats& anchors,
+                           int steps, const Floats& start) {
+    const Problems given{model, table_of(model, words), precision, information, constant, anchors};
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const int count = given.table.count;
+        py::array_t<double> x({count, F::S}), cost(count), hessian({count, F::K, F::P, F::P});
+        py::array_t<bool> converged(count);
+        Work<F> work;
+        Lanes geometry[F::S];
+        for (int first = 0; first < count; first += lanes) {
+            given.put_prior<F>(first, work.prior);
+            given.take(start.data(), F::S, first, geometry);
+            const Moments<F> window(model.kind, given.rows(first));
+            const Descent found = descend<F>(window, geometry, steps, work);
+            const Mask done = kernels::converged<F>(found, work);
+            given.give(geometry, F::S, first, x.mutable_data());
+            given.give(&found.cost, 1, first, cost.mutable_data());
+            given.give(work.near.hessian[0][0], F::K * F::P * F::P, first, hessian.mutable_data());
+            for (int i = 0; i < lanes; ++i) converged.mutable_at(given.own(first, i)) = done[i];
+        }
+        return py::make_tuple(x, cost, hessian, converged);
+    });
+}
+
+inline py::tuple completed(const Model& model, const Floats& words, const Floats& precision,
+                           const Floats& information, const Floats& constant, const Floats& anchors,
+                           const Floats& start) {
+    const Problems given{model, table_of(model, words), precision, information, constant, anchors};
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const int count = given.table.count;
+        py::array_t<double> x({count, F::S}), cost(count);
+        Work<F> work;
+        Lanes geometry[F::S];
+        for (int first = 0; first < count; first += lanes) {
+            given.put_prior<F>(first, work.prior);
+            given.take(start.data(), F::S, first, geometry);
+            const Lanes found = complete<F>(Moments<F>(model.kind, given.rows(first)), geometry, work);
+            given.give(geometry, F::S, first, x.mutable_data());
+            given.give(&found, 1, first, cost.mutable_data());
+        }
+        return py::make_tuple(x, cost);
+    });
+}
+
+inline void grown(const Model& model, Floats words, const Seeable& seen, double heard, double log_stay) {
+    const Table table = changing(model, words);
+    visit(model, [&](auto family) {
+        for (int b = 0; b < table.count; ++b) {
+            grow<decltype(family)>(model.kind, table.row(b), seen.ticks(), heard, log_stay);
+        }
+    });
+}
+
+inline std::vector<int> offered(const Model& model, const Floats& words) {
+    return visit(model,
+                 [&](auto family) { return givers<decltype(family)>(model.kind, table_of(model, words)); });
+}
+
+inline std::vector<int> searching(const Model& model, const Floats& words) {
+    return lost(model.kind, table_of(model, words));
+}
+
+inline py::tuple dropped(const Model& model, const Floats& words, std::int64_t now, double best,
+                         double margin) {
+    const Floats own({words.shape(0), words.shape(1)}, words.data());
+    return left_of(model, own, now, best, margin);
+}
+
+inline py::tuple relaxed(const Model& model, const Floats& moments) {
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const int windows = static_cast<int>(moments.shape(0)), most = model.kind.relaxed;
+        py::array_t<double> x({windows, most, F::S});
+        py::array_t<std::int64_t> many(windows);
+        for (int b = 0; b < windows; ++b) {
+            const double* window = moments.data() + b * F::C * F::C;
+            many.mutable_at(b) = relax<F>(window, most, x.mutable_data() + b * most * F::S);
+        }
+        return py::make_tuple(x, many);
+    });
+}
+
+// All of them.
+inline void add(py::module_ module) {
+    module.def("minimised", &minimised);
+    module.def("completed", &completed);
+    module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
+               py::arg("heard"), py::arg("log_stay"));
+    module.def("offered", &offered);
+    module.def("searching", &searching);
+    module.def("dropped", &dropped);
+    module.def("relaxed", &relaxed);
+}
+
+}  // namespace kernels::parts

@@ -38,14 +38,33 @@ void tell(const Kind& kind, const double* row, bool (&told)[F::S]) {
     }
 }
 
+// Follow geometries of one window so many steps, as many at once as stand side by side.
+template <class F>
+void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, Work<F>& work) {
+    for (std::size_t first = 0; first < found.size(); first += lanes) {
+        const auto own = [&](int i) -> Found<F>& { return found[std::min(first + i, found.size() - 1)]; };
+        Lanes x[F::S], cost;
+        for (int i = 0; i < lanes; ++i) {
+            for (int s = 0; s < F::S; ++s) x[s].put(i, own(i).x[s]);
+        }
+        cost = steps ? descend<F>(window, x, steps, work).cost : complete<F>(window, x, work);
+        for (int i = 0; i < lanes; ++i) {
+            own(i).cost = cost[i];
+            for (int s = 0; s < F::S; ++s) own(i).x[s] = x[s][i];
+        }
+    }
+}
+
 // As `search._found` of one hypothesis: the best geometries, in order.
 template <class F>
-std::vector<Found<F>> find(const Kind& kind, const double* row, const Directions& directions, Work<F>& work) {
+std::vector<Found<F>> find(const Kind& kind, double* row, const Directions& directions, Work<F>& work) {
     bool told[F::S];
-    double hessian[F::K * F::P * F::P];
-    const Moments window = moments_of(kind, row);
+    Rows same;
+    same.fill(row);
+    const Moments<F> window(kind, same);
+    know<F>(kind, same, work.prior);
     std::vector<double> starts(static_cast<std::size_t>(kind.relaxed + directions.count) * F::S);
-    const int few = relax<F>(window.moments, kind.relaxed, starts.data());
+    const int few = relax<F>(row + kind.where.moments, kind.relaxed, starts.data());
     std::copy_n(directions.x, directions.count * F::S, starts.data() + few * F::S);
     tell<F>(kind, row, told);
     std::vector<Found<F>> found(few + directions.count);
@@ -53,11 +72,11 @@ std::vector<Found<F>> find(const Kind& kind, const double* row, const Directions
         for (int s = 0; s < F::S; ++s) {
             found[i].x[s] = told[s] ? row[kind.where.known_mean + s] : starts[i * F::S + s];
         }
-        found[i].cost = complete<F>(window, found[i].x, work);
     }
+    follow<F>(window, 0, found, work);
     best_first<F>(found, settings.screened);
     for (const Round& round : settings.rounds) {
-        for (Found<F>& one : found) one.cost = descend<F>(window, one.x, round.steps, hessian, work).cost;
+        follow<F>(window, round.steps, found, work);
         best_first<F>(found, round.kept);
     }
     return found;
@@ -78,19 +97,25 @@ void take(const Where& where, const double* found, double* row) {
 template <class F>
 void search(const Kind& kind, const Table& table, int b, const Directions& directions, const Ticks& ticks,
             const Weights& weights, Work<F>& work) {
-    double* row = table.row(b);
-    know<F>(kind, row, work.prior);
-    std::vector<double> best, weighed(table.words);
-    for (const Found<F>& one : find<F>(kind, row, directions, work)) {
-        std::copy_n(row, table.words, weighed.data());
-        std::copy_n(one.x, F::S, weighed.data() + kind.where.x);
-        for (int i = 0; i < settings.weighed; ++i) {
-            learn<F>(kind, weighed.data(), ticks, steps_of(kind, row), weights, work);
-        }
-        const int word = kind.where.log_likelihood;
-        if (best.empty() || weighed[word] > best[word]) best = weighed;
+    const double* row = table.row(b);
+    const std::vector<Found<F>> found = find<F>(kind, table.row(b), directions, work);
+    std::vector<double> memory(found.size() * table.words);
+    const Table weighed{memory.data(), static_cast<int>(found.size()), table.words};
+    for (int i = 0; i < weighed.count; ++i) {
+        std::copy_n(row, table.words, weighed.row(i));
+        std::copy_n(found[i].x, F::S, weighed.row(i) + kind.where.x);
     }
-    if (!best.empty()) take<F>(kind.where, best.data(), row);
+    for (int time = 0; time < settings.weighed; ++time) {
+        Learners learners;
+        for (int i = 0; i < weighed.count; ++i) learners.add(kind, weighed.row(i), steps_of(kind, row));
+        learners.learn<F>(kind, ticks, weights, work);
+    }
+    int best = 0;
+    for (int i = 1; i < weighed.count; ++i) {
+        const int word = kind.where.log_likelihood;
+        if (weighed.row(i)[word] > weighed.row(best)[word]) best = i;
+    }
+    if (weighed.count) take<F>(kind.where, weighed.row(best), table.row(b));
 }
 
 }  // namespace kernels

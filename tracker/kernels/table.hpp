@@ -1,6 +1,8 @@
 // Hypotheses as kernels see them: a row of the table each, and what one knew before its window.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -51,17 +53,50 @@ inline double joint(const Where& where, const double* row) {
     return row[where.entry] + row[where.log_likelihood];
 }
 
-// As `fit.Prior` of one hypothesis, and its `anchors`; `mean` is that of the weak prior, zero but for points.
+// Rows of hypotheses that stand side by side.
+using Rows = std::array<double*, lanes>;
+
+// What one number of their rows is, of one or of several.
+inline double read(const double* row, int word) { return row[word]; }
+inline Lanes read(const Rows& rows, int word) {
+    Lanes out;
+    for (int i = 0; i < lanes; ++i) out.put(i, rows[i][word]);
+    return out;
+}
+
+// And `count` of them.
+template <class R, class N>
+void read(const R& rows, int word, int count, N* out) {
+    for (int i = 0; i < count; ++i) out[i] = read(rows, word + i);
+}
+
+inline void write(const Rows& rows, int word, const Lanes& values) {
+    for (int i = 0; i < lanes; ++i) rows[i][word] = values[i];
+}
+
+inline void write(const Rows& rows, int word, int count, const Lanes* values) {
+    for (int i = 0; i < count; ++i) write(rows, word + i, values[i]);
+}
+
+inline bool is_nothing_known(const Kind& kind, const double* row) {
+    return whole(row, kind.where.source) == 0;
+}
+inline bool is_nothing_known(const Kind& kind, const Rows& rows) {
+    return std::all_of(rows.begin(), rows.end(),
+                       [&](const double* row) { return is_nothing_known(kind, row); });
+}
+
+// As `fit.Prior` of hypotheses, and their `anchors`.
+//
 // The `precision` has a block of each element where these are `apart`; where nothing is known of them, it is
-// diagonal.
-template <class F>
+// diagonal, and only the diagonal is there.
+template <class F, class N>
 struct Prior {
-    double precision[F::S * F::S], information[F::S], constant, anchors[6];
-    double mean[F::S] = {};
+    N precision[F::S * F::S], information[F::S], constant, anchors[6];
     bool is_diagonal = false;
 
     // `x @ precision`.
-    void times(const double* x, double (&out)[F::S]) const {
+    void times(const N* x, N (&out)[F::S]) const {
         if (is_diagonal) {
             for (int s = 0; s < F::S; ++s) out[s] = x[s] * precision[s * F::S + s];
         } else if constexpr (!F::apart) {
@@ -73,40 +108,63 @@ struct Prior {
         }
     }
 
+    // The same of a direction in which the p-th parameter is free: what remains zero of it is not written.
+    void pull(int p, const N* along, N (&out)[F::S]) const {
+        if (is_diagonal || !F::apart) return times(along, out);
+        constexpr int rest = F::S - F::d2;
+        if (p < F::of_1) return multiply<F::d2, F::d2, F::S>(along, precision, out);
+        multiply<rest, rest, F::S>(along + F::d2, precision + F::d2 * (F::S + 1), out + F::d2);
+    }
+
     // `a @ precision @ b` of directions a and b = `pulled` in which the p-th and the q-th parameter are free.
-    double held(int p, int q, const double* a, const double* pulled) const {
+    N held(int p, int q, const N* a, const N* pulled) const {
         if constexpr (!F::apart) return dot<F::S>(a, pulled);
         if ((p < F::of_1) != (q < F::of_1)) return 0.0;
         return p < F::of_1 ? dot<F::d2>(a, pulled) : dot<F::S - F::d2>(a + F::d2, pulled + F::d2);
     }
 };
 
+inline double without_nan(double a, double otherwise) { return std::isnan(a) ? otherwise : a; }
+inline Lanes without_nan(Lanes a, const Lanes& otherwise) {
+    for (int i = 0; i < lanes; ++i) a.put(i, without_nan(a[i], otherwise[i]));
+    return a;
+}
+
 // As `bank.anchors_of`.
-inline void anchor(const Kind& kind, const double* row, double* out) {
-    std::fill_n(out, 6, 0.0);
-    const double *place = row + kind.where.place_sum, *pivot = row + kind.where.pivot;
-    for (int i = 0; i < 3; ++i) out[(kind.body_in_1 ? 3 : 0) + i] = place[i] / row[kind.where.weight];
+template <class R, class N>
+void anchor(const Kind& kind, const R& rows, N* out) {
+    const int first = kind.body_in_1 ? 3 : 0;
+    const N weight = read(rows, kind.where.weight);
     for (int i = 0; i < 6; ++i) {
-        if (!std::isnan(pivot[i])) out[i] = pivot[i];
+        const bool here = i >= first && i < first + 3;
+        const N place = here ? read(rows, kind.where.place_sum + i - first) / weight : N(0.0);
+        out[i] = without_nan(read(rows, kind.where.pivot + i), place);
     }
 }
 
 // As `following.before`.
-template <class F>
-void know(const Kind& kind, const double* row, Prior<F>& prior) {
-    const double *known = row + kind.where.known, *known_mean = row + kind.where.known_mean;
-    anchor(kind, row, prior.anchors);
-    if constexpr (F::q1 >= 0) put(prior.mean, F::q1, at(prior.anchors, 0));
-    if constexpr (F::q2 >= 0) put(prior.mean, F::q2, at(prior.anchors, 3));
-    multiply<F::S, F::S>(known_mean, known, prior.information);
-    prior.constant = 0.5 * dot<F::S>(prior.information, known_mean);
-    std::copy_n(known, F::S * F::S, prior.precision);
-    prior.is_diagonal = whole(row, kind.where.source) == 0;
+template <class F, class R, class N>
+void know(const Kind& kind, const R& rows, Prior<F, N>& prior) {
+    anchor(kind, rows, prior.anchors);
+    prior.is_diagonal = is_nothing_known(kind, rows);
+    prior.constant = 0.0;
+    std::fill_n(prior.information, F::S, N(0.0));
+    if (prior.is_diagonal) {
+        for (int s = 0; s < F::S; ++s) prior.precision[s * F::S + s] = 0.0;
+    } else {
+        N mean[F::S];
+        read(rows, kind.where.known_mean, F::S, mean);
+        read(rows, kind.where.known, F::S * F::S, prior.precision);
+        multiply<F::S, F::S>(mean, prior.precision, prior.information);
+        prior.constant = 0.5 * dot<F::S>(prior.information, mean);
+    }
     for (int s = 0; s < F::S; ++s) {
-        const double weak = kind.pull[s] * prior.mean[s];
+        const bool of_1 = F::q1 >= 0 && s >= F::q1 && s < F::q1 + 3, of_2 = F::q2 >= 0 && s >= F::q2;
         prior.precision[s * F::S + s] += kind.pull[s];
+        if (!of_1 && !of_2) continue;  // the weak prior's mean is zero but for points
+        const N mean = prior.anchors[of_1 ? s - F::q1 : 3 + s - F::q2], weak = kind.pull[s] * mean;
         prior.information[s] += weak;
-        prior.constant += 0.5 * weak * prior.mean[s];
+        prior.constant += 0.5 * weak * mean;
     }
 }
 

@@ -1,0 +1,86 @@
+// What fits of some windows look at and remember.
+#pragma once
+
+#include <utility>
+
+#include "table.hpp"
+
+namespace kernels {
+
+// What is read of hypotheses' windows: `moments` (C, C) and `row_weight` (K,).
+template <class F>
+struct Moments {
+    Lanes moments[F::C * F::C], row_weight[F::K];
+
+    Moments(const Kind& kind, const Rows& rows) {
+        read(rows, kind.where.moments, F::C * F::C, moments);
+        read(rows, kind.where.row_weight, F::K, row_weight);
+    }
+};
+
+// Call with each row's number, known to the compiler.
+template <class F, class Function, int... K>
+void each_row(Function&& function, std::integer_sequence<int, K...>) {
+    (function(std::integral_constant<int, K>{}), ...);
+}
+
+template <class F, class Function>
+void each_row(Function&& function) {
+    each_row<F>(function, std::make_integer_sequence<int, F::K>{});
+}
+
+// The k-th row, or how it changes, times the moments; and with another one.
+template <class F, int K>
+void carry(const Lanes* row, const Moments<F>& window, Lanes* out) {
+    multiply<F::active_in(K), F::active_in(K), F::C>(row, window.moments, out);
+}
+
+template <class F, int K>
+Lanes pair(const Lanes* row, const Lanes* carried) {
+    return dot<F::active_in(K)>(row, carried);
+}
+
+// What a fit is near some x: `weight` (K,) of the rows, `slopes` (P, K, C) along the `free` directions (P,
+// S), the share of the last row that is taken out of its own, since its scale changes, too, `leans` (P,), the
+// `gradient` (P,) and the `hessian` (K, P, P), and what is `held` (P, P) by the prior.
+template <class F>
+struct Near {
+    Lanes weight[F::K], slopes[F::P][F::K][F::C], free[F::P][F::S], leans[F::P];
+    Lanes gradient[F::P], hessian[F::K][F::P][F::P], held[F::P][F::P];
+
+    // What was there `before`, of some.
+    void keep(const Mask& some, const Near& before) {
+        const auto restore = [&](Lanes* now, const Lanes* old, int count) {
+            for (int i = 0; i < count; ++i) now[i] = where(some, old[i], now[i]);
+        };
+        restore(weight, before.weight, F::K);
+        restore(slopes[0][0], before.slopes[0][0], F::P * F::K * F::C);
+        restore(free[0], before.free[0], F::P * F::S);
+        restore(leans, before.leans, F::P);
+        restore(gradient, before.gradient, F::P);
+        restore(hessian[0][0], before.hessian[0][0], F::K * F::P * F::P);
+        restore(held[0], before.held[0], F::P * F::P);
+    }
+};
+
+// Memory of some windows: their `prior`, and what they are `near` their x.
+//
+// Where a trial of coordinates has come to: `rows` (K, C) and the same times the moments, `carried`, their
+// `weight` (K,), free directions before shifting, `axes`, slopes of the last row along the shifts, `design`
+// (L, C), which times the moments are `moved`, and x times the prior's precision, `pull`.
+template <class F>
+struct Work {
+    Prior<F, Lanes> prior;
+    Near<F> near;
+    Lanes rows[F::K][F::C], carried[F::K][F::C], weight[F::K], axes[F::P][F::S];
+    Lanes design[F::L][F::C], moved[F::L][F::C], pull[F::S], turn[9];
+    Lanes step[F::P], trial[F::S];
+
+    Work() {  // what no step writes
+        std::fill_n(near.slopes[0][0], F::P * F::K * F::C, Lanes(0.0));
+        std::fill_n(near.leans, F::P, Lanes(0.0));
+        std::fill_n(design[0], F::L * F::C, Lanes(0.0));
+    }
+};
+
+}  // namespace kernels
