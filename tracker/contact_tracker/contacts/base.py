@@ -94,6 +94,10 @@ class Family(Protocol):
         """The elements in frame 1 and frame 2 of one x (S,) whose covariance is (S, S)."""
 
 
+EYE: Final = np.eye(3)
+ONE: Final = np.eye(1)
+
+
 def unit(v: Array) -> Array:
     """v scaled to length one along the last axis."""
     return np.asarray(v / np.sqrt(dot(v, v))[..., None])
@@ -129,10 +133,12 @@ def sphere_tangent(n: Array) -> Array:
     return out
 
 
-def line_tangent(line: Array, anchor: Array) -> Array:
-    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` as d turns."""
+def line_tangent(line: Array, anchor: Array, across: Array) -> Array:
+    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` as d turns.
+
+    ``across`` (..., 3, 2) is the ``sphere_tangent`` of d.
+    """
     d, arm = line[..., :3], line[..., 3:] - anchor
-    across = sphere_tangent(d)
     out = np.zeros((*d.shape[:-1], 6, 4))
     out[..., :3, :2] = across
     out[..., 3:, :2] = -d[..., :, None] * (arm[..., None, :] @ across)
@@ -184,17 +190,18 @@ def _kept_and_rest(count: int, start: int, stop: int) -> tuple[NDArray[np.int64]
 
 def outer(a: Array, b: Array) -> Array:
     """vec(a b^T) (..., 9), row-major: the coefficients of ``a . R b`` on ``vec R``."""
-    return np.asarray((a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], 9))
+    product = a[..., :, None] * b[..., None, :]
+    return np.asarray(product.reshape(*product.shape[:-2], 9))
 
 
 def outer_derivative_first(b: Array) -> Array:
     """Derivative (..., 3, 9) of ``outer(a, b)`` by a."""
-    return np.asarray((_EYE[:, :, None] * b[..., None, None, :]).reshape(*b.shape[:-1], 3, 9))
+    return np.asarray((EYE[:, :, None] * b[..., None, None, :]).reshape(*b.shape[:-1], 3, 9))
 
 
 def outer_derivative_second(a: Array) -> Array:
     """Derivative (..., 3, 9) of ``outer(a, b)`` by b."""
-    return np.asarray((a[..., None, :, None] * _EYE[:, None, :]).reshape(*a.shape[:-1], 3, 9))
+    return np.asarray((a[..., None, :, None] * EYE[:, None, :]).reshape(*a.shape[:-1], 3, 9))
 
 
 class Frames(NamedTuple):
@@ -228,7 +235,6 @@ def dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
-_EYE: Final = np.eye(3)
 _INVERSE_ORDER: Final = np.concatenate(
     [
         lift.R.reshape(3, 3).T.ravel(),

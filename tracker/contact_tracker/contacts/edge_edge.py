@@ -24,6 +24,7 @@ from contact_tracker.contacts.base import (
     outer_derivative_first,
     outer_derivative_second,
     smallest_directions,
+    sphere_tangent,
 )
 from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Line
@@ -54,24 +55,23 @@ def rows(x: Array) -> Array:
 
 
 def rows_derivative(x: Array) -> Array:
-    d1, q1, d2, q2 = x[..., D1], x[..., Q1], x[..., D2], x[..., Q2]
-    by_m1 = outer_derivative_second(d2)
-    by_m2 = outer_derivative_first(d1)
-    m1, m2 = cross(q1, d1), cross(q2, d2)
+    lines = _lines(x)
+    by_line = (lines @ _MOMENT).reshape(*lines.shape, 3)
+    d = lines[..., None, :3]
+    m = d @ by_line[..., :3, :]
+    d1, d2, m1, m2 = d[..., 0, :, :], d[..., 1, :, :], m[..., 0, :, :], m[..., 1, :, :]
     out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
-    out[..., 0, D1, :9] = _cross(q1).swapaxes(-1, -2) @ by_m1 + outer_derivative_second(m2)
-    out[..., 0, D1, 9:18] = by_m1
-    out[..., 0, Q1, :9] = _cross(d1) @ by_m1
-    out[..., 0, D2, :9] = _cross(q2).swapaxes(-1, -2) @ by_m2 + outer_derivative_first(m1)
-    out[..., 0, D2, 9:18] = by_m2
-    out[..., 0, Q2, :9] = _cross(d2) @ by_m2
+    out[..., 0, LINE1, :9] = outer(d2, by_line[..., 0, :, :]) + outer(m2, _DIRECTION)
+    out[..., 0, LINE1, 9:18] = outer(d2, _DIRECTION)
+    out[..., 0, LINE2, :9] = outer(by_line[..., 1, :, :], d1) + outer(_DIRECTION, m1)
+    out[..., 0, LINE2, 9:18] = outer(_DIRECTION, d1)
     return out
 
 
 def scale_sq(x: Array, moments: Array) -> Array:
     """Mean squared sine of the crossing angle: the volume is the distance times the sine."""
     on_r = outer(x[..., D2], x[..., D1])
-    cosine_sq = np.einsum("...c,...cd,...d->...", on_r, moments[..., :9, :9], on_r)
+    cosine_sq = dot(on_r, (moments[..., :9, :9] @ on_r[..., None])[..., 0])
     total = np.maximum(moments[..., 18, 18], TINY)
     return np.asarray(np.maximum(1.0 - cosine_sq / total, SINE_SQ_FLOOR))
 
@@ -89,9 +89,9 @@ def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
 
 
 def tangent(x: Array, anchors: Array) -> Array:
-    first = line_tangent(x[..., LINE1], anchors[..., :3])
-    second = line_tangent(x[..., LINE2], anchors[..., 3:])
-    return block_tangent(x, SIZE, [(LINE1, first), (LINE2, second)])
+    lines = _lines(x)
+    free = line_tangent(lines, anchors.reshape(*anchors.shape[:-1], 2, 3), sphere_tangent(lines[..., :3]))
+    return block_tangent(x, SIZE, [(LINE1, free[..., 0, :, :]), (LINE2, free[..., 1, :, :])])
 
 
 def normalise(x: Array, anchors: Array) -> Array:
@@ -140,9 +140,19 @@ def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Elem
     return first, Line(x[D2], x[Q2], covariance[6:, 6:])
 
 
-def _cross(v: Array) -> Array:
-    """[v]x, (..., 3, 3)."""
-    zero = np.zeros_like(v[..., 0])
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    flat = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
-    return flat.reshape(*v.shape[:-1], 3, 3)
+def _lines(x: Array) -> Array:
+    """Both lines (d, q), (..., 2, 6)."""
+    return x.reshape(*x.shape[:-1], 2, 6)
+
+
+def _by_line() -> Array:
+    """(6, 18): what each number of a line (d, q) adds to the derivative (6, 3) of m = q x d by the line."""
+    out, eye = np.zeros((6, 6, 3)), np.eye(3)
+    out[3:, :3] = np.cross(eye[:, None], eye)
+    out[:3, 3:] = np.cross(eye, eye[:, None])
+    return out.reshape(6, 18)
+
+
+_MOMENT: Final = _by_line()
+_DIRECTION: Final = np.eye(6, 3)
+"""The derivative of d by the line."""

@@ -11,6 +11,8 @@ import numpy as np
 from contact_tracker import lift
 from contact_tracker.contacts import face_face, vertex_face
 from contact_tracker.contacts.base import (
+    EYE,
+    ONE,
     Array,
     Frames,
     Measurement,
@@ -56,7 +58,7 @@ def rows_derivative(x: Array) -> Array:
     out[..., 0, N, :9] = outer_derivative_first(d)
     out[..., 1, Q, :9] = by_second
     out[..., 1, N, :9] = outer_derivative_first(q)
-    out[..., 1, N, 9:12] = np.eye(3)
+    out[..., 1, N, 9:12] = EYE
     out[..., 1, 9, 12] = -1.0
     return out
 
@@ -70,9 +72,10 @@ def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
 
 
 def tangent(x: Array, anchors: Array) -> Array:
-    one = np.ones((*x.shape[:-1], 1, 1))
-    line = line_tangent(x[..., LINE], anchors[..., :3])
-    return block_tangent(x, SIZE, [(LINE, line), (N, sphere_tangent(x[..., N])), (H, one)])
+    both = x[..., :9].reshape(*x.shape[:-1], 3, 3)[..., ::2, :]
+    across = sphere_tangent(both)
+    line = line_tangent(x[..., LINE], anchors[..., :3], across[..., 0, :, :])
+    return block_tangent(x, SIZE, [(LINE, line), (N, across[..., 1, :, :]), (H, ONE)])
 
 
 def normalise(x: Array, anchors: Array) -> Array:

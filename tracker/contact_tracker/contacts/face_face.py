@@ -11,6 +11,8 @@ import numpy as np
 
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
+    EYE,
+    ONE,
     Array,
     Frames,
     Measurement,
@@ -23,6 +25,7 @@ from contact_tracker.contacts.base import (
 from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Plane
 
+BOTH: Final = slice(0, 6)
 M: Final = slice(0, 3)
 N: Final = slice(3, 6)
 H: Final = slice(6, 7)
@@ -48,14 +51,12 @@ def rows(x: Array) -> Array:
 
 def rows_derivative(x: Array) -> Array:
     m, n = x[..., M], x[..., N]
-    b = sphere_tangent(m)
+    b = np.swapaxes(sphere_tangent(m), -1, -2)
     out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
-    n_m = outer(n, m)
-    for k in range(2):
-        # turning m by delta turns b_k by -(delta . b_k) m; the rest of the turn stays in the face
-        out[..., k, M, :9] = -b[..., :, k, None] * n_m[..., None, :]
-        out[..., k, N, :9] = outer_derivative_first(b[..., k])
-    out[..., 2, N, 9:12] = np.eye(3)
+    # turning m by delta turns b_k by -(delta . b_k) m; the rest of the turn stays in the face
+    out[..., :2, M, :9] = -b[..., None] * outer(n, m)[..., None, None, :]
+    out[..., :2, N, :9] = outer_derivative_first(b)
+    out[..., 2, N, 9:12] = EYE
     out[..., 2, 6, 12] = -1.0
     return out
 
@@ -69,9 +70,8 @@ def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
 
 
 def tangent(x: Array, anchors: Array) -> Array:
-    one = np.ones((*x.shape[:-1], 1, 1))
-    blocks = [(M, sphere_tangent(x[..., M])), (N, sphere_tangent(x[..., N])), (H, one)]
-    return block_tangent(x, SIZE, blocks)
+    across = sphere_tangent(x[..., BOTH].reshape(*x.shape[:-1], 2, 3))
+    return block_tangent(x, SIZE, [(M, across[..., 0, :, :]), (N, across[..., 1, :, :]), (H, ONE)])
 
 
 def normalise(x: Array, anchors: Array) -> Array:

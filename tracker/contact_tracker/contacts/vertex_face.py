@@ -9,6 +9,8 @@ import numpy as np
 
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
+    EYE,
+    ONE,
     Array,
     Frames,
     Measurement,
@@ -48,7 +50,7 @@ def rows_derivative(x: Array) -> Array:
     out = np.zeros((*x.shape[:-1], ROWS, SIZE, len(COLUMNS)))
     out[..., 0, Q, :9] = outer_derivative_second(n)
     out[..., 0, N, :9] = outer_derivative_first(q)
-    out[..., 0, N, 9:12] = np.eye(3)
+    out[..., 0, N, 9:12] = EYE
     out[..., 0, 6, 12] = -1.0
     return out
 
@@ -62,9 +64,7 @@ def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
 
 
 def tangent(x: Array, anchors: Array) -> Array:
-    eye = np.broadcast_to(np.eye(3), (*x.shape[:-1], 3, 3))
-    one = np.ones((*x.shape[:-1], 1, 1))
-    return block_tangent(x, SIZE, [(Q, eye), (N, sphere_tangent(x[..., N])), (H, one)])
+    return block_tangent(x, SIZE, [(Q, EYE), (N, sphere_tangent(x[..., N])), (H, ONE)])
 
 
 def normalise(x: Array, anchors: Array) -> Array:
