@@ -107,7 +107,8 @@ def test_noise_feigns_as_much_as_is_said(contact):
     window = ticks(rest, np.zeros((1000, 3)))
     bank = hypotheses.fit_stretch(model, window, SCALES)
     anchors = model.anchors(bank.place_sum / bank.weight[:, None])
-    feigned = observability.feigned_information(bank, model, anchors, window.variance[0])
+    tangent = model.family.tangent(bank.x, anchors)[0]
+    feigned = observability.feigned_information(bank, model, tangent, window.variance[0])
     some = 1e-6 * np.trace(feigned) * np.eye(len(feigned))
     told = eigh(bank.hessian[0].sum(axis=0), feigned + some, eigvals_only=True)
     jittering = told[: -model.family.ROWS]

@@ -187,7 +187,7 @@ def complete(
     slopes = along[:, None] @ family.rows_derivative(bare)
     design = np.concatenate([family.rows(bare)[:, :, None], slopes], axis=2)
     gram = (design @ moments[:, None]) @ np.swapaxes(design, -1, -2)
-    weight = _per_metre(family, moments, row_weight, bare)
+    weight = per_metre(family, moments, row_weight, bare)
     gram = (weight[..., None, None] * gram).sum(axis=1)
     normal = gram[:, 1:, 1:] + along @ prior.precision @ np.swapaxes(along, -1, -2)
     pull = gram[:, 1:, 0] + (along @ prior.gradient(bare)[..., None])[..., 0]
@@ -207,7 +207,7 @@ def information(
     sums (B, C, C) of their ``squares``."""
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
     slopes = along[:, None] @ family.rows_derivative(x)
-    weight = _per_metre(family, moments, row_weight, x)[..., None, None]
+    weight = per_metre(family, moments, row_weight, x)[..., None, None]
     return np.asarray((weight * (slopes @ squares[:, None]) @ np.swapaxes(slopes, -1, -2)).sum(axis=1))
 
 
@@ -219,7 +219,7 @@ def _normal_equations(
     # of the last row per metre: the scale changes with x as well
     derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
     jacobian = along[:, None] @ derivative
-    row_weight = _per_metre(family, moments, row_weight, x)
+    row_weight = per_metre(family, moments, row_weight, x)
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
     hessian = weighted @ np.swapaxes(jacobian, -1, -2)
     gradient = (weighted @ c[..., None])[..., 0].sum(axis=1) + (along @ prior.gradient(x)[..., None])[..., 0]
@@ -227,7 +227,8 @@ def _normal_equations(
     return tangent, gradient, hessian, held
 
 
-def _per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:
+def per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:
+    """``row_weight`` (B, K) at x (B, S), the last one's without what the row gives per metre of distance."""
     weight = row_weight.copy()
     weight[:, -1] /= family.scale_sq(x, moments)
     return weight

@@ -10,18 +10,21 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg.lapack import dsygvd
 
 from contact_tracker import fit, lift
-from contact_tracker.bank import anchors_of, prior_of
+from contact_tracker.bank import anchors_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import cross
-from contact_tracker.evidence import Scales
+from contact_tracker.contacts.form import directions
+from contact_tracker.evidence import Scales, weak_prior
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, Unobserved
 from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 
+_KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
+"""Of the noise of each of a pose's directions: first turns, then shifts."""
 SHOWN: Final = 10.0
 """A direction is observed if the window tells this many times what prior and noise say of it."""
 OPEN: Final = 0.1
@@ -42,24 +45,38 @@ def observed_geometry(
     ContactGeometry in the frames in which the bank works.
     """
     one = bank.pick(np.array([row]))
-    anchors = anchors_of(one, model)
-    before = prior_of(one, model, anchors, scales.reach_m)
-    tangent = model.family.tangent(one.x, anchors)[0]
-    prior = tangent.T @ (before.precision[0] + np.diag(before.flat)) @ tangent
-    known = prior + feigned_information(one, model, anchors, variance)
-    told, ways = eigh(one.hessian[0].sum(axis=0), known, check_finite=False)
+    tangent = model.family.tangent(one.x, anchors_of(one, model))[0]
+    prior = tangent.T @ (_vague(model, scales.reach_m) + one.known[0]) @ tangent
+    known = prior + feigned_information(one, model, tangent, variance)
+    told, ways = _against(one.hessian[0].sum(axis=0), known)
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
     x = one.x[0].copy()  # it is given away
     found = model.geometry(x, covariance, scales.reach_m)
     left = ways[:, told < SHOWN]
-    if not left.size:
+    free = tangent @ left
+    could = free @ np.linalg.solve(left.T @ prior @ left, free.T)
+    if could.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # as mostly
         return found
-    could = tangent @ left @ np.linalg.inv(left.T @ prior @ left) @ left.T @ tangent.T
-    free = model.geometry(x, could, 0.0)
+    open_ = model.geometry(x, could, 0.0)
     return ContactGeometry(
-        replace(found.object, unobserved=_ways(free.object, scales.reach_m)),
-        replace(found.environment, unobserved=_ways(free.environment, scales.reach_m)),
+        replace(found.object, unobserved=_ways(open_.object, scales.reach_m)),
+        replace(found.environment, unobserved=_ways(open_.environment, scales.reach_m)),
     )
+
+
+@cache
+def _vague(model: ContactModel, reach_m: float) -> Array:
+    """Precision (S, S) that every hypothesis has from the outset, with that of directions on their sphere."""
+    weak = weak_prior(model.family, np.zeros((1, 6)), reach_m)
+    return np.asarray(weak.precision[0] + np.diag(weak.flat))
+
+
+@cache
+def _in_lengths(model: ContactModel, reach_m: float) -> Array:
+    """(S,) what makes squares of turns and of shifts in x comparable: those are over the squared reach."""
+    scale = np.full(model.family.SIZE, 1.0 / reach_m**2)
+    scale[directions(model.family.FORM)] = 1.0
+    return scale
 
 
 def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
@@ -68,26 +85,44 @@ def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
     Seen along the ways, the precision is a diagonal of all magnitudes and little beside it: then its inverse
     has all its digits, also where one way is known all too well, as of two lines that are all but parallel.
     """
-    precision = np.diag(np.maximum(told - 1.0, 0.0)) + ways.T @ prior @ ways
+    precision = ways.T @ prior @ ways
+    np.einsum("pp->p", precision)[...] += np.maximum(told - 1.0, 0.0)
     scale = 1.0 / np.sqrt(precision.diagonal())
     scaled = ways * scale
-    return np.asarray(scaled @ np.linalg.inv(precision * np.outer(scale, scale)) @ scaled.T)
+    return np.asarray(scaled @ np.linalg.solve(precision * (scale[:, None] * scale), scaled.T))
 
 
-def feigned_information(one: Bank, model: ContactModel, anchors: Array, variance: Array) -> Array:
-    """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis."""
-    off = _perturbations(model)
-    by_each = off @ one.moments[0] @ np.swapaxes(off, 1, 2)
-    jitter = np.einsum("i,icd->cd", variance[[1, 1, 1, 0, 0, 0]], by_each)
-    window = one.row_weight, one.moments, anchors, one.x
-    return np.asarray(fit.information(model.family, jitter[None], *window)[0])
+def _against(told: Array, known: Array) -> tuple[Array, Array]:
+    """Eigenvalues (P,) in rising order and eigenvectors (P, P) of what is ``told`` against what is ``known``.
+
+    As of ``scipy.linalg.eigh``, which takes longer to choose this routine than it does to run.
+    """
+    values, ways, failed = dsygvd(told, known)
+    if failed:
+        raise np.linalg.LinAlgError(f"dsygvd: {failed}")
+    return values, ways
+
+
+def feigned_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
+    """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis, along
+    its ``tangent`` (S, P)."""
+    family, moments = model.family, one.moments[0]
+    size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
+    precision = fit.per_metre(family, one.moments, one.row_weight, one.x)[0]
+    slopes = tangent.T @ family.rows_derivative(one.x[0]).swapaxes(0, 1).reshape(size, -1)
+    # how each row changes when a pose is off by one sigma in each direction
+    off = (slopes.reshape(free * rows, columns) @ _perturbations(model)).reshape(free, rows, 6, columns)
+    off *= np.sqrt(precision[:, None] * variance[_KINDS])[..., None]
+    jitter = off.reshape(-1, columns) @ moments
+    return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
 
 
 @cache
 def _perturbations(model: ContactModel) -> Array:
-    """Six linear maps (6, C, C): what the family's columns change by when the pose is a little off."""
+    """Six linear maps (C, 6 C), side by side: what the family's columns change by when the pose is a little
+    off."""
     select = model.lifted(np.eye(lift.SIZE)).T
-    return np.asarray(select @ lift.perturbations() @ select.T)
+    return np.concatenate(list(select @ lift.perturbations() @ select.T), axis=1)
 
 
 def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:

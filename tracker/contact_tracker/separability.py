@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts.base import cross
+from contact_tracker.contacts.base import EYE, cross
 from contact_tracker.evidence import Window
 from contact_tracker.labels import STATES, Contact
-from contact_tracker.lift import R, T
+from contact_tracker.lift import T
 from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
@@ -38,6 +38,8 @@ FIRST_CHOICE: Final = 2.0
 ALMOST: Final = 1.0 - 1e-9
 SIX: Final = 6
 TINY: Final = 1e-9
+_AXIS_AND_TRACE: Final = np.array([[*np.cross(b, a), a @ b] for a in EYE for b in EYE])
+"""(9, 4): from a rotation, row by row, its axis times twice the sine of its angle, and its trace."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone."""
 
@@ -114,23 +116,21 @@ def used_directions(window: Window) -> int:
     """
     if len(window) <= STRIDE_TICKS:
         return 0
-    rotation = window.zeta[:, R].reshape(-1, 3, 3)
-    place = window.zeta[:, T] - window.zeta[:, T].mean(axis=0)
+    pose = window.zeta[:, : T[-1] + 1]  # R comes before T
+    rotation, place = pose[:, : T[0]].reshape(-1, 3, 3), pose[:, T[0] :]
     first, last = slice(None, -STRIDE_TICKS), slice(STRIDE_TICKS, None)
-    step = rotation[last] @ rotation[first].swapaxes(1, 2)
-    odd = step - step.swapaxes(1, 2)
-    cosine = 0.5 * (step.trace(axis1=1, axis2=2) - 1.0)
+    step = (rotation[last] @ rotation[first].swapaxes(1, 2)).reshape(-1, 9) @ _AXIS_AND_TRACE
     # tan of half the angle along the axis, twice: exact about an axis
-    turned = odd[:, [2, 0, 1], [1, 2, 0]] / np.maximum(1.0 + cosine, TINY)[:, None]
-    middle = 0.5 * (place[first] + place[last])
+    turned = step[:, :3] / np.maximum(0.5 * (1.0 + step[:, 3:]), TINY)
+    middle = 0.5 * (place[first] + place[last]) - place.sum(axis=0) / len(place)
     shifted = place[last] - place[first] - cross(turned, middle)
     twist = np.concatenate([shifted, turned], axis=1)
     weight = window.activity[last] + TINY
-    power = (twist * weight[:, None]).T @ twist / weight.sum()
-    position, rotation = 2.0 * window.usual_variance
-    lever_sq = (middle * middle).sum(axis=1).mean() * 2.0 / 3.0
-    sigma = np.sqrt(np.array([position + rotation * lever_sq] * 3 + [rotation] * 3))
-    return int((np.linalg.eigvalsh(power / (sigma[:, None] * sigma)) > USED).sum())
+    power = twist.T @ (twist * weight[:, None]) / weight.sum()
+    position, rotational = 2.0 * window.usual_variance
+    lever_sq = np.vdot(middle, middle) / len(middle) * 2.0 / 3.0
+    sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)
+    return int(np.count_nonzero(np.linalg.eigvalsh(power / (sigma[:, None] * sigma)) > USED))
 
 
 def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Rivals:
@@ -139,16 +139,16 @@ def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: i
     Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
     just that onset on. -inf where all such hypotheses have been dropped as hopeless.
     """
-    slack_ns = max(SAME_SPAN_TICKS * tick_ns, SAME_SPAN * (now_ns - onset_ns))
+    slack_ns = int(max(SAME_SPAN_TICKS * tick_ns, SAME_SPAN * (now_ns - onset_ns)))
+    span_ns = np.array([onset_ns - slack_ns, onset_ns + slack_ns + 1])
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     after_ns = np.zeros(len(STATES))
     for column, bank in enumerate(banks):
-        since_ns = bank.onset_ns - onset_ns
-        near = (np.abs(since_ns) <= slack_ns).nonzero()[0]
-        if len(near):
-            best = near[bank.joint[near].argmax()]
+        first, end = bank.onset_ns.searchsorted(span_ns)  # they are in order
+        if first < end:
+            best = first + bank.joint[first:end].argmax()
             evidence[column], rms[column] = bank.log_likelihood[best], bank.rms[best]
-            after_ns[column] = since_ns[best]
+            after_ns[column] = bank.onset_ns[best] - onset_ns
     evidence[-1], rms[-1] = 0.0, 1.0
     if label is not Contact.FREE:
         evidence -= _evidence(banks[label.column], after_ns, onset_ns)
