@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, separability
+from contact_tracker import separability
 from contact_tracker.assumptions import assumptions
 from contact_tracker.beginnings import named
 from contact_tracker.belief import Belief
@@ -63,8 +63,8 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
 
     Where it touches is told by ``touching``, what the motion leaves open by ``weighed_up``.
     """
-    probability = np.exp(state.log_left - hmm.log_sum_exp(state.log_left))
-    probability = separability.tempered(probability, state.model.certainty.sureness)
+    weight = np.exp(state.log_left - state.log_left.max())
+    probability = separability.tempered(weight, state.model.certainty.sureness)
     label = STATES[int(np.argmax(probability))]
     residual = np.array([_residual(living) for living in state.banks])
     onset_ns = state.free_since_ns
@@ -83,7 +83,7 @@ def weighed_up(state: TrackerState, belief: Belief) -> Belief:
         living = state.banks[label.column]
         onset = int(living.onset[np.argmax(living.joint)])
     rivals = separability.rivals_since(state.banks, label, belief.onset_ns, belief.stamp_ns, tick_ns)
-    since = state.window.cut(int(np.searchsorted(state.window.index, onset)), None)
+    since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     idle = separability.is_idle(label, since, onset < state.window.index[0])
     others = separability.inseparable(label, rivals, idle)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))

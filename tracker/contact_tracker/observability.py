@@ -6,13 +6,12 @@ motion tells is what exceeds what the noise of the poses alone would feign.
 
 from dataclasses import replace
 from functools import cache
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dsygvd
 
-from contact_tracker import fit, lift
+from contact_tracker import fit, lift, small
 from contact_tracker.bank import anchors_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import cross
@@ -48,13 +47,15 @@ def observed_geometry(
     tangent = model.family.tangent(one.x, anchors_of(one, model))[0]
     prior = tangent.T @ (_vague(model, scales.reach_m) + one.known[0]) @ tangent
     known = prior + feigned_information(one, model, tangent, variance)
-    told, ways = _against(one.hessian[0].sum(axis=0), known)
+    told, ways = small.eigenvectors(one.hessian[0].sum(axis=0), known)
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
     x = one.x[0].copy()  # it is given away
     found = model.geometry(x, covariance, scales.reach_m)
-    left = ways[:, told < SHOWN]
+    left = ways[:, : told.searchsorted(SHOWN)]
+    if not left.size:
+        return found
     free = tangent @ left
-    could = free @ np.linalg.solve(left.T @ prior @ left, free.T)
+    could = free @ small.solve(left.T @ prior @ left, free.T)
     if could.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # as mostly
         return found
     open_ = model.geometry(x, could, 0.0)
@@ -89,18 +90,7 @@ def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
     np.einsum("pp->p", precision)[...] += np.maximum(told - 1.0, 0.0)
     scale = 1.0 / np.sqrt(precision.diagonal())
     scaled = ways * scale
-    return np.asarray(scaled @ np.linalg.solve(precision * (scale[:, None] * scale), scaled.T))
-
-
-def _against(told: Array, known: Array) -> tuple[Array, Array]:
-    """Eigenvalues (P,) in rising order and eigenvectors (P, P) of what is ``told`` against what is ``known``.
-
-    As of ``scipy.linalg.eigh``, which takes longer to choose this routine than it does to run.
-    """
-    values, ways, failed = dsygvd(told, known)
-    if failed:
-        raise np.linalg.LinAlgError(f"dsygvd: {failed}")
-    return values, ways
+    return np.asarray(scaled @ small.solve(precision * (scale[:, None] * scale), scaled.T))
 
 
 def feigned_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
@@ -145,25 +135,27 @@ def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Arra
     wide = _wide(turned, OPEN)
     if not wide.size:
         return (), rest
-    turns = tuple(Unobserved("turns_about", _signed(cross(axis, to))) for to in wide.T)
+    turns = _unobserved("turns_about", cross(axis, wide.T))
     with_turn = covariance[3:, :3] @ wide
-    explained = with_turn @ np.linalg.inv(wide.T @ turned @ wide) @ with_turn.T
+    explained = with_turn @ small.solve(wide.T @ turned @ wide, with_turn.T)
     return turns, rest - explained
 
 
 def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
-    wide = _wide(covariance, OPEN * reach_m)
-    return tuple(Unobserved("shifts_along", _signed(along)) for along in wide.T)
+    return _unobserved("shifts_along", _wide(covariance, OPEN * reach_m).T)
 
 
 def _wide(covariance: Array, sd: float) -> Array:
     """Orthonormal directions (3, n) in which ``covariance`` is wider than ``sd``, the widest first."""
     if covariance.trace() <= sd**2:  # as mostly
         return np.zeros((3, 0))
-    variance, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes[:, variance > sd**2][:, ::-1])
+    variance, axes = small.eigenvectors(covariance)
+    return axes[:, variance > sd**2][:, ::-1]
 
 
-def _signed(axis: Array) -> Array:
-    """Of the two unit vectors along an axis the one whose largest component is positive."""
-    return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))]))
+def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tuple[Unobserved, ...]:
+    """Along unit vectors (n, 3), of the two along an axis the one whose largest component is positive."""
+    if not len(axes):
+        return ()
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None], axis=1)
+    return tuple(Unobserved(how, axis) for axis in axes * np.sign(largest))

@@ -35,6 +35,7 @@ def shifted(element: Element, origin_m: Array) -> Element:
             jacobian = np.eye(4)
             jacobian[3, :3] = origin_m
             moved = None if covariance is None else jacobian @ covariance @ jacobian.T
-            return replace(element, offset_m=float(offset_m + normal @ origin_m), covariance=moved)
+            offset_m = float(offset_m + normal @ origin_m)
+            return Plane(normal, offset_m, moved, element.unobserved, element.name)
         case Line() | Point():
             return replace(element, point_m=element.point_m + origin_m)

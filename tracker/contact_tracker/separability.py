@@ -10,7 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts.base import EYE, cross
+from contact_tracker import small
+from contact_tracker.contacts.base import EYE
 from contact_tracker.evidence import Window
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import T
@@ -38,8 +39,9 @@ FIRST_CHOICE: Final = 2.0
 ALMOST: Final = 1.0 - 1e-9
 SIX: Final = 6
 TINY: Final = 1e-9
-_AXIS_AND_TRACE: Final = np.array([[*np.cross(b, a), a @ b] for a in EYE for b in EYE])
-"""(9, 4): from a rotation, row by row, its axis times twice the sine of its angle, and its trace."""
+_AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
+"""(3, 9): of a matrix, row by row, what is odd in it: of a rotation its axis by twice the sine of its angle;
+of ``a b^T`` it is ``b x a``."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone."""
 
@@ -64,8 +66,9 @@ def inseparable(label: Contact, rivals: Rivals, idle: bool) -> tuple[Contact, ..
     close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
     if idle:
         fits = close | (rivals.rms < AS_WELL * max(1.0, rivals.rms[label.column]))
-        close = np.array([any(fits[s.column] and s.contains(state) for s in STATES) for state in STATES])
-    return tuple(state for state in STATES if close[state.column] and state is not label)
+        fitting = [state for state, fit in zip(STATES, fits, strict=True) if fit]
+        close = np.array([any(other.contains(state) for other in fitting) for state in STATES])
+    return tuple(state for state, near in zip(STATES, close, strict=True) if near and state is not label)
 
 
 def is_idle(label: Contact, window: Window, older: bool) -> bool:
@@ -78,7 +81,8 @@ def is_idle(label: Contact, window: Window, older: bool) -> bool:
 
 
 def tempered(probability: Array, sureness: float) -> Array:
-    """Posterior (..., 7) to the power of ``sureness``: the order of the states stays, one and all (T31)."""
+    """Posterior (..., 7), up to a constant, to the power of ``sureness``: the order of the states stays, one
+    and all (T31)."""
     power = probability**sureness
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
@@ -116,21 +120,24 @@ def used_directions(window: Window) -> int:
     """
     if len(window) <= STRIDE_TICKS:
         return 0
-    pose = window.zeta[:, : T[-1] + 1]  # R comes before T
-    rotation, place = pose[:, : T[0]].reshape(-1, 3, 3), pose[:, T[0] :]
+    pose = window.zeta[:, : T[-1] + 1].T.copy()  # R comes before T; numbers of all ticks side by side
+    rotation, place = pose[: T[0]].reshape(3, 3, -1), pose[T[0] :]
+    place -= place.sum(axis=1, keepdims=True) / len(window)
     first, last = slice(None, -STRIDE_TICKS), slice(STRIDE_TICKS, None)
-    step = (rotation[last] @ rotation[first].swapaxes(1, 2)).reshape(-1, 9) @ _AXIS_AND_TRACE
+    step = (rotation[:, None, :, last] * rotation[:, :, first]).sum(axis=2)
     # tan of half the angle along the axis, twice: exact about an axis
-    turned = step[:, :3] / np.maximum(0.5 * (1.0 + step[:, 3:]), TINY)
-    middle = 0.5 * (place[first] + place[last]) - place.sum(axis=0) / len(place)
-    shifted = place[last] - place[first] - cross(turned, middle)
-    twist = np.concatenate([shifted, turned], axis=1)
+    one_and_cosine = 0.5 * (1.0 + step[0, 0] + step[1, 1] + step[2, 2])
+    turned = _AXIS @ step.reshape(9, -1) / np.maximum(one_and_cosine, TINY)
+    middle = 0.5 * (place[:, first] + place[:, last])
+    lever = (middle[:, None] * turned).reshape(9, -1)
+    shifted = place[:, last] - place[:, first] - _AXIS @ lever
+    twist = np.concatenate([shifted, turned])
     weight = window.activity[last] + TINY
-    power = twist.T @ (twist * weight[:, None]) / weight.sum()
+    power = (twist * weight) @ twist.T / weight.sum()
     position, rotational = 2.0 * window.usual_variance
-    lever_sq = np.vdot(middle, middle) / len(middle) * 2.0 / 3.0
+    lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
     sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)
-    return int(np.count_nonzero(np.linalg.eigvalsh(power / (sigma[:, None] * sigma)) > USED))
+    return int(np.count_nonzero(small.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
 
 
 def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Rivals:
