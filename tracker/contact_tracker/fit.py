@@ -228,7 +228,7 @@ def _normal_equations(
 
 
 def per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:
-    """``row_weight`` (B, K) at x (B, S), the last one's without what the row gives per metre of distance."""
+    """``row_weight`` (..., K) at x (..., S), the last without what its row gives per metre of distance."""
     weight = row_weight.copy()
-    weight[:, -1] /= family.scale_sq(x, moments)
+    weight[..., -1] /= family.scale_sq(x, moments)
     return weight

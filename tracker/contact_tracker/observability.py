@@ -44,12 +44,12 @@ def observed_geometry(
     ContactGeometry in the frames in which the bank works.
     """
     one = bank.pick(np.array([row]))
-    tangent = model.family.tangent(one.x, anchors_of(one, model))[0]
+    x = one.x[0].copy()  # it is given away
+    tangent = model.family.tangent(x, anchors_of(one, model)[0])
     prior = tangent.T @ (_vague(model, scales.reach_m) + one.known[0]) @ tangent
     known = prior + feigned_information(one, model, tangent, variance)
     told, ways = small.eigenvectors(one.hessian[0].sum(axis=0), known)
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
-    x = one.x[0].copy()  # it is given away
     found = model.geometry(x, covariance, scales.reach_m)
     left = ways[:, : told.searchsorted(SHOWN)]
     if not left.size:
@@ -96,10 +96,10 @@ def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
 def feigned_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
     """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis, along
     its ``tangent`` (S, P)."""
-    family, moments = model.family, one.moments[0]
+    family, moments, x = model.family, one.moments[0], one.x[0]
     size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
-    precision = fit.per_metre(family, one.moments, one.row_weight, one.x)[0]
-    slopes = tangent.T @ family.rows_derivative(one.x[0]).swapaxes(0, 1).reshape(size, -1)
+    precision = fit.per_metre(family, moments, one.row_weight[0], x)
+    slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
     # how each row changes when a pose is off by one sigma in each direction
     off = (slopes.reshape(free * rows, columns) @ _perturbations(model)).reshape(free, rows, 6, columns)
     off *= np.sqrt(precision[:, None] * variance[_KINDS])[..., None]

@@ -22,7 +22,7 @@ def geometry_of(
     ``window`` gives the noise of the ticks, ``origin_m`` is the world's origin in which the bank works.
     """
     found = observed_geometry(bank, row, model, scales, window.usual_variance)
-    if not np.isnan(bank.pivot[row]).all():  # else lines are given by their feet as it is
+    if not np.isnan(bank.pivot[row]).all():  # else lines are given by the feet that are asked for
         body_m = bank.place_sum[row] / bank.weight[row]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
     return ContactGeometry(found.object, shifted(found.environment, origin_m))

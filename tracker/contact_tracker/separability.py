@@ -42,6 +42,7 @@ TINY: Final = 1e-9
 _AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
 """(3, 9): of a matrix, row by row, what is odd in it: of a rotation its axis by twice the sine of its angle;
 of ``a b^T`` it is ``b x a``."""
+_TRACE: Final = EYE.ravel()
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone."""
 
@@ -123,16 +124,14 @@ def used_directions(window: Window) -> int:
     pose = window.zeta[:, : T[-1] + 1].T.copy()  # R comes before T; numbers of all ticks side by side
     rotation, place = pose[: T[0]].reshape(3, 3, -1), pose[T[0] :]
     place -= place.sum(axis=1, keepdims=True) / len(window)
-    first, last = slice(None, -STRIDE_TICKS), slice(STRIDE_TICKS, None)
-    step = (rotation[:, None, :, last] * rotation[:, :, first]).sum(axis=2)
+    before, after = place[:, :-STRIDE_TICKS], place[:, STRIDE_TICKS:]
+    step = (rotation[:, None, :, STRIDE_TICKS:] * rotation[:, :, :-STRIDE_TICKS]).sum(axis=2).reshape(9, -1)
     # tan of half the angle along the axis, twice: exact about an axis
-    one_and_cosine = 0.5 * (1.0 + step[0, 0] + step[1, 1] + step[2, 2])
-    turned = _AXIS @ step.reshape(9, -1) / np.maximum(one_and_cosine, TINY)
-    middle = 0.5 * (place[:, first] + place[:, last])
-    lever = (middle[:, None] * turned).reshape(9, -1)
-    shifted = place[:, last] - place[:, first] - _AXIS @ lever
+    turned = _AXIS @ step / np.maximum(0.5 + 0.5 * (_TRACE @ step), TINY)
+    middle = 0.5 * (before + after)
+    shifted = after - before - _AXIS @ (middle[:, None] * turned).reshape(9, -1)
     twist = np.concatenate([shifted, turned])
-    weight = window.activity[last] + TINY
+    weight = window.activity[STRIDE_TICKS:] + TINY
     power = (twist * weight) @ twist.T / weight.sum()
     position, rotational = 2.0 * window.usual_variance
     lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0

@@ -94,10 +94,6 @@ class Family(Protocol):
         """The elements in frame 1 and frame 2 of one x (S,) whose covariance is (S, S)."""
 
 
-EYE: Final = np.eye(3)
-ONE: Final = np.eye(1)
-
-
 def unit(v: Array) -> Array:
     """v scaled to length one along the last axis."""
     return np.asarray(v / np.sqrt(dot(v, v))[..., None])
@@ -134,10 +130,8 @@ def sphere_tangent(n: Array) -> Array:
 
 
 def line_tangent(line: Array, anchor: Array, across: Array) -> Array:
-    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` as d turns.
-
-    ``across`` (..., 3, 2) is the ``sphere_tangent`` of d.
-    """
+    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` as d turns;
+    ``across`` (..., 3, 2) is the ``sphere_tangent`` of d."""
     d, arm = line[..., :3], line[..., 3:] - anchor
     out = np.zeros((*d.shape[:-1], 6, 4))
     out[..., :3, :2] = across
@@ -235,6 +229,8 @@ def dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
+EYE: Final = np.eye(3)
+ONE: Final = np.eye(1)
 _INVERSE_ORDER: Final = np.concatenate(
     [
         lift.R.reshape(3, 3).T.ravel(),
