@@ -14,7 +14,7 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 
 # Data flows down this table: a module imports only from rows above its own, or from its own row.
 LAYERS = (
-    ("printable", "labels", "geometry", "quaternions"),
+    ("printable", "labels", "geometry", "quaternions", "small"),
     ("errors",),
     ("poses", "truth", "gate", "polyhedron"),
     ("knowledge",),
