@@ -57,19 +57,20 @@ def _slab(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
     where it was touched, each (3, 3)."""
     out = np.outer(face.normal, face.normal)
     turns, both = covariance[:3, :3], covariance[:3, 3]
-    tilt = 0.5 * float(np.trace(turns))
-    where_touched = covariance[3, 3] - both @ np.linalg.pinv(turns, rcond=_FLAT, hermitian=True) @ both
+    tilt = 0.5 * float(turns.trace())
+    # no normal changes along itself: what is added there is not used, and makes the rest invertible
+    where_touched = covariance[3, 3] - both @ np.linalg.solve(turns + tilt * out, both)
     return np.eye(3) - out, tilt * out, (max(float(where_touched), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
 
 
 def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:
     along = np.outer(edge.direction, edge.direction)
-    turn, shift = (0.5 * float(np.trace(part)) for part in (covariance[:3, :3], covariance[3:, 3:]))
+    turn, shift = (0.5 * float(part.trace()) for part in (covariance[:3, :3], covariance[3:, 3:]))
     return _face_through(edge.point_m, np.eye(3) - along + turn * along, shift)
 
 
 def _face_through_vertex(vertex: Point, covariance: Array, _: Array) -> Plane:
-    return _face_through(vertex.point_m, np.eye(3), float(np.trace(covariance)) / 3.0)
+    return _face_through(vertex.point_m, np.eye(3), float(covariance.trace()) / 3.0)
 
 
 def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
@@ -80,7 +81,6 @@ def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
     return Plane(np.zeros(3), 0.0, whole)
 
 
-_FLAT: Final = 1e-9
 _INCIDENT: Final[dict[tuple[type[Element], str], Callable[..., Element]]] = {
     (Line, "v"): _vertex_on,
     (Point, "e"): _edge_through,
