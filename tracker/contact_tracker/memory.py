@@ -5,7 +5,8 @@ offered to the hypotheses that begin later, with the accuracy at which it is kno
 has fewer unknowns to pay for.
 """
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -74,12 +75,11 @@ class Memory:
         ours, theirs = model.contact.value[0], model.contact.value[2]
         last_ns = max((met.onset_ns for met in (*self.object, *self.environment)), default=0)
         offers = product(_offered(self.object, ours, last_ns), _offered(self.environment, theirs, last_ns))
-        pairs = [pair for pair in offers if _go_together(*pair)]
-        many = [sum(offer.is_last and offer.known is not None for offer in pair) for pair in pairs]
-        log_weight = np.log(LAST) * np.array(many)
-        log_share = log_weight - np.logaddexp.reduce(log_weight)
+        pairs = [(our, their) for our, their in offers if _go_together(our, their)]
+        whole = sum(our.weight * their.weight for our, their in pairs)
         return tuple(
-            Assumption(o.known, e.known, float(s)) for (o, e), s in zip(pairs, log_share, strict=True)
+            Assumption(our.known, their.known, math.log(our.weight * their.weight / whole))
+            for our, their in pairs
         )
 
 
@@ -111,23 +111,30 @@ class _Offer(NamedTuple):
     onset_ns: int = 0
     is_latest: bool = True
 
+    @property
+    def weight(self) -> float:
+        """So many times as likely as another one."""
+        return LAST if self.is_last and self.known is not None else 1.0
 
-def _offered(met: Sequence[Met], kind: str, last_ns: int) -> Iterator[_Offer]:
+
+@lru_cache(maxsize=64)  # the same for all contacts
+def _offered(met: tuple[Met, ...], kind: str, last_ns: int) -> tuple[_Offer, ...]:
     """What an element of a kind may be, where the last contact is that of ``last_ns``.
 
     An unknown one is of the last contact, too, where the user knows what touched. An end of the edge met last
     counts as met; what else is next to the last contact does not: an edge through that vertex ...
     """
-    yield _Offer(None, all(beside.onset_ns != last_ns for beside in met), True)
+    offers = [_Offer(None, all(beside.onset_ns != last_ns for beside in met), True)]
     edges = [beside for beside in met if beside.known.kind == "e"][-1:] if kind == "v" else []
     latest_ns = max((beside.onset_ns for beside in met if beside.known.kind == kind), default=last_ns)
     for beside in met:
         is_last = beside.onset_ns == last_ns
         when = beside.onset_ns, beside.onset_ns >= latest_ns
         if beside.known.kind == kind:
-            yield _Offer(beside.known, is_last, True, *when)
+            offers.append(_Offer(beside.known, is_last, True, *when))
         elif is_last or beside in edges:
-            yield _Offer(_next_to(beside, kind), is_last, beside in edges, *when)
+            offers.append(_Offer(_next_to(beside, kind), is_last, beside in edges, *when))
+    return tuple(offers)
 
 
 def _go_together(ours: _Offer, theirs: _Offer) -> bool:
@@ -146,7 +153,7 @@ def _go_together(ours: _Offer, theirs: _Offer) -> bool:
     return ours.is_last or theirs.is_last or ours.onset_ns == theirs.onset_ns
 
 
-@lru_cache(maxsize=64)  # the same object for all contacts
+@lru_cache(maxsize=64)  # the same object as long as it is remembered
 def _next_to(met: Met, kind: str) -> Known:
     return Known(met.known.name, incident(met.known.element, kind, met.body_m))
 
