@@ -143,7 +143,7 @@ def test_nothing_known_is_one_unknown_pair():
     for model in CONTACT_MODELS:
         (pair,) = assumptions(NOTHING, model)
         assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
-        known, pivot = given(model, [pair.pair(np.zeros(3), np.zeros(3))])
+        known, pivot = given(model, [pair.pair((0.0, 0.0, 0.0))])
         assert not known.information.any()
         assert np.isnan(pivot).all()
 
@@ -156,7 +156,7 @@ def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     (pair,) = assumptions(Knowledge(up=up), v_f)
-    known, _ = given(v_f, [pair.pair(np.array([5.0, 6.0, 7.0]), np.zeros(3))])
+    known, _ = given(v_f, [pair.pair((5.0, 6.0, 7.0))])
     mean, information = known.mean[0], known.information[0]
     np.testing.assert_allclose(mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])

@@ -1,26 +1,23 @@
 """Which known elements a hypothesis may assume: all pairs that a contact allows, and their shares."""
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Pair
-from contact_tracker.geometry import Array, Element, Plane, by_foot
+from contact_tracker.geometry import Element, Plane, by_foot
 from contact_tracker.knowledge import Knowledge, Known, Up
 from contact_tracker.readout import shifted
 
 UNLISTED: Final = 0.5
 """Prior probability that what touches is not on a list of known elements, where that is not complete."""
-_HERE: Final = (0.0, 0.0, 0.0)
 _ANYWHERE_M: Final = 1e3
 """Spread of the offset of a face of which only the direction is known."""
 
 
-@dataclass(frozen=True, eq=False)
-class Assumption:
+class Assumption(NamedTuple):
     """A pair of elements of one contact: known ones, or None for any.
 
     ``log_share`` of the contact's weight; those of all pairs of a contact add up to one.
@@ -41,23 +38,23 @@ class Assumption:
         """Whether nothing of the geometry is left to be found."""
         return self.object is not None and self.environment is not None
 
-    def pair(self, origin_m: Array, place_m: Array) -> Pair:
-        """The elements as they are seen from the world's origin ``origin_m`` (3,) in which x is, a line by
-        its point near to where the body is, ``place_m`` (3,) from there, lest that hang on its direction."""
-        ours = None if self.object is None else _seen(self.object.element, _HERE, _HERE)
+    def pair(self, origin_m: tuple[float, ...]) -> Pair:
+        """The elements as they are seen from the world's origin ``origin_m`` in which x is, a line of the
+        object by its point nearest to the body's origin, lest that hang on its direction."""
+        ours = None if self.object is None else _of_body(self.object.element)
         theirs = None if self.up is None else _facing(self.up)
-        if self.environment is not None:
-            theirs = _seen(self.environment.element, tuple(origin_m.tolist()), tuple(place_m.tolist()))
-        return ours, theirs
+        return ours, theirs if self.environment is None else _seen(self.environment.element, origin_m)
 
 
 @lru_cache(maxsize=512)
-def _seen(element: Element, origin_m: tuple[float, ...], near_m: tuple[float, ...]) -> Element:
-    """An element from ``origin_m``, a line by its point nearest to ``near_m`` from there.
+def _of_body(element: Element) -> Element:
+    return by_foot(element, np.zeros(3))
 
-    It is the same object for the same element, of which ``given`` has told the prior before.
-    """
-    return by_foot(shifted(element, -np.array(origin_m)), np.array(near_m))
+
+@lru_cache(maxsize=512)
+def _seen(element: Element, origin_m: tuple[float, ...]) -> Element:
+    """The same object for the same element, of which ``given`` has told the prior before."""
+    return shifted(element, -np.array(origin_m))
 
 
 @lru_cache(maxsize=64)

@@ -1,5 +1,6 @@
 """What a contact that begins may assume: elements that the user knows, elements met before, or nothing."""
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -10,14 +11,13 @@ from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.form import directions
-from contact_tracker.contacts.given import given
-from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, canonical
+from contact_tracker.contacts.given import Given, by_feet, given
+from contact_tracker.geometry import Array, ContactGeometry, Element, Plane, canonical
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
 
 CELL_M: Final = 0.25
 """Known lines are told anew when the body has gone so far."""
-_ANYWHERE: Final = (0.0, 0.0, 0.0)
 
 
 class Frame(NamedTuple):
@@ -40,35 +40,29 @@ def beginnings(
 
     ``recognised`` is the share of those that have met their elements before, if there are any.
     """
-    if not _has_lines(knowledge, memory):
-        frame = frame._replace(near_m=_ANYWHERE)
-    return _beginnings(model, knowledge, memory, recognised, frame)
+    begins = _beginnings(model, knowledge, memory, recognised, frame.origin_m)
+    return _near(model, begins, frame.near_m) if model.contact.value[2] == "e" else begins
 
 
-@lru_cache(maxsize=16)
-def _has_lines(knowledge: Knowledge, memory: Memory) -> bool:
-    surroundings = (*knowledge.environment, *(met.known for met in memory.environment))
-    return any(isinstance(known.element, Line) for known in surroundings)
+@lru_cache(maxsize=64)  # for as long as the body is about there
+def _near(model: ContactModel, begins: Begins, near_m: tuple[float, ...]) -> Begins:
+    """Known lines of the surroundings are given by points near to the body, lest these hang on directions."""
+    known = Given(begins.known_mean, begins.known)
+    moved, pivot = by_feet(model, known, begins.pivot, np.array(near_m))
+    if moved is known:
+        return begins
+    return replace(begins, known_mean=moved.mean, known=moved.information, pivot=pivot)
 
 
 @lru_cache(maxsize=64)  # for as long as nothing is learnt
 def _beginnings(
-    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float, frame: Frame
+    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float, origin_m: tuple[float, ...]
 ) -> Begins:
-    met = memory.assumptions(model)
-    rows: list[tuple[Assumption, float, int, bool]] = []
-    for number, known in enumerate(assumptions(knowledge, model)):
-        filled = [merged for other in met if (merged := _filled(known, other)) is not None]
-        own_share = known.log_share + (float(np.log1p(-recognised)) if filled else 0.0)
-        whole = float(np.logaddexp.reduce([other.log_share for other in filled]))
-        rows.append((known, own_share, number, False))
-        for other in filled:
-            share = known.log_share + float(np.log(recognised)) + other.log_share - whole
-            rows.append((other, share, number, True))
+    rows = _assumed(model, knowledge, memory, recognised)
     if not rows:
         return fresh(model).pick(np.zeros(0, np.int64))
     assumed, log_share, pair, is_met = zip(*rows, strict=True)
-    prior, pivot = given(model, [one.pair(*map(np.array, frame)) for one in assumed])
+    prior, pivot = given(model, [one.pair(origin_m) for one in assumed])
     recalled, told = np.array(is_met), prior.told(model)[:, directions(model.family.FORM)]
     something = prior.information.any(axis=(1, 2)) | recalled
     return Begins(
@@ -82,6 +76,22 @@ def _beginnings(
         searched=~told.all(axis=1) & ~recalled,  # directions are unknown: the rest is a linear problem
         met=recalled,
     )
+
+
+def _assumed(
+    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float
+) -> list[tuple[Assumption, float, int, bool]]:
+    """What may be assumed, with its log share, the number of the pair that the user knows, and whether
+    elements of it were met before."""
+    met, rows = memory.assumptions(model), []
+    for number, known in enumerate(assumptions(knowledge, model)):
+        filled = [merged for other in met if (merged := _filled(known, other)) is not None]
+        rows.append((known, known.log_share + (math.log1p(-recognised) if filled else 0.0), number, False))
+        if filled:
+            whole = math.log(sum(math.exp(other.log_share) for other in filled))
+            share = known.log_share + math.log(recognised) - whole
+            rows += [(other, share + other.log_share, number, True) for other in filled]
+    return rows
 
 
 def _filled(known: Assumption, met: Assumption) -> Assumption | None:

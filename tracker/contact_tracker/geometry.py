@@ -148,7 +148,7 @@ def numbers(element: Element) -> Array:
     """The numbers that tell an element, in the order of its covariance."""
     match element:
         case Plane(normal, offset_m):
-            return np.append(normal, offset_m)
+            return np.array([*normal, offset_m])
         case Line(direction, point_m):
             return np.concatenate([direction, point_m])
         case Point(point_m):

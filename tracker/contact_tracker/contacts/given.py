@@ -3,8 +3,9 @@
 Normals point out of the bodies that they bound, so that faces that touch look at each other.
 """
 
+import math
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.contacts.base import Array
-from contact_tracker.geometry import Element, Line, Plane, Point, numbers
+from contact_tracker.geometry import Element, Line, Plane, numbers
 
 _SMALLEST: Final = 1e-12
 """Variances below this share of the largest are no variances: directions in which an element cannot move."""
+_WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
+_LENGTHS: Final = {"f": 1, "e": 3, "v": 3}
+"""So many of the numbers that tell an element, the last, are in m."""
 
 
 class Given(NamedTuple):
@@ -53,77 +57,104 @@ def given(model: ContactModel, pairs: Sequence[Pair]) -> tuple[Given, Array]:
     The priors; and (n, 6) the points that lines go through, NaN where they are anchored where the body is.
     The foot of a line depends on its direction and on where the body is, unless it is a point that is known.
     """
-    firsts, seconds = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
-    pivots = np.array([[_pivot(e) for e in side] for side in (firsts, seconds)]).swapaxes(0, 1)
-    pivots = pivots.reshape(len(pairs), 6)
+    sides = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
+    pivots = np.full((len(pairs), 6), np.nan)
     if model.family is face_face:
-        faces = [_faces(*pair) for pair in zip(firsts, seconds, strict=True)]
-        return Given(*(np.array(part) for part in zip(*faces, strict=True))), pivots
+        return _facing(*map(_Faces.of, sides)), pivots
     kinds = model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
-    size, first = model.family.SIZE, 0
-    mean, information = np.zeros((len(pairs), size)), np.zeros((len(pairs), size, size))
-    for kind, side in zip(kinds, (firsts, seconds), strict=True):
-        part = slice(first, first + _WIDTHS[kind])
-        parts = [_unknown(kind) if element is None else _part(element) for element in side]
-        mean[:, part] = [one.mean for one in parts]
-        information[:, part, part] = [one.information for one in parts]
-        first = part.stop
+    mean = np.zeros((len(pairs), model.family.SIZE))
+    information = np.zeros((*mean.shape, model.family.SIZE))
+    halves = slice(_WIDTHS[kinds[0]]), slice(_WIDTHS[kinds[0]], None)
+    for kind, side, own, point in zip(kinds, sides, halves, (slice(3), slice(3, None)), strict=True):
+        parts, width = np.array([_part(kind, element) for element in side]), _WIDTHS[kind]
+        mean[:, own], pivots[:, point] = parts[:, :width], parts[:, -3:]
+        information[:, own, own] = parts[:, width:-3].reshape(-1, width, width)
     return Given(mean, information), pivots
 
 
-def _pivot(element: Element | None) -> Array:
-    return element.point_m if isinstance(element, Line) and _goes_through(element) else _ANYWHERE
+def by_feet(model: ContactModel, prior: Given, pivots: Array, near_m: Array) -> tuple[Given, Array]:
+    """What ``given`` tells, with lines of the surroundings by their points nearest to ``near_m`` (3,).
+
+    That is a linear change of x: a line that turns moves its points by how far along it they are.
+    """
+    form, world = model.family.FORM, slice(3, 6) if model.body_in_1 else slice(0, 3)
+    first = form.d2 if model.body_in_1 else form.d1
+    turn, place = slice(first, first + 3), slice(first + 3, first + 6)
+    direction = prior.mean[:, turn]
+    if not direction.any():
+        return prior, pivots
+    along_m = ((near_m - prior.mean[:, place]) * direction).sum(axis=1, keepdims=True)
+    mean, pivots, moves = prior.mean.copy(), pivots.copy(), np.zeros(prior.information.shape[1:])
+    mean[:, place] += along_m * direction
+    pivots[:, world] += along_m * direction
+    moves[place, turn] = np.eye(3)
+    back = np.eye(len(moves)) - along_m[:, None] * moves
+    return Given(mean, back.swapaxes(1, 2) @ prior.information @ back), pivots
+
+
+class _Faces(NamedTuple):
+    """Faces of f-f, a row each: normals (n, 3) and the information (n, 9) on them, offsets (n, 1), how these
+    follow from the normals (n, 3), and the variance (n, 1) that is left."""
+
+    normal: Array
+    information: Array
+    offset_m: Array
+    slope: Array
+    variance: Array
+
+    @classmethod
+    def of(cls, elements: Sequence[Element | None]) -> "_Faces":
+        rows = np.array([_face(element) for element in elements])
+        return cls(rows[:, :3], rows[:, 3:12], rows[:, 12:13], rows[:, 13:16], rows[:, 16:])
+
+
+def _facing(first: _Faces, second: _Faces) -> Given:
+    """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
+    variance = first.variance + second.variance
+    weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
+    height_m = np.where(np.isfinite(variance), first.offset_m + second.offset_m, 0.0)
+    off = np.concatenate([first.slope, -second.slope, np.ones_like(variance)], axis=1)
+    information = (weight * off)[:, :, None] * off[:, None]
+    information[:, face_face.M, face_face.M] += first.information.reshape(-1, 3, 3)
+    information[:, face_face.N, face_face.N] += second.information.reshape(-1, 3, 3)
+    return Given(np.concatenate([-first.normal, second.normal, height_m], axis=1), information)
+
+
+@lru_cache(maxsize=256)
+def _face(element: Element | None) -> Array:
+    """A row of ``_Faces``."""
+    if element is None:
+        return np.array([*np.zeros(16), np.inf])
+    assert isinstance(element, Plane)
+    covariance = _covariance(element)
+    information = _inverse(covariance[:3, :3], 0)
+    slope = information @ covariance[:3, 3]
+    off = np.array([*-slope, 1.0])
+    variance = off @ covariance @ off  # an error of the slope counts by its square alone
+    return np.concatenate([element.normal, information.ravel(), [element.offset_m], slope, [variance]])
+
+
+@lru_cache(maxsize=1024)
+def _part(kind: str, element: Element | None) -> Array:
+    """An element's part of x, of a line by the point that it has, in one row: mean (w,), information (w, w),
+    and the point (3,) that a line goes through, else NaN."""
+    width, pivot = _WIDTHS[kind], np.full(3, np.nan)
+    if element is None:
+        return np.concatenate([np.zeros(width + width**2), pivot])
+    covariance, lengths = _covariance(element), _LENGTHS[kind]
+    if isinstance(element, Line):
+        across = np.zeros((6, 6))
+        across[:3, :3] = across[3:, 3:] = np.eye(3) - np.outer(element.direction, element.direction)
+        information = across @ _inverse(across @ covariance @ across, lengths) @ across
+        pivot = element.point_m if _goes_through(element) else pivot
+    else:
+        information = _inverse(covariance, lengths)
+    return np.concatenate([numbers(element), information.ravel(), pivot])
 
 
 def _goes_through(line: Line) -> bool:
     """Whether its point is one: not where only a part of the direction is known, as of any line in a face."""
     return bool(line.direction.any() or not _covariance(line)[:3, :3].any())
-
-
-_WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
-_LENGTHS: Final = {Plane: slice(3, 4), Line: slice(3, 6), Point: slice(0, 3)}
-
-
-_ANYWHERE: Final = np.full(3, np.nan)
-
-
-@cache
-def _unknown(kind: str) -> Given:
-    return Given(np.zeros(_WIDTHS[kind]), np.zeros((_WIDTHS[kind], _WIDTHS[kind])))
-
-
-@lru_cache(maxsize=256)
-def _faces(first: Element | None, second: Element | None) -> Given:
-    """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
-    assert not isinstance(first, Line | Point)
-    assert not isinstance(second, Line | Point)
-    size = face_face.SIZE
-    mean, covariance, known = np.zeros(size), np.zeros((size, size)), np.zeros(size)
-    if first is not None:
-        mean[face_face.M], known[face_face.M] = -first.normal, 1.0
-        covariance[face_face.M, face_face.M] = _covariance(first)[:3, :3]
-    if second is not None:
-        mean[face_face.N], known[face_face.N] = second.normal, 1.0
-        covariance[face_face.N, face_face.N] = _covariance(second)[:3, :3]
-    if first is not None and second is not None:
-        of_first, of_second = _covariance(first), _covariance(second)
-        h = size - 1
-        mean[h], known[h] = second.offset_m + first.offset_m, 1.0
-        covariance[h, face_face.M] = covariance[face_face.M, h] = -of_first[:3, 3]
-        covariance[h, face_face.N] = covariance[face_face.N, h] = of_second[:3, 3]
-        covariance[h, h] = of_first[3, 3] + of_second[3, 3]
-    return Given(mean, _inverse(covariance, face_face.H) * np.outer(known, known))
-
-
-@lru_cache(maxsize=1024)
-def _part(element: Element) -> Given:
-    """An element's part of x, of a line by the point that it has."""
-    covariance, lengths = _covariance(element), _LENGTHS[type(element)]
-    if not isinstance(element, Line):
-        return Given(numbers(element), _inverse(covariance, lengths))
-    across = np.kron(np.eye(2), np.eye(3) - np.outer(element.direction, element.direction))
-    inverse = _inverse(across @ covariance @ across, lengths)
-    return Given(numbers(element), across @ inverse @ across)
 
 
 def _covariance(element: Element) -> Array:
@@ -132,13 +163,17 @@ def _covariance(element: Element) -> Array:
     return element.covariance
 
 
-def _inverse(covariance: Array, lengths: slice) -> Array:
-    """Inverse on directions in which there is variance; ``lengths``, the last, are in m, others in rad."""
-    variance, weight = covariance.diagonal(), np.ones(len(covariance))
-    for part in (lengths, slice(0, lengths.start)):
-        largest = variance[part].max(initial=0.0)
-        weight[part] = 1.0 / np.sqrt(largest) if largest > 0.0 else 1.0
+def _inverse(covariance: Array, lengths: int) -> Array:
+    """Inverse on directions in which there is variance; the last ``lengths`` are in m, others in rad."""
+    variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
+    weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
     values, axes = np.linalg.eigh(weight[:, None] * covariance * weight)
     good = values > _SMALLEST * max(float(values[-1]), 0.0)
     axes = weight[:, None] * axes[:, good]
     return np.asarray((axes / values[good]) @ axes.T)
+
+
+def _unit(variance: Sequence[float]) -> float:
+    """What makes the largest variance one, if there is any."""
+    largest = max(variance, default=0.0)
+    return 1.0 / math.sqrt(largest) if largest > 0.0 else 1.0
