@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from contact_tracker.assumptions import UNLISTED, assumptions
+from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts.given import Given, given
+from contact_tracker.contacts.given import Given, by_feet, given
 from contact_tracker.forward import forward
-from contact_tracker.geometry import Line, canonical, numbers
+from contact_tracker.geometry import Line, by_foot, canonical, numbers
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
+from contact_tracker.memory import NOTHING_MET
 from contact_tracker.presets import load_model
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
@@ -171,3 +173,29 @@ def test_a_line_is_recognised_wherever_along_it_its_point_is(along_m):
     told = known_to(replace(edge, point_m=edge.point_m + along_m * edge.direction), Accuracy())
     *_, last = forward(simulated.poses, load_model(), knowledge=Knowledge(environment=(Known("rail", told),)))
     assert last.belief.geometry.environment.name == "rail"
+
+
+on_edges = pytest.mark.parametrize("model", [m for m in CONTACT_MODELS if m.contact.value.endswith("e")])
+
+
+@on_edges
+def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model):
+    _, ours, theirs = touching(model.contact)
+    near_m = np.array([0.4, -0.3, 0.8])
+    unknown = None, None
+    known, pivot = given(model, [(ours, theirs), (None, theirs), unknown])
+    expected, feet = given(model, [(ours, by_foot(theirs, near_m)), (None, by_foot(theirs, near_m)), unknown])
+    moved, found = by_feet(model, known, pivot, near_m)
+    np.testing.assert_allclose(moved.mean, expected.mean, atol=1e-14)
+    np.testing.assert_allclose(found, feet, atol=1e-14)
+    scale = np.abs(expected.information).max()
+    np.testing.assert_allclose(moved.information, expected.information, atol=1e-9 * scale)
+
+
+@each_contact
+def test_what_begins_hangs_on_where_the_body_is_only_by_an_edge_of_the_surroundings(model):
+    _, ours, theirs = touching(model.contact)
+    known = Knowledge(environment=(Known("theirs", theirs),), object=(Known("ours", ours),))
+    frames = (Frame.around(np.zeros(3), place_m) for place_m in np.diag([1.0, 2.0]) @ np.ones((2, 3)))
+    here, there = (beginnings(model, known, NOTHING_MET, 0.0, frame) for frame in frames)
+    assert (here is there) == (not model.contact.value.endswith("e"))
