@@ -55,78 +55,87 @@ class Forward:
 
     def __init__(self, log_initial: Array) -> None:
         self.ticks = 0
-        self.living: Living
-        """After the last tick."""
-        self._initial = log_initial
-        self._left = np.zeros((2, len(log_initial)))  # sum and maximum over the paths to each state
+        states = len(log_initial)
+        self._initial, self._every = log_initial, np.arange(states)
+        self._left = np.zeros((2, states))  # sum and maximum over the paths to each state
         self._onset = np.zeros(0, np.int64)  # of all that is alive, each once, in order
-        self._entry = np.zeros((0, 3, len(log_initial)))  # at each: sum, maximum, and where that comes from
+        self._entry = np.zeros((3, 0, states))  # at each: sum, maximum, and where that comes from
+        self._weight = np.zeros((0, states))  # of each after the last tick, against the state's best
+        self._best = np.zeros((0, states))  # and the log weight of the best path to it
+
+    @property
+    def living(self) -> Living:
+        """After the last tick."""
+        since, state = self._weight.nonzero()
+        total = self._weight.sum(axis=0)
+        return Living(
+            self._onset[since],
+            state,
+            np.log(self._weight[since, state] / total[state]) + self._left[0, state],
+            self._best[since, state],
+            self._entry[2, since, state].astype(np.int64),
+        )
 
     def advance(self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array) -> Step:
-        """Take in a tick: state, onset and log-likelihood (A,) of the hypotheses alive at its end, and the
-        log chances (N, N) of change at its beginning.
+        """Take in a tick: state, onset and log-likelihood (A,), which is finite, of the hypotheses alive at
+        its end, and the log chances (N, N) of change at its beginning.
 
         Raises
         ------
         ValueError : no path leads to any of them.
         """
         source = self._begin(log_transition)
-        states, onsets = len(self._initial), len(self._onset)
-        row = np.searchsorted(self._onset, onset)
-        group = row * states + state
-        score = self._entry[row, :2, state] + log_likelihood[:, None]
-        top = np.full((onsets, states, 2), -np.inf)
-        np.maximum.at(top.reshape(-1, 2), group, score)
-        top_sum, top_best = top.max(axis=0).T
-        norm = top_sum.max()  # weights matter up to a factor; without it they would outgrow their digits
+        top, many = self._gathered(state, onset, log_likelihood)
+        score = self._entry[:2] + top
+        norm = score[0].max()  # weights matter up to a factor; without it they would outgrow their digits
         if not np.isfinite(norm):
             raise ValueError("no path covers all ticks")
-        safe = np.where(np.isfinite(top_sum), top_sum, 0.0)
-        weight = np.exp(score[:, 0] - safe[state])
-        grouped = np.bincount(group, weight, onsets * states)
-        of_state = grouped.reshape(onsets, states).sum(axis=0)
-        alive = grouped.nonzero()[0]
-        since, column = np.divmod(alive, states)
-        beginning, origin = self._onset[since], self._entry[since, 2, column]
-        self.living = Living(
-            beginning,
-            column,
-            np.log(grouped[alive]) + safe[column] - norm,
-            top[since, column, 1] - norm,
-            origin.astype(np.int64),
-        )
-        probability = grouped[alive] / of_state[column]
-        kept = probability > NEGLIGIBLE
-        winner, every = top[:, :, 1].argmax(axis=0), np.arange(states)
-        best = np.where(np.isfinite(top_best), [self._onset[winner], self._entry[winner, 2, every]], -1)
+        score -= norm
+        largest = score[0].max(axis=0)
+        safe = np.where(np.isfinite(largest), largest, 0.0)
+        weight = np.exp(score[0] - safe) * many
+        of_state = weight.sum(axis=0)
+        winner = score[1].argmax(axis=0)
+        best = score[1, winner, self._every]
+        before = np.where(np.isfinite(best), [self._onset[winner], self._entry[2, winner, self._every]], -1)
         with np.errstate(divide="ignore"):
-            self._left = np.stack([safe + np.log(of_state), top_best]) - norm
-        self._forget(np.bincount(row, minlength=onsets) > 0, norm)
-        return Step(
+            self._left = np.array([safe + np.log(of_state), best])
+        since, column = (weight > NEGLIGIBLE * of_state).nonzero()
+        step = Step(
             source,
-            beginning[kept].astype(np.int32),
-            column[kept].astype(np.int8),
-            probability[kept],
-            best.astype(np.int32),
+            self._onset[since].astype(np.int32),
+            column.astype(np.int8),
+            weight[since, column] / of_state[column],
+            before.astype(np.int32),
         )
+        alive = many.any(axis=1)
+        self._onset, self._weight, self._best = self._onset[alive], weight[alive], score[1, alive]
+        self._entry = self._entry[:, alive]
+        self._entry[:2] -= norm
+        return step
 
     def _begin(self, log_transition: Array) -> Array:
         """What begins now, and from where (N, N)."""
         states = len(self._initial)
         if not self.ticks:
-            source, entry = np.zeros((states, states)), np.tile(self._initial, (3, 1))
-            entry[2] = -1.0
+            source = np.zeros((states, states))
+            entry = np.array([self._initial, self._initial, np.full(states, -1.0)])
         else:
-            into = self._left[:, :, None] + log_transition
-            total = log_sum_exp(into[0], axis=0)
-            entry = np.stack([total, into[1].max(axis=0), into[1].argmax(axis=0)])
-            source = np.exp(into[0] - np.where(np.isfinite(total), total, 0.0))
+            into, best = self._left[:, :, None] + log_transition
+            total, origin = log_sum_exp(into, axis=0), best.argmax(axis=0)
+            entry = np.array([total, best[origin, self._every], origin])
+            source = np.exp(into - np.where(np.isfinite(total), total, 0.0))
         self._onset = np.append(self._onset, self.ticks)
-        self._entry = np.concatenate([self._entry, entry[None]])
+        self._entry = np.concatenate([self._entry, entry[:, None]], axis=1)
         self.ticks += 1
         return source
 
-    def _forget(self, alive: NDArray[np.bool_], norm: float) -> None:
-        """Keep what is ``alive``, its weights over that of ``norm``."""
-        self._onset, self._entry = self._onset[alive], self._entry[alive]
-        self._entry[:, :2] -= norm
+    def _gathered(self, state: Index, onset: Index, log_likelihood: Array) -> tuple[Array, Array]:
+        """Of the hypotheses of each onset and state the best log-likelihood (O, N), -inf without any, and as
+        how many of that they all count (O, N)."""
+        shape = len(self._onset), len(self._initial)
+        cell = self._onset.searchsorted(onset) * shape[1] + state
+        top = np.full(shape[0] * shape[1], -np.inf)
+        np.maximum.at(top, cell, log_likelihood)
+        many = np.bincount(cell, np.exp(log_likelihood - top[cell]), len(top))
+        return top.reshape(shape), np.asarray(many, float).reshape(shape)

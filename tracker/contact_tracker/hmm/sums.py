@@ -9,20 +9,14 @@ Index = NDArray[np.int64]
 
 def log_sum_exp(values: Array, axis: int = -1) -> Array:
     """log of the sum of exponentials; -inf where all are -inf."""
-    top = values.max(axis=axis, keepdims=True)
-    safe = np.where(np.isfinite(top), top, 0.0)
-    total = np.exp(values - safe).sum(axis=axis)
-    with np.errstate(divide="ignore"):
-        return np.asarray(safe.squeeze(axis) + np.log(total))
+    return np.asarray(np.logaddexp.reduce(values, axis=axis))
 
 
 def by_state(values: Array, state: Index, states: int, best: bool = False) -> Array:
     """Log-sum (or maximum) of ``values`` (H,) over the hypotheses of each state, (states,)."""
     table = np.full((states, len(values)), -np.inf)
     table[state, np.arange(len(values))] = values
-    if not len(values):
-        return np.full(states, -np.inf)
-    return np.asarray(np.max(table, axis=1)) if best else log_sum_exp(table, axis=1)
+    return np.asarray(table.max(axis=1, initial=-np.inf)) if best else log_sum_exp(table)
 
 
 def enter(log_left: Array, log_transition: Array) -> Array:
