@@ -122,7 +122,7 @@ def ticks_seen():
 
 def again_and_again(times):
     """The same pass one time after the other, as far as the segmenter looks at it."""
-    ticks, names = len(ticks_seen()), 1 + ticks_seen()[-1].state.numbers
+    ticks = len(ticks_seen())
     for number in range(times):
         for seen in ticks_seen():
             before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
@@ -133,7 +133,7 @@ def again_and_again(times):
                 state=replace(seen.state, change=change, outliers=0),
                 tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),
                 belief=replace(seen.belief, stamp_ns=seen.belief.stamp_ns + before_ns),
-                alive=alive._replace(number=alive.number + number * names, onset=alive.onset + before),
+                alive=alive._replace(onset=alive.onset + before),
             )
 
 

@@ -24,7 +24,6 @@ Index = NDArray[np.int64]
 class Alive(NamedTuple):
     """The hypotheses (A,) that are alive after a tick, free motion last."""
 
-    number: Index
     state: Index
     onset: Index
     log_likelihood: Array
@@ -40,11 +39,16 @@ class Seen(NamedTuple):
     @property
     def alive(self) -> Alive:
         banks, now = self.state.banks, self.state.ticks - 1
-        free = (self.state.numbers - 1, FREE, now, 0.0)
-        by_bank = [(b.number, np.full(len(b), i), b.onset, b.log_likelihood) for i, b in enumerate(banks)]
         return Alive(
-            *(np.append(np.concatenate(c), f) for c, f in zip(zip(*by_bank, strict=True), free, strict=True))
+            np.arange(FREE + 1).repeat([*map(len, banks), 1]),
+            np.concatenate([*(b.onset for b in banks), [now]]),
+            np.concatenate([*(b.log_likelihood for b in banks), [0.0]]),
         )
+
+    @property
+    def numbers(self) -> Index:
+        """By which hypotheses are told apart over the whole recording (A,)."""
+        return np.concatenate([*(b.number for b in self.state.banks), [self.state.numbers - 1]])
 
 
 def forward(
@@ -91,6 +95,7 @@ class Pass:
     change: list[Array] = field(default_factory=list)
     entry: list[Array] = field(default_factory=list)
     alive: list[Alive] = field(default_factory=list)
+    numbers: list[Index] = field(default_factory=list)
 
     @classmethod
     def over(cls, ticks_seen: Iterable[Seen]) -> "Pass":
@@ -110,6 +115,7 @@ class Pass:
         self.change.append(seen.state.change)
         self.entry.append(seen.state.entry)
         self.alive.append(seen.alive)
+        self.numbers.append(seen.numbers)
 
     @property
     def exposure(self) -> Array:
@@ -131,9 +137,8 @@ class Pass:
     @property
     def trellis(self) -> hmm.Trellis:
         """All hypotheses that were met."""
-        count = 1 + int(self.alive[-1].number.max())
+        count = 1 + int(self.numbers[-1].max())
         states, onsets = np.full(count, FREE), np.zeros(count, np.int64)
-        for alive in self.alive:
-            states[alive.number], onsets[alive.number] = alive.state, alive.onset
-        numbers = [alive.number for alive in self.alive]
-        return hmm.Trellis(states, onsets, numbers, [alive.log_likelihood for alive in self.alive])
+        for number, alive in zip(self.numbers, self.alive, strict=True):
+            states[number], onsets[number] = alive.state, alive.onset
+        return hmm.Trellis(states, onsets, self.numbers, [alive.log_likelihood for alive in self.alive])

@@ -18,7 +18,7 @@ from contact_tracker.belief import Belief, Detail
 from contact_tracker.closed import Closed
 from contact_tracker.columns import Columns
 from contact_tracker.evidence import Window
-from contact_tracker.forward import Seen, forward
+from contact_tracker.forward import Alive, Seen, forward
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import CONTACTS, STATES
 from contact_tracker.model import Model
@@ -38,6 +38,9 @@ ROOM_BYTES: Final = 60_000_000
 """Where later data may change everything for hours (an object at rest), so much of it is kept open. Then the
 older half is told as it is known."""
 _FEW: Final = 256
+_TOGETHER: Final = 32
+"""So many ticks go through the trellis at once: one by one, between all that a tick does, they take twice as
+long."""
 
 _TICK: Final = np.dtype(
     [
@@ -110,6 +113,7 @@ class Segmenter:
     def __init__(self, executor: Executor | None = None, keeps_online: bool = True) -> None:
         self._executor, self._keeps_online = executor, keeps_online
         self._forward: hmm.Forward | None = None
+        self._waiting: list[tuple[Alive, Array]] = []  # what is alive after a tick, and the change before it
         self._past, self._survivors = hmm.Past(), hmm.Survivors()
         self._due = PIECE_TICKS
         self._state: TrackerState
@@ -123,12 +127,12 @@ class Segmenter:
 
     def note(self, seen: Seen) -> None:
         """Take in the next tick."""
-        state, tick, alive = seen.state, seen.tick, seen.alive
+        state, tick = seen.state, seen.tick
         if self._forward is None:
             self._forward = hmm.Forward(state.entry)
-        step = self._forward.advance(alive.state, alive.onset, alive.log_likelihood, state.change)
-        self._past.append(step)
-        self._survivors.append(step)
+        self._waiting.append((seen.alive, state.change))
+        if len(self._waiting) == _TOGETHER:
+            self._followed()
         times = (tick.start_ns, tick.stamp_ns, tick.count)
         self._ticks.append((*times, tick.zeta, tick.excess, seen.belief.residual))
         if self._keeps_online:
@@ -141,17 +145,16 @@ class Segmenter:
     @property
     def open_ticks(self) -> int:
         """How many ticks have no posterior yet that stays."""
-        return len(self._past)
+        return len(self._past) + len(self._waiting)
 
     @property
     def due(self) -> bool:
         """Whether it is worth while to look for what is certain by now."""
-        return len(self._past) >= self._due or self._past.size > ROOM_BYTES
+        return self.open_ticks >= self._due or self._past.size > ROOM_BYTES
 
     def conclude(self) -> Segmentation:
         """What has become certain since the last time."""
-        assert self._forward is not None
-        living = self._forward.living
+        living = self._followed()
         posterior, certain = self._past.look_back(living, TOLERANCE)
         if self._past.size > ROOM_BYTES:
             certain = max(certain, len(posterior) // 2)
@@ -166,12 +169,22 @@ class Segmenter:
         """The recording has ended: all the rest."""
         if self._forward is None:
             return Segmentation()
-        living = self._forward.living
+        living = self._followed()
         if len(self._past):
             self._smoothed(self._past.posterior(living))
         self._decided(self._survivors.finish(living))
         self._begin(final=True)
         return self._tell(len(self._jobs))
+
+    def _followed(self) -> hmm.Living:
+        """What is alive after the last tick, the trellis being grown up to it."""
+        assert self._forward is not None
+        for alive, change in self._waiting:
+            step = self._forward.advance(*alive, change)
+            self._past.append(step)
+            self._survivors.append(step)
+        self._waiting.clear()
+        return self._forward.living
 
     def _smoothed(self, posterior: Array) -> None:
         self._past.drop(len(posterior))
