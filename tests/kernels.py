@@ -41,8 +41,8 @@ def _problem(model, moments, row_weight, prior, anchors):
 def grow(bank, model, window, log_stay):
     """As ``following.grow``."""
     grown = bank.copy()
-    heard = float(window.activity[-1])
-    parts.grown(model_of(model, 1.0), grown.words, ticks_of(window, model), heard, log_stay)
+    ticks, heard = ticks_of(window, model), window.latest_activity
+    parts.grown(model_of(model, 1.0), grown.words, ticks, heard, log_stay)
     return grown
 
 

@@ -39,6 +39,7 @@ LAYERS = (
         "search",
         "separability",
         "summed",
+        "travel",
     ),
     ("hmm", "columns", "packing"),
     ("belief",),

@@ -44,6 +44,27 @@ def test_a_window_that_moves_on_loses_none_of_what_it_said(model, seed, first):
     np.testing.assert_array_equal(Window.join(parts[:2]).travel, seen.travel[:-1])
 
 
+@each_model
+@given(seed=seeds, most=st.integers(1, 12))
+@settings(max_examples=10, deadline=None)
+def test_a_window_that_grows_tick_by_tick_is_the_one_of_all_ticks(model, seed, most):
+    seen, _ = window(np.random.default_rng(seed), model)
+    uneven = np.tile(1e-9 * np.diag([1.0, 2.0, -3.0]), (len(seen), 1, 1))
+    grown = Window(seen.index[:0], seen.zeta[:0], seen.variance[:0], seen.excess[:0])
+    for row in range(len(seen)):
+        rows = slice(max(row + 1 - most, 0), row + 1)
+        variance = seen.variance[rows] * (row + 1)  # of all ticks anew
+        grown = grown.then(row, seen.zeta[row], seen.excess[row], variance, uneven[rows])
+        known = replace(seen, variance=seen.variance * (row + 1), uneven=uneven).cut(rows.start, rows.stop)
+        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "free", "travel"):
+            np.testing.assert_array_equal(getattr(grown, name), getattr(known, name), err_msg=name)
+        assert grown.latest_activity == known.activity[-1]
+        assert (grown.before is None) == (known.before is None)
+    for name in ("inverse", "free"):
+        noisier = grown.with_error((1e-9, 1e-9))
+        np.testing.assert_array_equal(getattr(noisier, name), getattr(grown, name))
+
+
 def test_between_ticks_that_are_not_neighbours_nothing_is_known_of_the_way():
     seen, _ = window(np.random.default_rng(6), CONTACT_MODELS[0])
     some = seen.pick(np.array([2, 3, 7, 8]))

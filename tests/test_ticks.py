@@ -242,7 +242,7 @@ def test_turning_the_sign_of_quaternions_changes_nothing():
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
     state = ticks.begin(MODEL, moving(np.random.default_rng(0), 1.0, 30.0))
-    position, rotation = ticks.tick_variances(state.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL)
+    position, rotation = ticks.tick_variances(state.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
     floor = MODEL.noise.floor_position_m**2
     assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)
     assert position[2] - floor == pytest.approx(MODEL.noise.sigma_position_m**2 / 100.0)

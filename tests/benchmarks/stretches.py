@@ -116,7 +116,7 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
     window = Window(
         np.arange(len(closed)),
         np.array([tick.zeta for tick in closed]),
-        np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T,
+        ticks.tick_variances(state.averaging.noise, counts, state.model),
         np.array([[tick.excess.position_m2, tick.excess.rotation_rad2] for tick in closed]),
         ticks.tick_unevenness(state.averaging.noise, counts),
     )

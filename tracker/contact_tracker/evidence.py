@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Family, Measurement, dot, lift_of_inverse
 from contact_tracker.fit import Prior
-from contact_tracker.lift import T
+from contact_tracker.travel import free_of, travel_of, travel_to
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Window:
     def free(self) -> Array:
         """Variances (2, W, 2) of free motion: what is unpredictable in it, which is all that tells of
         elements that are fitted; and of known ones, that nothing but touching keeps in place."""
-        return np.array([self.excess, np.maximum(self.excess, self.travel)])
+        return free_of(self.excess, self.travel)
 
     @property
     def travel(self) -> Array:
@@ -62,13 +62,7 @@ class Window:
 
         Zero where the tick before is not in the window.
         """
-        apart = np.empty((len(self), T[-1] + 1))  # R comes before T
-        pose = self.zeta[:, : T[-1] + 1]
-        np.subtract(pose[1:], pose[:-1], out=apart[1:])
-        apart[:1] = 0.0 if self.before is None else pose[:1] - self.before[: T[-1] + 1]
-        apart *= apart
-        apart[1:][self.index[1:] - self.index[:-1] != 1] = 0.0
-        return np.stack([apart[:, T[0] :].sum(axis=1) / 3.0, apart[:, : T[0]].sum(axis=1) / 6.0], axis=1)
+        return travel_of(self.zeta, self.index, self.before)
 
     @property
     def usual_variance(self) -> Array:
@@ -87,20 +81,51 @@ class Window:
         """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
         return np.asarray(np.max(self.excess / (self.excess + self.variance), axis=1, initial=0.0))
 
+    @property
+    def latest_activity(self) -> float:
+        """That of the newest tick; the others' may not be asked for."""
+        excess, variance = self.excess[-1].tolist(), self.variance[-1].tolist()
+        return float(max(e / (e + v) for e, v in zip(excess, variance, strict=True)))
+
+    def then(self, index: int, zeta: Array, excess: Array, variance: Array, uneven: Array) -> "Window":
+        """One tick on: the newest ticks and the one right after, as many as ``variance`` (W, 2) has rows.
+
+        What does not change with the noise is carried along: it is worked out of the new tick alone.
+        """
+        first = len(self) + 1 - len(variance)
+        newest = free_of(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
+        free = np.concatenate([self.free[:, first:], newest[:, None]], axis=1)
+        moved_on = Window(
+            np.concatenate([self.index[first:], [index]]),
+            np.concatenate([self.zeta[first:], zeta[None]]),
+            variance,
+            free[0],
+            uneven,
+            self.zeta[first - 1] if first else self.before,
+        )
+        inverse = np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]])
+        vars(moved_on).update(inverse=inverse, free=free)
+        return moved_on
+
     def cut(self, first: int, end: int | None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
         rows = slice(*slice(first, end).indices(len(self)))
-        before = self.zeta[rows.start - 1] if rows.start else self.before
-        return replace(self.pick(rows), before=before)
+        return self.pick(rows, self.zeta[rows.start - 1] if rows.start else self.before)
 
-    def pick(self, rows: slice | NDArray[np.generic]) -> "Window":
-        """Some ticks by themselves, whatever came before."""
+    def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
+        """Some ticks by themselves, whatever came before if it is not said."""
         uneven = None if self.uneven is None else self.uneven[rows]
-        return Window(self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], uneven)
+        return Window(
+            self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], uneven, before
+        )
 
     def with_error(self, beyond: tuple[float, float]) -> "Window":
         """The window with noise variances (m^2, rad^2) larger by ``beyond`` in all ticks."""
-        return replace(self, variance=self.variance + beyond) if any(beyond) else self
+        if not any(beyond):
+            return self
+        noisier = replace(self, variance=self.variance + beyond)
+        vars(noisier).update(inverse=self.inverse, free=self.free)
+        return noisier
 
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":

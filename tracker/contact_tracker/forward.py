@@ -130,7 +130,7 @@ class Pass:
         """All ticks, with the variances that the final estimate of the noise gives them."""
         assert state.averaging is not None
         counts = np.array(self.frames, float)
-        variance = np.array(ticks.tick_variances(state.averaging.noise, counts, state.model)).T
+        variance = ticks.tick_variances(state.averaging.noise, counts, state.model)
         uneven = ticks.tick_unevenness(state.averaging.noise, counts)
         return replace(Window.join(self.newest), variance=variance, uneven=uneven)
 

@@ -90,16 +90,15 @@ def _advanced(
     bank = follow(grow(bank, model, window, log_stay), model, window, scales, idle)
     if due:
         bank = adopted(bank, model, window, scales)
-        if window.activity[-1] > AT_REST:
+        if window.latest_activity > AT_REST:
             bank = searched(bank, lost(bank, model), model, window, scales)
     return bank
 
 
-def settle(bank: Bank, model: ContactModel, window: Window, scales: Scales, ticks: int) -> Bank:
-    """Sum up the oldest ``ticks`` of the window, which is about to lose them."""
-    if not (bank.onset <= window.index[ticks - 1]).any():
+def settle(bank: Bank, model: ContactModel, oldest: Window, scales: Scales) -> Bank:
+    """Sum up the ``oldest`` ticks, which the window is about to lose."""
+    if not len(bank) or bank.onset[0] > oldest.index[-1]:  # they are in order
         return bank
-    oldest = window.cut(0, ticks)
     seen = summed(model, bank.x, bank.onset, oldest, scales, bank.certain)
     return bank.having(settled=bank.settled + seen.log_ratio, earned=bank.earned + seen.gain.sum(axis=1))
 

@@ -47,7 +47,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         beginnings(contact, state.knowledge, memory, recognised, frame)
         for contact, memory in zip(CONTACT_MODELS, reminded, strict=True)
     )
-    exposed = exposure(float(window.activity[-1])) + state.withheld
+    exposed = exposure(window.latest_activity) + state.withheld
     if not state.knowledge:
         change, stay = log_transition(model, exposed), log_stay(model, exposed)
         entry = state.log_left if first else hmm.enter(state.log_left, change)

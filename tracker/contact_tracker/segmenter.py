@@ -217,7 +217,7 @@ class Segmenter:
         """Have the elements of a segment fitted, with today's estimate of the noise."""
         state = self._state
         assert state.averaging is not None
-        variance = np.array(ticks.tick_variances(state.averaging.noise, rows["count"], state.model)).T
+        variance = ticks.tick_variances(state.averaging.noise, rows["count"], state.model)
         window = Window(
             self._first + np.arange(len(rows)),
             rows["zeta"],

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 NEIGHBOURS: Final = 5
 LONGEST_GAP_S: Final = 5.0
 """A gap in the stream is followed tick by tick up to this time; what is longer passes as one."""
+_EYE: Final = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +118,7 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     heard, estimate = noise.advance(state.heard, state.noise, frames, prior)
     good, zeta = _averaged(state, frames, estimate, model)
     used = int(np.count_nonzero(good))
-    variance = np.array(tick_variances(estimate, np.array(float(used)), model))
+    variance = tick_variances(estimate, np.array(float(used)), model)
     turn = zeta[R].reshape(3, 3)
     if is_rest:
         motion, excess = None, NO_EXCESS
@@ -131,20 +132,18 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     return state._replace(frames=(), last=tick, noise=estimate, heard=heard, motion=motion), tick
 
 
-def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> tuple[Array, Array]:
-    """Noise variances (m^2, rad^2) per axis of the means of ticks with ``count`` frames."""
-    frames = np.maximum(count, 1.0)
-    return (
-        estimate.sigma_position_m**2 / frames + model.noise.floor_position_m**2,
-        estimate.sigma_rotation_rad**2 / frames + model.noise.floor_rotation_rad**2,
-    )
+def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
+    """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames."""
+    sensor = estimate.sigma_position_m**2, estimate.sigma_rotation_rad**2
+    floor = model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2
+    return np.asarray(np.array(sensor) / np.maximum(count, 1.0)[..., None] + np.array(floor))
 
 
 def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
     """What the covariance (W, 3, 3) of the mean position of ticks with ``count`` (W,) frames, in the world's
     axes, is beyond its mean over the axes (m^2)."""
     covariance = estimate.position_m2
-    beyond = covariance - np.eye(3) * np.trace(covariance) / 3.0
+    beyond = covariance - _EYE * (covariance.trace() / 3.0)
     return np.asarray(beyond / np.maximum(count, 1.0)[:, None, None])
 
 

@@ -218,9 +218,9 @@ def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
     surplus = len(state.window) + 1 - _window_ticks(state.model)
     if surplus <= 0:
         return state.banks
-    noise, window = state.model.noise, state.window
+    noise, oldest = state.model.noise, state.window.cut(0, surplus)
     return tuple(
-        hypotheses.settle(b, contact, window.with_error(noise.beyond_floor(column)), scales, surplus)
+        hypotheses.settle(b, contact, oldest.with_error(noise.beyond_floor(column)), scales)
         for column, (b, contact) in enumerate(zip(state.banks, CONTACT_MODELS, strict=True))
     )
 
@@ -228,16 +228,7 @@ def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
 def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
     """The window with the tick, with the variances that today's noise estimate gives all its ticks."""
     assert state.averaging is not None
-    keep = _window_ticks(state.model)
-    old = state.window
-    frames = np.append(state.frames, float(tick.count))
-    variance = np.array(ticks.tick_variances(state.averaging.noise, frames, state.model)).T
-    window = Window(
-        np.append(old.index, state.ticks),
-        np.concatenate([old.zeta, tick.zeta[None]]),
-        variance,
-        np.concatenate([old.excess, [tick.excess]]),
-        ticks.tick_unevenness(state.averaging.noise, frames),
-        old.before,
-    )
-    return window.cut(-keep, None), frames[-keep:]
+    frames = np.concatenate([state.frames, [tick.count]])[-_window_ticks(state.model) :]
+    noise = state.averaging.noise
+    variance, uneven = ticks.tick_variances(noise, frames, state.model), ticks.tick_unevenness(noise, frames)
+    return state.window.then(state.ticks, tick.zeta, np.array(tick.excess), variance, uneven), frames

@@ -69,7 +69,7 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
 
 
 def _activity(tick: Tick, state: TickState, model: Model) -> float:
-    variance = np.array(ticks.tick_variances(state.noise, np.array(float(tick.count)), model))
+    variance = ticks.tick_variances(state.noise, np.array(float(tick.count)), model)
     excess = np.array(tick.excess)
     return Window(np.zeros(1, np.int64), tick.zeta[None], variance[None], excess[None]).activity.item()
 

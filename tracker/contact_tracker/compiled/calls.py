@@ -36,7 +36,7 @@ class Window(Protocol):
     @property
     def free(self) -> Array: ...
     @property
-    def activity(self) -> Array: ...
+    def latest_activity(self) -> float: ...
 
 
 class Scales(Protocol):
@@ -112,7 +112,7 @@ def advance(
         [birth.number for birth in births],
         [birth.entry for birth in births],
         [ticks_of(window, model) for window, model in zip(windows, CONTACT_MODELS, strict=True)],
-        [float(window.activity[-1]) for window in windows],
+        [window.latest_activity for window in windows],
         _weights(scales),
         log_stay.tolist(),
         float(margin),
