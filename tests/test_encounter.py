@@ -71,7 +71,7 @@ def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
     state, _ = tracker.step(state, poses[1])
     loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
     before, after = (
-        outlook(replace(state, model=model), state.window).change[FREE] for model in (MODEL, loose)
+        outlook(state._replace(model=model), state.window).change[FREE] for model in (MODEL, loose)
     )
     assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0
 

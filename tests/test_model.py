@@ -307,7 +307,7 @@ def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
 
 def test_where_a_contact_that_may_be_off_touches_is_known_less_well():
     state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
-    loose = replace(state, model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
+    loose = state._replace(model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
     plain, off = (touching(one, Contact.VF).object.covariance.trace() for one in (state, loose))
     assert off > 1.01 * plain
 

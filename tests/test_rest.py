@@ -1,7 +1,5 @@
 """An object at rest: nothing is learned, nothing is lost, and it takes next to no time."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -79,7 +77,7 @@ def test_after_rest_the_belief_is_what_it_was_loosened_with_time():
     rested, next_tick, contact = ticks[last].state, ticks[last + 1].tick, ticks[last].belief.contact
 
     def after(rest_s: float) -> float:
-        state = replace(rested, withheld=rest_s / MODEL.tick_s * exposure(0.0))
+        state = rested._replace(withheld=rest_s / MODEL.tick_s * exposure(0.0))
         return float(tracker.observe(state, next_tick)[1].probability[contact.column])
 
     assert after(5.0) > 0.9 * ticks[last].belief.probability[contact.column] > 0.5

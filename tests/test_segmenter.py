@@ -130,7 +130,7 @@ def again_and_again(times):
             if number:  # nothing lasts from one to the next
                 change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.change
             yield SimpleNamespace(
-                state=replace(seen.state, change=change, outliers=0),
+                state=seen.state._replace(change=change, outliers=0),
                 tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),
                 belief=replace(seen.belief, stamp_ns=seen.belief.stamp_ns + before_ns),
                 alive=alive._replace(onset=alive.onset + before),

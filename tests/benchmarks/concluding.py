@@ -46,7 +46,7 @@ def recorded(path: str) -> list[Replayed]:
     once, model = [], load_model("default")
     nothing = start(model).window
     for seen in forward(open_log(path), model):
-        state = replace(seen.state, banks=(), window=nothing)
+        state = seen.state._replace(banks=(), window=nothing)
         once.append(Replayed(state, seen.tick, seen.belief, seen.alive))
     return once
 
@@ -58,7 +58,7 @@ def repeated(once: list[Replayed], ticks: int) -> Iterator[Seen]:
         row = number % len(once)
         seen, later = once[row], number - row
         later_ns = later * tick_ns
-        state = replace(seen.state, change=once[max(row, 1)].state.change)
+        state = seen.state._replace(change=once[max(row, 1)].state.change)
         start_ns, stamp_ns = seen.tick.start_ns + later_ns, seen.tick.stamp_ns + later_ns
         onset_ns = seen.belief.onset_ns + later_ns
         belief = replace(seen.belief, stamp_ns=stamp_ns, onset_ns=onset_ns)

@@ -1,6 +1,6 @@
 """Everything the tracker knows between two poses."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ from contact_tracker.transitions import log_initial
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class TrackerState:
+class TrackerState(NamedTuple):
     """Everything the tracker knows; bounded in size however long the stream.
 
     ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;

@@ -3,6 +3,7 @@
 pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states -> belief
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -72,7 +73,7 @@ def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
         state, online = observe(state, tick)
         beliefs.append(answer(state, online))
     rest = remaining(state)
-    return replace(state, recent=()), [*(b for b in beliefs if b is not None), *rest]
+    return state._replace(recent=()), [*(b for b in beliefs if b is not None), *rest]
 
 
 def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
@@ -84,14 +85,14 @@ def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     if averaging is None or not ticks.goes_on(averaging, pose, state.model):
         state, closed, _ = gather_some(state, Poses.collect((pose,)))
         return state, closed
-    return replace(state, averaging=averaging._replace(frames=(*averaging.frames, pose))), []
+    return state._replace(averaging=averaging._replace(frames=(*averaging.frames, pose))), []
 
 
 def gather_some(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick], Poses]:
     """The same of many poses at once, up to the first that closes a tick; returns the rest of them, too."""
     averaging = ticks.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed, left = ticks.advance(averaging, poses, state.model)
-    return replace(state, averaging=averaging), closed, left
+    return state._replace(averaging=averaging), closed, left
 
 
 def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
@@ -99,7 +100,7 @@ def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
     if state.averaging is None or not state.averaging.frames:
         return state, []
     averaging, tick = ticks.close(state.averaging, state.model)
-    return replace(state, averaging=averaging), [tick]
+    return state._replace(averaging=averaging), [tick]
 
 
 def observe(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -> tuple[TrackerState, Belief]:
@@ -119,14 +120,16 @@ def observe(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -
     if learns and where is not None:
         assert state.averaging is not None
         position_m = state.window.zeta[-1, T] + state.averaging.origin_m
-        state = replace(state, memory=state.memory.learn(where, belief.onset_ns, tick.stamp_ns, position_m))
-    return _remember(state, replace(belief, geometry=where if detail >= Detail.GEOMETRY else None))
+        state = state._replace(memory=state.memory.learn(where, belief.onset_ns, tick.stamp_ns, position_m))
+    if where is not None and detail >= Detail.GEOMETRY:
+        belief = replace(belief, geometry=where)
+    return _remember(state, belief)
 
 
 def _remember(state: TrackerState, belief: Belief) -> tuple[TrackerState, Belief]:
     length = state.past.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
-    return replace(state, recent=recent, belief=belief), belief
+    return state._replace(recent=recent, belief=belief), belief
 
 
 def _learns(state: TrackerState, belief: Belief) -> bool:
@@ -149,8 +152,7 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
     banks = _settle_oldest(state, scales_of(state.model))
     window, frames = _append(state, tick)
     change = log_transition(state.model, 0.0)
-    return replace(
-        state,
+    return state._replace(
         window=window,
         frames=frames,
         banks=tuple(_older(b, column) for column, b in enumerate(banks)),
@@ -183,9 +185,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     kept = tuple(_older(b, column) for column, b in enumerate(living.banks))
     log_left = np.append(living.log_weight, rival - living.best)
     label = STATES[int(np.argmax(log_left))]
-    pasts = [*(fixed_lag.mixed(b.past, b.joint) for b in kept), fixed_lag.grown(past[FREE], FREE)]
-    return replace(
-        state,
+    return state._replace(
         window=window,
         frames=frames,
         banks=kept,
@@ -200,13 +200,20 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         change=change,
         entry=entry,
         withheld=0.0,
-        past=np.array(pasts),
+        past=_pasts(kept, past[FREE]),
     )
 
 
 def _older(living: Bank, column: int) -> Bank:
     """With pasts that are one tick longer."""
     return replace(living, past=fixed_lag.grown(living.past, column)) if living.past.shape[1] else living
+
+
+def _pasts(banks: Sequence[Bank], free: Array) -> Array:
+    """Past (7, L, 7) of each state: that of its hypotheses, and what ``free`` motion (L, 7) has inherited."""
+    if not free.size:  # answers do not lag
+        return np.zeros((len(STATES), *free.shape))
+    return np.array([*(fixed_lag.mixed(b.past, b.joint) for b in banks), fixed_lag.grown(free, FREE)])
 
 
 def _window_ticks(model: Model) -> int:
