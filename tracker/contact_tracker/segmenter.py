@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,13 +107,21 @@ def pieces(
     yield segmenter.finish()
 
 
+class _Waiting(NamedTuple):
+    """What is ``alive`` after a tick, the ``change`` (7, 7) before it, and its ``row`` as ``_TICK``."""
+
+    alive: Alive
+    change: Array
+    row: tuple[Any, ...]
+
+
 class Segmenter:
     """Takes in the ticks of a forward pass and tells segments as they become certain."""
 
     def __init__(self, executor: Executor | None = None, keeps_online: bool = True) -> None:
         self._executor, self._keeps_online = executor, keeps_online
         self._forward: hmm.Forward | None = None
-        self._waiting: list[tuple[Alive, Array]] = []  # what is alive after a tick, and the change before it
+        self._waiting: list[_Waiting] = []
         self._past, self._survivors = hmm.Past(), hmm.Survivors()
         self._due = PIECE_TICKS
         self._state: TrackerState
@@ -127,16 +135,15 @@ class Segmenter:
 
     def note(self, seen: Seen) -> None:
         """Take in the next tick."""
-        state, tick = seen.state, seen.tick
+        state, tick, belief = seen.state, seen.tick, seen.belief
         if self._forward is None:
             self._forward = hmm.Forward(state.entry)
-        self._waiting.append((seen.alive, state.change))
+        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, belief.residual)
+        self._waiting.append(_Waiting(seen.alive, state.change, row))
         if len(self._waiting) == _TOGETHER:
             self._followed()
-        times = (tick.start_ns, tick.stamp_ns, tick.count)
-        self._ticks.append((*times, tick.zeta, tick.excess, seen.belief.residual))
         if self._keeps_online:
-            self._online.append(seen.belief)
+            self._online.append(belief)
         if len(self._online) == _FEW:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
@@ -179,10 +186,11 @@ class Segmenter:
     def _followed(self) -> hmm.Living:
         """What is alive after the last tick, the trellis being grown up to it."""
         assert self._forward is not None
-        for alive, change in self._waiting:
+        for alive, change, row in self._waiting:
             step = self._forward.advance(*alive, change)
             self._past.append(step)
             self._survivors.append(step)
+            self._ticks.append(row)
         self._waiting.clear()
         return self._forward.living
 
