@@ -46,14 +46,15 @@ class Poses:
     @classmethod
     def join(cls, parts: Sequence["Poses | Pose"]) -> "Poses":
         """Poses one after the other, copied; single ones may be among them."""
-        columns, single = [NO_POSES], list[Pose]()
+        columns, single = list[Poses](), list[Pose]()
         for part in parts:
             if isinstance(part, Pose):
                 single.append(part)
             else:
                 columns += [cls.collect(single), part] if single else [part]
                 single = []
-        columns.append(cls.collect(single))
+        if single or not columns:
+            columns.append(cls.collect(single))
         return cls(
             np.concatenate([part.stamp_ns for part in columns]),
             np.concatenate([part.position_m for part in columns]),

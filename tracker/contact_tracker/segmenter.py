@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,21 +107,13 @@ def pieces(
     yield segmenter.finish()
 
 
-class _Waiting(NamedTuple):
-    """What is ``alive`` after a tick, the ``change`` (7, 7) before it, and its ``row`` as ``_TICK``."""
-
-    alive: Alive
-    change: Array
-    row: tuple[Any, ...]
-
-
 class Segmenter:
     """Takes in the ticks of a forward pass and tells segments as they become certain."""
 
     def __init__(self, executor: Executor | None = None, keeps_online: bool = True) -> None:
         self._executor, self._keeps_online = executor, keeps_online
         self._forward: hmm.Forward | None = None
-        self._waiting: list[_Waiting] = []
+        self._waiting: list[tuple[Alive, Array, tuple[Any, ...]]] = []
         self._past, self._survivors = hmm.Past(), hmm.Survivors()
         self._due = PIECE_TICKS
         self._state: TrackerState
@@ -139,7 +131,7 @@ class Segmenter:
         if self._forward is None:
             self._forward = hmm.Forward(state.entry)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, belief.residual)
-        self._waiting.append(_Waiting(seen.alive, state.change, row))
+        self._waiting.append((seen.alive, state.change, row))
         if len(self._waiting) == _TOGETHER:
             self._followed()
         if self._keeps_online:

@@ -183,7 +183,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     rival, margin = float(entry[FREE]), model.search.margin_nats
     living = hypotheses.advance(banks, births, windows, scales, stay[:FREE], margin, rival)
     kept = tuple(_older(b, column) for column, b in enumerate(living.banks))
-    log_left = np.append(living.log_weight, rival - living.best)
+    log_left = np.array([*living.log_weight.tolist(), rival - living.best])
     label = STATES[int(np.argmax(log_left))]
     return state._replace(
         window=window,

@@ -14,6 +14,8 @@ from contact_tracker.hmm.sums import Array, Index, log_sum_exp
 
 NEGLIGIBLE: Final = 1e-14
 """Probability below which a way into the past is left out, whatever comes later."""
+LOWEST: Final = np.finfo(float).min
+"""What is subtracted in place of -inf, where nothing is possible."""
 
 
 class Living(NamedTuple):
@@ -50,6 +52,16 @@ class Step(NamedTuple):
     best: NDArray[np.int32]
 
 
+class _Ended(NamedTuple):
+    """The end of a tick: of each ``onset`` (O,) and state the state before it, the ``weight`` against that of
+    the state's best, and the log weight of the ``best`` path, (O, N)."""
+
+    onset: Index
+    origin: Array
+    weight: Array
+    best: Array
+
+
 class Forward:
     """The forward pass over N states; grows with what is alive, not with what has been."""
 
@@ -60,20 +72,20 @@ class Forward:
         self._left = np.zeros((2, states))  # sum and maximum over the paths to each state
         self._onset = np.zeros(0, np.int64)  # of all that is alive, each once, in order
         self._entry = np.zeros((3, 0, states))  # at each: sum, maximum, and where that comes from
-        self._weight = np.zeros((0, states))  # of each after the last tick, against the state's best
-        self._best = np.zeros((0, states))  # and the log weight of the best path to it
+        self._ended: _Ended
 
     @property
     def living(self) -> Living:
         """After the last tick."""
-        since, state = self._weight.nonzero()
-        total = self._weight.sum(axis=0)
+        onset, origin, weight, best = self._ended
+        since, state = weight.nonzero()
+        share = weight[since, state] / weight.sum(axis=0)[state]
         return Living(
-            self._onset[since],
+            onset[since],
             state,
-            np.log(self._weight[since, state] / total[state]) + self._left[0, state],
-            self._best[since, state],
-            self._entry[2, since, state].astype(np.int64),
+            np.log(share) + self._left[0, state],
+            best[since, state],
+            origin[since, state].astype(np.int64),
         )
 
     def advance(self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array) -> Step:
@@ -91,8 +103,7 @@ class Forward:
         if not np.isfinite(norm):
             raise ValueError("no path covers all ticks")
         score -= norm
-        largest = score[0].max(axis=0)
-        safe = np.where(np.isfinite(largest), largest, 0.0)
+        safe = np.maximum(score[0].max(axis=0), LOWEST)
         weight = np.exp(score[0] - safe) * many
         of_state = weight.sum(axis=0)
         winner = score[1].argmax(axis=0)
@@ -108,9 +119,9 @@ class Forward:
             weight[since, column] / of_state[column],
             before.astype(np.int32),
         )
+        self._ended = _Ended(self._onset, self._entry[2], weight, score[1])
         alive = many.any(axis=1)
-        self._onset, self._weight, self._best = self._onset[alive], weight[alive], score[1, alive]
-        self._entry = self._entry[:, alive]
+        self._onset, self._entry = self._onset[alive], self._entry[:, alive]
         self._entry[:2] -= norm
         return step
 
@@ -124,7 +135,7 @@ class Forward:
             into, best = self._left[:, :, None] + log_transition
             total, origin = log_sum_exp(into, axis=0), best.argmax(axis=0)
             entry = np.array([total, best[origin, self._every], origin])
-            source = np.exp(into - np.where(np.isfinite(total), total, 0.0))
+            source = np.exp(into - np.maximum(total, LOWEST))
         self._onset = np.append(self._onset, self.ticks)
         self._entry = np.concatenate([self._entry, entry[:, None]], axis=1)
         self.ticks += 1
