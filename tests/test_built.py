@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -29,6 +30,15 @@ def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
     )
     assert said(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
     assert said(program, CONTACT_TRACKER_COMPILED="1") == "False compiled kernels"
+
+
+def test_kernels_do_without_what_takes_longest_to_load():
+    program = (
+        f"import sys; sys.path.append({str(Path(__file__).parent)!r}); import short;"
+        "short.segmented(short.FACE_TO_EDGE); print('filterpy' in sys.modules)"
+    )
+    assert said(program, CONTACT_TRACKER_COMPILED="0") == "True"
+    assert said(program, CONTACT_TRACKER_COMPILED="1") == "False"
 
 
 @pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++", "cl"))), reason="no compiler")

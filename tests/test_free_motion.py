@@ -1,6 +1,8 @@
 """Free motion as a yardstick: nothing at rest, little where motion is predictable, else what it is."""
 
 import numpy as np
+import pytest
+from filterpy.common import Q_continuous_white_noise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -158,3 +160,9 @@ def test_a_jump_passes():
     excess = follow(*noisy(rng, position, turn))[1]
     assert np.isfinite(excess).all()
     assert np.mean(excess[75:, 0] < 1e-9 * VARIANCES[0]) > 0.9
+
+
+@pytest.mark.parametrize("tick_s", [0.01, 0.1, 0.7])
+def test_white_jerk_moves_the_states_as_filterpy_says(tick_s):
+    jerk = Q_continuous_white_noise(3, tick_s, 1.0)
+    np.testing.assert_allclose(free_motion._tick(tick_s).jerk, np.kron(np.eye(2), jerk), rtol=1e-14)

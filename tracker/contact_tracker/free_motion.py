@@ -11,8 +11,6 @@ from math import exp
 from typing import Final, NamedTuple
 
 import numpy as np
-from filterpy.common import Q_continuous_white_noise
-from filterpy.kalman import predict, update
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
@@ -39,6 +37,8 @@ _VALUE: Final = np.kron(np.eye(2), np.eye(1, 3))
 _POWERS: Final = np.arange(3.0)
 _SHARES: Final = np.array([1.0, 1.0, 0.5])
 """Of value, rate and acceleration in what is ahead, with the powers of time."""
+_POWERS_OF_JERK: Final = 5.0 - np.add.outer(np.arange(3), np.arange(3))
+"""Of time, in the covariance of the states that white jerk has moved: its integral is divided by them."""
 _REST: Final = np.zeros(6)
 _UNIT: Final = np.ones(2)
 
@@ -142,7 +142,10 @@ class _Tick(NamedTuple):
 @lru_cache(maxsize=8)
 def _tick(tick_s: float) -> _Tick:
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
-    jerk = Q_continuous_white_noise(3, tick_s, 1.0)
+    grown = np.array(
+        [tick_s**2 / 2, tick_s, 1.0]
+    )  # what a unit of jerk makes of the states at the tick's end
+    jerk = np.outer(grown, grown) * tick_s / _POWERS_OF_JERK
     both = np.eye(2)
     return _Tick(np.kron(both, rate), np.kron(both, jerk), float(jerk[0, 0]))
 
@@ -193,6 +196,8 @@ def advance(
 
 def _filtered(state: FreeMotion, value: Array, variance: Array, tick: _Tick) -> tuple[Array, Array, Array]:
     """States (2, 3, 3) and covariance after the values (2, 3) of a tick, which were off by so much (2, 3)."""
+    from filterpy.kalman import predict, update  # kernels do without: it takes longer to load than all else
+
     x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=tick.onward)
     x = x.reshape(2, 3, 3)
     # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
