@@ -193,3 +193,17 @@ def test_what_is_alive_and_the_digits_stay_bounded_for_hours(evidence, certain):
         assert probability[0].argmax() == 0
         ((contact, _, end),) = survivors.finish(forward.living)[-1:]
         assert (contact, end) == (0, ticks)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
+    """A weight that can just be told from zero, and is divided by more than one."""
+    change = np.log(np.array([[0.9, 0.1], [0.1, 0.9]]))
+    for behind in np.arange(-747.0, -738.0, 0.05):
+        forward = hmm.Forward(np.log([0.5, 0.5]))
+        forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), change)
+        state, onset = np.array([0, 0, 0, 0, 1]), np.array([0, 1, 1, 1, 0])
+        forward.advance(state, onset, np.array([behind, 0.0, 0.0, 0.0, 0.0]), change)
+        living = forward.living
+        assert np.isfinite(living.log_weight).all()
+        assert living.probability.sum() == pytest.approx(1.0)

@@ -142,10 +142,8 @@ class _Tick(NamedTuple):
 @lru_cache(maxsize=8)
 def _tick(tick_s: float) -> _Tick:
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
-    grown = np.array(
-        [tick_s**2 / 2, tick_s, 1.0]
-    )  # what a unit of jerk makes of the states at the tick's end
-    jerk = np.outer(grown, grown) * tick_s / _POWERS_OF_JERK
+    grown = np.array([tick_s**2 / 2, tick_s, 1.0])  # what a unit of jerk has made of the states by then
+    jerk = np.asarray(np.outer(grown, grown) * tick_s / _POWERS_OF_JERK, float)
     both = np.eye(2)
     return _Tick(np.kron(both, rate), np.kron(both, jerk), float(jerk[0, 0]))
 

@@ -79,11 +79,11 @@ class Forward:
         """After the last tick."""
         onset, origin, weight, best = self._ended
         since, state = weight.nonzero()
-        share = weight[since, state] / weight.sum(axis=0)[state]
+        log_share = np.log(weight[since, state]) - np.log(weight.sum(axis=0)[state])
         return Living(
             onset[since],
             state,
-            np.log(share) + self._left[0, state],
+            log_share + self._left[0, state],
             best[since, state],
             origin[since, state].astype(np.int64),
         )
