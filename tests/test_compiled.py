@@ -22,7 +22,7 @@ from contact_tracker.lift import lift
 from contact_tracker.pace import AT_THE_NOISE, FAR_NATS, LEAST_GAIN, patience
 from contact_tracker.summed import summed
 from contact_tracker.table import FOUND
-from short import FACE_TO_EDGE, MODEL, recorded
+from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 
 compiled_kernels = pytest.importorskip("contact_tracker.compiled.kernels")
@@ -162,9 +162,9 @@ def test_sums_over_ticks_agree(model, uneven, seed):
 
 
 @cache
-def passed():
+def passed(contacts=FACE_TO_EDGE):
     """A recording, tick by tick."""
-    return list(forward(recorded(FACE_TO_EDGE).poses[:700], MODEL))
+    return list(forward(recorded(contacts).poses[:700], MODEL))
 
 
 def states():
@@ -241,20 +241,17 @@ def test_what_others_offer_agrees(model):
 
 @each_model
 def test_searches_find_what_is_as_good(model):
-    """Two lines have directions that cost next to nothing: there they find others, worth more or less."""
+    """Where motion tells the directions: else they find others, which are worth a little more or less."""
+    seen = passed(EDGE_TO_EDGES if model.contact is Contact.EE else FACE_TO_EDGE)
     for k in (20, 30):
-        bank, window = passed()[k].state.banks[model.contact.column], passed()[k].state.window
+        bank, window = seen[k].state.banks[model.contact.column], seen[k].state.window
         rows = np.flatnonzero(bank.told > 8.0)
         assert len(rows) >= 3
         lost = bank.having(x=model.turned(bank.x, np.eye(3)[[1, 2, 0]]), log_likelihood=-np.inf)
         numpy, kernel = both(search.searched, lost, rows, model, window, SCALES)
         assert np.isfinite(kernel.log_likelihood[rows]).all()
         gain = kernel.log_likelihood[rows] - numpy.log_likelihood[rows]
-        if model.contact is Contact.EE:
-            assert np.mean(gain) > -0.5
-            assert np.median(gain) > -0.1
-        else:
-            assert np.abs(gain).max() < 1e-3
+        assert np.abs(gain).max() < 1e-3
         others = np.delete(np.arange(len(bank)), rows)
         np.testing.assert_array_equal(kernel.words[others], lost.words[others])
         best = bank.having(log_likelihood=np.inf)  # nothing is better

@@ -14,8 +14,8 @@
 #include <utility>
 #include <vector>
 
-#include "advancing.hpp"
 #include "dropping.hpp"
+#include "heavy.hpp"
 
 namespace kernels {
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
-from pybind11.setup_helpers import WIN, Pybind11Extension, build_ext
+from pybind11.setup_helpers import WIN, ParallelCompile, Pybind11Extension, build_ext
 from setuptools import Distribution
 from setuptools.errors import BaseError, CompileError, LinkError
 
@@ -65,7 +65,8 @@ def build(root: Path, scratch: Path) -> Path:
     command = build_ext(Distribution({"name": "contact-tracker", "ext_modules": [extension]}))
     command.build_lib = command.build_temp = str(scratch)
     command.ensure_finalized()
-    command.run()
+    with ParallelCompile():
+        command.run()
     return Path(command.get_ext_fullpath(name))
 
 

@@ -3,11 +3,14 @@
 
 #include <cmath>
 
-// Compiled for processors with wide registers as well; which of both is called is found at the first time.
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+// In the file of a family (`heavy.hpp`) compiled for processors with wide registers as well; which of both is
+// called is found when the module is loaded.
+#if !defined(__GNUC__)
+#define WIDE
+#elif defined(HERE) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__)
 #define WIDE __attribute__((flatten, noinline, target_clones("arch=x86-64-v3", "default")))
 #else
-#define WIDE
+#define WIDE __attribute__((noinline))
 #endif
 
 namespace kernels {

@@ -1,0 +1,29 @@
+// What takes long to compile: a file for each family has it, so that several processors work at it.
+#pragma once
+
+#include "advancing.hpp"
+
+namespace kernels {
+
+#define HEAVY(PREFIX, F)                                                                                  \
+    PREFIX template Lanes complete<F>(const Moments<F>&, Lanes*, Work<F>&);                               \
+    PREFIX template void equations<F>(const Moments<F>&, const Lanes*, Work<F>&);                         \
+    PREFIX template Lanes take_step<F>(const Lanes&, Work<F>&);                                           \
+    PREFIX template void accept<F>(const Moments<F>&, const Mask&, Lanes*, Work<F>&);                     \
+    PREFIX template Lanes volume<F>(const Lanes*, const Lanes*, const Lanes*, Work<F>&);                  \
+    PREFIX template Sums<F> add_up<F>(const Kind&, const Lanes*, const std::int64_t*, const Mask&,        \
+                                      const Ticks&, const Lengths&);                                      \
+    PREFIX template void grow<F>(const Kind&, double*, const Ticks&, double, double);                     \
+    PREFIX template void learn<F>(const Kind&, const Rows&, const Ticks&, int, const Weights&, Work<F>&); \
+    PREFIX template void every_cost<F>(const double*, const std::vector<Block<F>>&, Offer<F>&, double*);
+
+#ifndef HERE
+HEAVY(extern, Family<FaceFace>)
+HEAVY(extern, Family<EdgeFace>)
+HEAVY(extern, Family<VertexFace>)
+HEAVY(extern, Family<EdgeEdge>)
+#else
+HEAVY(, Family<HERE>)
+#endif
+
+}  // namespace kernels
