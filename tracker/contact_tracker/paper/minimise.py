@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from contact_tracker.labels import Contact
 from contact_tracker.paper.kronecker import SIZE, Form, Kind, form
@@ -44,6 +43,8 @@ def minimise_slsqp(
     starts : random starts; the paper takes 10 for one contact and 3 for each window.
     offset_m : standard deviation of the starts' offsets and points.
     """
+    from scipy.optimize import minimize  # who only loads the package does not wait for it
+
     f = form(contact)
     size = SIZE[f.x]
     # A sum of 500 squares of metres is far above SLSQP's absolute tolerance; one frame's minimum is not.
