@@ -16,7 +16,7 @@ from typing import Final
 
 RECORDING: Final = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 POSES: Final = 1200
-LIBRARIES: Final = ("numpy", "scipy.linalg", "scipy.spatial.transform", "filterpy.kalman")
+LIBRARIES: Final = ("numpy", "scipy.linalg", "scipy.spatial")
 
 
 def steps() -> Iterator[tuple[str, Callable[[], object]]]:

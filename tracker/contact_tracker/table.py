@@ -17,12 +17,24 @@ Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
 
 
 class Field(NamedTuple):
-    """Where in a row a column is: in words ``first`` to ``end``, with entries of a ``shape``."""
+    """Where in a row a column is: in words ``first`` to ``end``, with entries of a ``shape``.
+
+    Of symmetric matrices (``side``, ``side``) the upper triangle is kept, row after row.
+    """
 
     first: int
     end: int
     shape: tuple[int, ...]
     whole: bool
+    side: int = 0
+
+    def kept(self, column: NDArray[Any] | float) -> NDArray[Any] | float:
+        """What is kept of a column."""
+        if not self.side or not isinstance(column, np.ndarray):
+            return column
+        rows, columns = np.triu_indices(self.side)
+        kept: NDArray[Any] = column[..., rows, columns]
+        return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +59,41 @@ class _Column(Generic[Entry]):
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
+    def of(self, cells: NDArray[Any]) -> NDArray[Entry]:
+        """The column, of what is kept of it."""
+        column: NDArray[Entry] = cells != 0 if self._is_flag else cells
+        return column
+
     def __get__(self, bank: "Bank", owner: type) -> NDArray[Entry]:
-        cells: NDArray[Any] = bank.cells(self._name)
-        column = cells != 0 if self._is_flag else cells
+        column = self.of(bank.cells(self._name))
         column.flags.writeable = False
         vars(bank)[self._name] = column  # which is found first from now on
         return column
+
+
+class _Symmetric(_Column[np.float64]):
+    """A column of symmetric matrices."""
+
+    def __init__(self, size: str) -> None:
+        super().__init__(np.float64)
+        self._size = size
+
+    def field(self, first: int, sizes: Mapping[str, int]) -> Field:
+        side = sizes[self._size]
+        words = side * (side + 1) // 2
+        return Field(first, first + words, (words,), False, side)
+
+    def of(self, cells: NDArray[Any]) -> Array:
+        return cells[:, _triangle(cells.shape[1])]
+
+
+@cache
+def _triangle(words: int) -> Index:
+    """Where in the upper triangle of so many ``words`` the entries of the whole matrix are."""
+    side = (math.isqrt(8 * words + 1) - 1) // 2
+    where = np.zeros((side, side), np.int64)
+    where[np.triu_indices(side)] = np.arange(words)
+    return np.maximum(where, where.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +143,10 @@ class Bank:
     met = _Column(np.bool_)
     entry = _Column(np.float64)
     known_mean = _Column(np.float64, "S")
-    known = _Column(np.float64, "S", "S")
+    known = _Symmetric("S")
     pivot = _Column(np.float64, 6)
     first = _Column(np.float64, "C")
-    moments = _Column(np.float64, "C", "C")
+    moments = _Symmetric("C")
     place_sum = _Column(np.float64, 3)
     weight = _Column(np.float64)
     told = _Column(np.float64)
@@ -125,8 +166,8 @@ class Bank:
         return Bank, (self.words, self.layout, self.past)
 
     def cells(self, name: str) -> NDArray[Any]:
-        """A column (H, ...), in the memory of the rows; flags as whole numbers."""
-        first, end, shape, whole = self.layout.fields[name]
+        """What is kept of a column (H, ...), in the memory of the rows; flags as whole numbers."""
+        first, end, shape, whole, _ = self.layout.fields[name]
         words: NDArray[Any] = self.words.view(np.int64) if whole else self.words
         return words[:, first:end].reshape(len(words), *shape) if shape else words[:, first]
 
@@ -154,7 +195,7 @@ class Bank:
         """The same with other columns."""
         other = self.copy()
         for name, column in columns.items():
-            other.cells(name)[...] = column
+            other.cells(name)[...] = self.layout.fields[name].kept(column)
         return other
 
     def copy(self) -> "Bank":

@@ -47,7 +47,7 @@ WIDE void grow(const Kind& kind, double* row, const Ticks& ticks, double heard, 
     for (int c = 0; c < F::C; ++c) lifted[c] = pose[kind.lifted[c]];
     for (int c = 0; c < F::C; ++c) {
         if (begins) row[where.first + c] = lifted[c] * std::sqrt(precision);
-        for (int d = 0; d < F::C; ++d) moments[c * F::C + d] += weight * lifted[c] * lifted[d];
+        for (int d = c; d < F::C; ++d) *moments++ += weight * lifted[c] * lifted[d];
     }
     const Vector place = kind.body_in_1 ? at(pose, T) : -at(pose, U);
     put(row, where.place_sum, at(row, where.place_sum) + weight * place);

@@ -29,15 +29,16 @@ void triangle(const double* matrix, int b, double (*out)[abreast]) {
 // Write down what a hypothesis asks, in column b.
 template <class F>
 void ask(const Kind& kind, const double* row, int b, Block<F>& block) {
+    constexpr int entries = F::C * (F::C + 1) / 2;
     const double* moments = row + kind.where.moments;
     Prior<F, double> prior{};
     know<F>(kind, row, prior);
-    triangle<F::C>(moments, b, block.moments);
+    for (int i = 0; i < entries; ++i) block.moments[i][b] = moments[i];
     triangle<F::S>(prior.precision, b, block.precision);
     for (int s = 0; s < F::S; ++s) block.information[s][b] = prior.information[s];
     for (int k = 0; k < F::K; ++k) block.row_weight[k][b] = row[kind.where.row_weight + k];
     block.constant[b] = prior.constant;
-    block.total[b] = moments[F::C * F::C - 1];
+    block.total[b] = moments[entries - 1];
 }
 
 // What `v M v` is made of: products of entries of v that are not zero, and where in M's triangle they belong.

@@ -30,7 +30,8 @@ void best_first(std::vector<Found<F>>& found, int many) {
 // As `Given.told`.
 template <class F>
 void tell(const Kind& kind, const double* row, bool (&told)[F::S]) {
-    for (int s = 0; s < F::S; ++s) told[s] = row[kind.where.known + s * F::S + s] > 0.0;
+    for (int s = 0, diagonal = kind.where.known; s < F::S; diagonal += F::S - s++)
+        told[s] = row[diagonal] > 0.0;
     for (int d : {F::d1, F::d2}) {
         if (d < 0) continue;
         const Vector v = at(row + kind.where.known_mean, d);
@@ -64,7 +65,9 @@ std::vector<Found<F>> find(const Kind& kind, double* row, const Directions& dire
     const Moments<F> window(kind, same);
     know<F>(kind, same, work.prior);
     std::vector<double> starts(static_cast<std::size_t>(kind.relaxed + directions.count) * F::S);
-    const int few = relax<F>(row + kind.where.moments, kind.relaxed, starts.data());
+    double moments[F::C * F::C];
+    read_symmetric<F::C>(static_cast<const double*>(row), kind.where.moments, moments);
+    const int few = relax<F>(moments, kind.relaxed, starts.data());
     std::copy_n(directions.x, directions.count * F::S, starts.data() + few * F::S);
     tell<F>(kind, row, told);
     std::vector<Found<F>> found(few + directions.count);

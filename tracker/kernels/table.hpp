@@ -70,6 +70,14 @@ void read(const R& rows, int word, int count, N* out) {
     for (int i = 0; i < count; ++i) out[i] = read(rows, word + i);
 }
 
+// A symmetric matrix (SIZE, SIZE), of which rows have the upper triangle.
+template <int SIZE, class R, class N>
+void read_symmetric(const R& rows, int word, N* out) {
+    for (int i = 0; i < SIZE; ++i) {
+        for (int j = i; j < SIZE; ++j) out[i * SIZE + j] = out[j * SIZE + i] = read(rows, word++);
+    }
+}
+
 inline void write(const Rows& rows, int word, const Lanes& values) {
     for (int i = 0; i < lanes; ++i) rows[i][word] = values[i];
 }
@@ -154,7 +162,7 @@ void know(const Kind& kind, const R& rows, Prior<F, N>& prior) {
     } else {
         N mean[F::S];
         read(rows, kind.where.known_mean, F::S, mean);
-        read(rows, kind.where.known, F::S * F::S, prior.precision);
+        read_symmetric<F::S>(rows, kind.where.known, prior.precision);
         multiply<F::S, F::S>(mean, prior.precision, prior.information);
         prior.constant = 0.5 * dot<F::S>(prior.information, mean);
     }

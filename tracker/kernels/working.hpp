@@ -13,7 +13,7 @@ struct Moments {
     Lanes moments[F::C * F::C], row_weight[F::K];
 
     Moments(const Kind& kind, const Rows& rows) {
-        read(rows, kind.where.moments, F::C * F::C, moments);
+        read_symmetric<F::C>(rows, kind.where.moments, moments);
         read(rows, kind.where.row_weight, F::K, row_weight);
     }
 };
