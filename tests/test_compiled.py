@@ -306,7 +306,7 @@ def test_what_begins_joins_alike(model, old, many):
     )
     numpy, kernel = (living.banks[column] for living in advanced)
     for name in ("log_weight", "best"):
-        np.testing.assert_allclose(*(getattr(living, name) for living in advanced), atol=1e-3)
+        np.testing.assert_allclose(*(getattr(living, name) for living in advanced), atol=5e-3)
     assert (kernel.number >= 1000).sum() == many
     for name in ("number", "onset", "onset_ns", "source", "met", "searched", "pair"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
@@ -369,7 +369,7 @@ def test_a_recording_is_told_alike():
     for compiled_, reference in zip(kernel, numpy, strict=True):
         assert compiled_.contact is reference.contact
     differ = [np.abs(k.probability - n.probability).max() for k, n in zip(kernel, numpy, strict=True)]
-    assert max(differ) < 0.01
+    assert max(differ) < 0.05
     clear = [n.probability.max() > 0.9 for n in numpy]  # elsewhere much is equally good
     assert sum(clear) > 20
     assert max(np.array(differ)[clear]) < 1e-3

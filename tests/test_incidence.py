@@ -13,7 +13,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts import given as contacts_given
 from contact_tracker.forward import forward
 from contact_tracker.geometry import Line, Plane, Point, numbers
-from contact_tracker.incidence import incident
+from contact_tracker.incidence import LENGTH_M, incident
 from contact_tracker.labels import Contact
 from contact_tracker.presets import load_model
 from contact_tracker.readout import shifted
@@ -167,3 +167,11 @@ def test_an_edge_through_the_vertex_that_was_met_is_recognised_sooner():
         return (since[last_wrong + 1].stamp_ns - change_ns) / 1e9
 
     assert delay_s(MODEL.geometry.recognised) < delay_s(1e-9) - 0.3
+
+
+@pytest.mark.parametrize("kind", ["e", "v"])
+@pytest.mark.parametrize("turns", [(0.0, 0.0), (1e-4, 0.0), (1e-4, 1e-14)])
+def test_a_face_that_can_turn_only_about_one_axis_or_none_tells_of_its_neighbours(kind, turns):
+    face = Plane(np.array([0.0, 0.0, 1.0]), 0.2, np.diag([*turns, 0.0, 1e-6]))
+    out = np.diagonal(incident(face, kind, np.zeros(3)).covariance)[-1]
+    assert out == pytest.approx(1e-6 + 0.5 * sum(turns) * (0.5 * LENGTH_M) ** 2)

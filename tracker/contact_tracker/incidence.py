@@ -12,6 +12,7 @@ import numpy as np
 
 from contact_tracker.geometry import Array, Element, Line, Plane, Point
 
+_FLAT: Final = 1e-12
 LENGTH_M: Final = 0.2
 """How far the ends of an edge are from its point nearest to the body."""
 ANYWHERE_M: Final = 10.0
@@ -30,7 +31,7 @@ def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
 
 
 def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
-    """Its direction may be any; see ``contacts.given.pivots``."""
+    """Its direction may be any; see what ``contacts.given.given`` returns."""
     whole = np.zeros((6, 6))
     whole[3:, 3:] = covariance
     return Line(np.zeros(3), vertex.point_m, whole)
@@ -58,9 +59,11 @@ def _slab(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
     out = np.outer(face.normal, face.normal)
     turns, both = covariance[:3, :3], covariance[:3, 3]
     tilt = 0.5 * float(turns.trace())
-    # no normal changes along itself: what is added there is not used, and makes the rest invertible
-    where_touched = covariance[3, 3] - both @ np.linalg.solve(turns + tilt * out, both)
-    return np.eye(3) - out, tilt * out, (max(float(where_touched), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
+    across, told = np.eye(3) - out, 0.0
+    if tilt > 0.0:  # where a normal cannot change, as along itself, what is added is not used
+        told = float(both @ np.linalg.solve(turns + tilt * (out + _FLAT * across), both))
+    where_touched = covariance[3, 3] - told
+    return across, tilt * out, (max(float(where_touched), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
 
 
 def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:

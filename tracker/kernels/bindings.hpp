@@ -103,11 +103,10 @@ inline Directions directions_of(const Model& model, const Floats& x) {
 }
 
 // Which rows of a table are kept, and these, their weights against `best`; the log of the sum of all weights.
-// They move to the front of it.
-inline py::tuple left_of(const Model& model, const Floats& words, std::int64_t now, double best,
-                         double margin) {
+// These move to the front of `words`, of which what is returned is a part.
+inline py::tuple left_of(const Model& model, Floats& words, std::int64_t now, double best, double margin) {
     const Where& where = model.kind.where;
-    const Table table = table_of(model, words);
+    const Table table = changing(model, words);
     const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
     const auto count = static_cast<py::ssize_t>(rows.size()), wide = static_cast<py::ssize_t>(model.words);
     double top = -std::numeric_limits<double>::infinity(), sum = 0.0;

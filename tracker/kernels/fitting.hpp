@@ -156,7 +156,8 @@ WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>&
     for (int s = 0; s < F::S; ++s) x[s] = where(worse, x[s], work.trial[s]);
 }
 
-// As `fit.minimise` of some windows, from x (S,), in place. Those that are there already stay until all are.
+// As `fit.minimise` of some windows, from x (S,), in place. Those that are there already stay until all are,
+// up to rounding: last digits depend on who stands beside whom.
 template <class F>
 Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
     const Damping& fits = settings.fits;

@@ -8,9 +8,9 @@
 #if !defined(__GNUC__)
 #define WIDE
 #elif defined(HERE) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__)
-#define WIDE __attribute__((flatten, noinline, target_clones("arch=x86-64-v3", "default")))
+#define WIDE __attribute__((flatten, noinline, target_clones("fma", "default")))
 #else
-#define WIDE __attribute__((noinline))
+#define WIDE __attribute__((noinline))  // what another file has compiled is called
 #endif
 
 namespace kernels {

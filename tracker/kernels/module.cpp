@@ -124,7 +124,7 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
             best = std::max(best, joint(one.model.kind.where, table.row(b)));
     }
     py::list left;
-    for (const Begun& one : all) left.append(left_of(one.model, one.words, onset, best, margin));
+    for (Begun& one : all) left.append(left_of(one.model, one.words, onset, best, margin));
     return py::make_tuple(left, best);
 }
 

@@ -113,7 +113,7 @@ inline std::vector<int> searching(const Model& model, const Floats& words) {
 
 inline py::tuple dropped(const Model& model, const Floats& words, std::int64_t now, double best,
                          double margin) {
-    const Floats own({words.shape(0), words.shape(1)}, words.data());
+    Floats own({words.shape(0), words.shape(1)}, words.data());
     return left_of(model, own, now, best, margin);
 }
 

@@ -4,11 +4,12 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "settings.hpp"
+#include "moving.hpp"
 
 namespace kernels {
 
@@ -21,8 +22,11 @@ inline Damping damping_of(const pybind11::module_& module) {
 inline MotionSettings motion_of(const pybind11::module_& module) {
     const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
     const auto count = [&](const char* name) { return module.attr(name).cast<int>(); };
+    const int now = count("NOW_TICKS");
+    if (now < 1 || now > Path::most)
+        throw std::invalid_argument("kernels have no room for so many NOW_TICKS");
     return {number("JERK_SHARE"), number("STILL"),         number("LOG_BIAS"),
-            number("TINY"),       count("SETTLING_TICKS"), count("NOW_TICKS")};
+            number("TINY"),       count("SETTLING_TICKS"), now};
 }
 
 inline NoiseSettings noise_of(const pybind11::module_& module) {

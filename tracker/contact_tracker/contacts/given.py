@@ -131,6 +131,7 @@ def _face(element: Element | None) -> Array:
     slope = information @ covariance[:3, 3]
     off = np.array([*-slope, 1.0])
     variance = off @ covariance @ off  # an error of the slope counts by its square alone
+    variance *= variance > _SMALLEST * covariance[3, 3]
     return np.concatenate([element.normal, information.ravel(), [element.offset_m], slope, [variance]])
 
 
