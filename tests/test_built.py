@@ -42,6 +42,15 @@ def test_kernels_do_without_what_takes_longest_to_load():
     assert said(program, CONTACT_TRACKER_COMPILED="1") == "False"
 
 
+def test_kernels_say_so_where_python_asks_for_more_than_they_have_room_for():
+    pytest.importorskip(compiled.NAME)
+    program = (
+        "from contact_tracker import compiled, free_motion; free_motion.NOW_TICKS = 9;"
+        "print(compiled.described())"
+    )
+    assert said(program, CONTACT_TRACKER_COMPILED="1").endswith("no room for so many NOW_TICKS")
+
+
 @pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++", "cl"))), reason="no compiler")
 def test_kernels_are_built_where_there_is_a_compiler():
     """Whether the tests of kernels run is not left to chance."""

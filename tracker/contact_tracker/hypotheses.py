@@ -19,7 +19,6 @@ from contact_tracker.summed import summed
 from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class Living(NamedTuple):
@@ -55,7 +54,7 @@ def advance(
         words = [bank.words for bank in banks]
         left, best = calls.advance(words, births, born, windows, scales, log_stay, margin, drawn, rival)
         kept = [
-            Bank(rows, bank.layout, _pasts(bank, birth, which))
+            Bank(rows, bank.layout, joined(bank, birth)[which])
             for bank, birth, (which, rows, _) in zip(banks, births, left, strict=True)
         ]
         return Living(kept, np.array([log_weight for _, _, log_weight in left]), best)
@@ -69,13 +68,6 @@ def advance(
     now = births[0].onset
     kept = [prune(b, model, now, best, margin) for b, model in zip(grown, CONTACT_MODELS, strict=True)]
     return Living(kept, np.array([bank.log_weight for bank in kept]), best)
-
-
-def _pasts(bank: Bank, birth: Birth, which: Index) -> Array:
-    """Pasts (n, L, 7) of ``which`` of the hypotheses that were there and of those that begin."""
-    if not birth.past.size:  # answers do not lag
-        return np.zeros((len(which), *birth.past.shape))
-    return joined(bank, birth)[which]
 
 
 def _advanced(

@@ -112,21 +112,18 @@ def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float
     """The noise that the differences (15, n) tell; near the last one."""
     if differences.shape[1] < 2 * ORDER:
         return begin(*prior)
+    deviation = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
     if compiled.in_use():
         from contact_tracker.compiled import kernels
 
-        spread = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
-        start_m2, start_rad2 = estimate.position_m2, estimate.rotation_rad2
-        return NoiseEstimate(
-            *kernels.told(start_m2, start_rad2, estimate.shape, differences, spread, np.array(prior))
-        )
+        start = estimate.position_m2, estimate.rotation_rad2, estimate.shape
+        return NoiseEstimate(*kernels.told(*start, differences, deviation, np.array(prior)))
     across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
-    deviation = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
     shape = _shape(differences[:6] / deviation.repeat(3)[:, None], estimate.shape)
     centre_m = _centre(shape, deviation[0] / deviation[1], differences.shape[1])
     at_centre = np.einsum("ijn,jn->in", turn, across - _cross_matrix(centre_m) @ about)
-    start = np.array([estimate.position_m2, estimate.rotation_rad2])
-    covariance = _covariance(np.array([at_centre, about]), np.array(prior), start)
+    both = np.array([estimate.position_m2, estimate.rotation_rad2])
+    covariance = _covariance(np.array([at_centre, about]), np.array(prior), both)
     return NoiseEstimate(covariance[0], covariance[1], centre_m, shape)
 
 

@@ -32,9 +32,28 @@ class Field(NamedTuple):
         """What is kept of a column."""
         if not self.side or not isinstance(column, np.ndarray):
             return column
-        rows, columns = np.triu_indices(self.side)
+        rows, columns = _upper(self.side)
         kept: NDArray[Any] = column[..., rows, columns]
         return kept
+
+    def column(self, kept: NDArray[Any]) -> NDArray[Any]:
+        """The column of which that is kept."""
+        return kept[:, _entries(self.side)] if self.side else kept
+
+
+@cache
+def _upper(side: int) -> tuple[Index, Index]:
+    """Rows and columns of an upper triangle."""
+    rows, columns = np.triu_indices(side)
+    return rows, columns
+
+
+@cache
+def _entries(side: int) -> Index:
+    """Where in what is kept of a symmetric matrix its entries (side, side) are."""
+    where, upper = np.zeros((side, side), np.int64), _upper(side)
+    where[upper] = np.arange(len(upper[0]))
+    return np.maximum(where, where.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +78,9 @@ class _Column(Generic[Entry]):
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    def of(self, cells: NDArray[Any]) -> NDArray[Entry]:
-        """The column, of what is kept of it."""
-        column: NDArray[Entry] = cells != 0 if self._is_flag else cells
-        return column
-
     def __get__(self, bank: "Bank", owner: type) -> NDArray[Entry]:
-        column = self.of(bank.cells(self._name))
+        cells = bank.layout.fields[self._name].column(bank.cells(self._name))
+        column: NDArray[Entry] = cells != 0 if self._is_flag else cells
         column.flags.writeable = False
         vars(bank)[self._name] = column  # which is found first from now on
         return column
@@ -82,18 +97,6 @@ class _Symmetric(_Column[np.float64]):
         side = sizes[self._size]
         words = side * (side + 1) // 2
         return Field(first, first + words, (words,), False, side)
-
-    def of(self, cells: NDArray[Any]) -> Array:
-        return cells[:, _triangle(cells.shape[1])]
-
-
-@cache
-def _triangle(words: int) -> Index:
-    """Where in the upper triangle of so many ``words`` the entries of the whole matrix are."""
-    side = (math.isqrt(8 * words + 1) - 1) // 2
-    where = np.zeros((side, side), np.int64)
-    where[np.triu_indices(side)] = np.arange(words)
-    return np.maximum(where, where.T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,7 +75,6 @@ struct Lanes {
     Lanes& operator+=(const Lanes& other) { return *this = v + other.v; }
     Lanes& operator-=(const Lanes& other) { return *this = v - other.v; }
     Lanes& operator*=(const Lanes& other) { return *this = v * other.v; }
-    Lanes& operator/=(const Lanes& other) { return *this = v / other.v; }
 };
 
 inline Lanes operator+(const Lanes& a, const Lanes& b) { return a.v + b.v; }
