@@ -9,7 +9,7 @@ from contact_tracker import hmm
 from contact_tracker.labels import STATES
 from contact_tracker.model import Model, Seen
 from contact_tracker.presets import load_model
-from contact_tracker.transitions import FREE, log_initial, log_stay, log_transition
+from contact_tracker.transitions import FREE, chances, log_initial
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,10 +39,10 @@ def walk(model: Model, exposure: Array, rng: np.random.Generator) -> Ints:
     """States (T,) of one run of the chain."""
     state = [int(rng.choice(N, p=np.exp(log_initial(model))))]
     for a in exposure[1:]:
-        if rng.random() < np.exp(log_stay(model, a)[state[-1]]):
+        if rng.random() < np.exp(chances(model, a).stay[state[-1]]):
             state.append(state[-1])
             continue
-        leave = np.exp(log_transition(model, a)[state[-1]])
+        leave = np.exp(chances(model, a).change[state[-1]])
         if state[-1] == FREE:
             leave[FREE] = 0.0
         state.append(int(rng.choice(N, p=leave / leave.sum())))
@@ -60,7 +60,7 @@ def believed(
     seen = np.eye(N)[state] + rng.normal(size=(ticks, N)) * blur
     told = np.cumsum(np.vstack([np.zeros(N), (seen - 0.5) / blur**2]), axis=0)
     told -= told[:, [FREE]]  # against free motion
-    stay = np.cumsum(np.vstack([np.zeros(N), *(log_stay(model, a) for a in exposure)]), axis=0)
+    stay = np.cumsum(np.vstack([np.zeros(N), *(chances(model, a).stay for a in exposure)]), axis=0)
     states, onset = np.tile(np.arange(N), ticks), np.repeat(np.arange(ticks), N)
     alive, value = [], []
     for b in range(1, ticks + 1):

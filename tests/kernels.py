@@ -62,5 +62,5 @@ def starts(model, moments):
 
 
 def dropped(bank, model, now, best, margin):
-    """As ``bank.prune``: rows, words, and the log of the sum of their weights."""
+    """As ``bank.prune``: rows, words, the log of the sum of their weights, and their residual."""
     return parts.dropped(model_of(model, 1.0), bank.words, now, best, margin)

@@ -12,16 +12,7 @@ from contact_tracker.calibration.counts import count, learn_transitions, log_pri
 from contact_tracker.calibration.observed import UNKNOWN, labels, runs
 from contact_tracker.labels import Contact
 from contact_tracker.model import Seen
-from contact_tracker.transitions import (
-    AT_REST,
-    FREE,
-    initial,
-    leave_per_s,
-    log_initial,
-    log_stay,
-    log_transition,
-    split,
-)
+from contact_tracker.transitions import AT_REST, FREE, chances, initial, leave_per_s, log_initial, split
 from contact_tracker.truth import Truth, TruthInterval
 
 
@@ -74,9 +65,9 @@ def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_e
 def test_through_a_silence_of_the_truth_all_ways_are_weighed():
     model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, AT_REST, 0.7])
     label = np.array([3, UNKNOWN, UNKNOWN, UNKNOWN, 1])
-    steps = np.exp([log_transition(model, a) for a in exposure])
+    steps = np.exp([chances(model, a).change for a in exposure])
     for step, a in zip(steps, exposure, strict=True):
-        np.fill_diagonal(step, np.exp(log_stay(model, a)))
+        np.fill_diagonal(step, np.exp(chances(model, a).stay))
     total, changes, stays = 0.0, np.zeros((5, N, N)), np.zeros((5, N))
     for between in product(range(N), repeat=3):
         path = [3, *between, 1]

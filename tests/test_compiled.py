@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import fit, hypotheses, search, tracker
-from contact_tracker.bank import Birth, blank, prune
+from contact_tracker.bank import Birth, blank, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
@@ -271,6 +271,7 @@ def test_a_tick_is_taken_in_alike(k):
         matters = reference.joint > -30.0
         np.testing.assert_allclose(compiled_.joint[matters], reference.joint[matters], atol=2e-2)
     np.testing.assert_allclose(kernel.log_left, numpy.log_left, atol=1e-2)
+    np.testing.assert_allclose(kernel.residual, numpy.residual, rtol=1e-3)
 
 
 @each_model
@@ -279,7 +280,7 @@ def test_a_tick_is_taken_in_alike(k):
 def test_what_begins_joins_alike(model, old, many):
     """Of some geometry is known; the first ones of all start from any, turned with the body."""
     rng, column = np.random.default_rng(7), model.contact.column
-    k = next(k for k in range(9, 12) if not search.is_due(model, passed()[k].state.window))
+    k = next(k for k in range(9, 12) if not search.is_due(model, k))
     before_, window = passed()[k - 1].state, passed()[k].state.window
     bank = before_.banks[column] if old else blank(model, 0, 2)
     bank = replace(bank, past=rng.random((len(bank), 2, 7)))
@@ -346,12 +347,14 @@ def test_what_is_dropped_agrees(seed, margin, model):
         log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
         entry=-1.0,
         number=np.arange(count),
+        rms=rng.random(count),
     )
     numpy = prune(bank, model, now, -2.5, margin)
-    rows, words, log_weight = kernels.dropped(bank, model, now, -2.5, margin)
+    rows, words, log_weight, told = kernels.dropped(bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(words, numpy.words)
     np.testing.assert_array_equal(bank.number[rows], numpy.number)
     np.testing.assert_allclose(log_weight, numpy.log_weight, rtol=1e-12)
+    np.testing.assert_equal(told, residual(numpy))
 
 
 def assert_same_columns(numpy, kernel, names, rel):

@@ -21,7 +21,7 @@ from contact_tracker.memory import Memory
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose
 from contact_tracker.presets import load_model
-from contact_tracker.transitions import log_stay, log_transition
+from contact_tracker.transitions import chances
 
 MODEL = load_model()
 SCALES = Scales(0.3, 0.1, 0.03, 1.0, 0.1)
@@ -56,10 +56,10 @@ def log_odds(rotation, height_m):
     return {contact: met.log_odds for contact, (_, met) in zip(CONTACTS, found, strict=True)}
 
 
-def chances(rotation, height_m, activity=1.0):
+def expected(rotation, height_m, activity=1.0):
     """Log rates of change and of staying, the object being there."""
     met = [m for _, m in meetings(tick(rotation, height_m))]
-    return foreseen(log_transition(MODEL, activity), log_stay(MODEL, activity), met)
+    return foreseen(*chances(MODEL, activity), met)
 
 
 def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
@@ -105,29 +105,29 @@ def test_the_touching_elements_are_named():
 def test_without_known_pairs_nothing_changes():
     for knowledge in (NOTHING, knowledge_from({"environment": {"plane": [TABLE]}})):
         met = [m for _, m in meetings(tick(np.eye(3), 0.1), knowledge)]
-        change, stay = log_transition(MODEL, 1.0), log_stay(MODEL, 1.0)
+        change, stay = chances(MODEL, 1.0)
         for ours, theirs in zip(foreseen(change, stay, met), (change, stay), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
 @pytest.mark.parametrize("height_m", [0.1, 0.1003, 0.15])
 def test_chances_add_up_to_one(height_m):
-    change, stay = chances(np.eye(3), height_m)
+    change, stay = expected(np.eye(3), height_m)
     for i in range(len(STATES)):
         kept = -np.inf if i == FREE else stay[i]
         assert np.logaddexp(log_sum_exp(change[i]), kept) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_free_motion_ends_where_things_touch():
-    touching, _ = chances(np.eye(3), CUBE_M / 2)
-    above, _ = chances(np.eye(3), 0.3)
+    touching, _ = expected(np.eye(3), CUBE_M / 2)
+    above, _ = expected(np.eye(3), 0.3)
     assert touching[FREE, Contact.FF.column] > np.log(0.9)
     assert above[FREE, FREE] > -1e-9
 
 
 def test_leaving_and_coming_back_earns_nothing():
     """Whatever the detour, it is less probable than staying."""
-    change, stay = chances(np.eye(3), CUBE_M / 2)
+    change, stay = expected(np.eye(3), CUBE_M / 2)
     home = Contact.FF.column
     for away in range(len(STATES)):
         if away != home:

@@ -22,7 +22,7 @@ from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
 from contact_tracker.forward import Pass, forward
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.separability import tempered
-from contact_tracker.transitions import log_initial, log_transition
+from contact_tracker.transitions import chances, log_initial
 from contact_tracker.truth import Truth, TruthInterval
 from short import FACE_TO_EDGE, MODEL, recorded
 
@@ -42,7 +42,7 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
     poses = recorded(FACE_TO_EDGE).poses[300:540]
     tracked = tracking.track(poses, MODEL, (0.5, 0.2))
     seen = Pass.over(forward(poses, MODEL))
-    transition = np.array([log_transition(MODEL, exposure) for exposure in seen.exposure])
+    transition = np.array([chances(MODEL, exposure).change for exposure in seen.exposure])
     whole, ticks = seen.trellis, len(seen.beliefs)
     assert ticks == 12
     for lag_s, lag in ((0.5, 5), (0.2, 2)):

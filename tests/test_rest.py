@@ -9,7 +9,7 @@ from contact_tracker.labels import STATES
 from contact_tracker.poses import Poses
 from contact_tracker.presets import load_model
 from contact_tracker.segmenter import segment
-from contact_tracker.transitions import FREE, exposure, log_initial, log_stay, log_transition
+from contact_tracker.transitions import FREE, chances, exposure, log_initial
 from short import FACE_TO_EDGE, recorded
 
 MODEL = load_model()
@@ -101,12 +101,12 @@ def test_what_is_withheld_at_the_end_says_nothing_of_what_was_before():
     trellis, steps, initial = met.trellis, np.array(met.change), log_initial(MODEL)
     posterior, _, evidence = hmm.expect(trellis, initial, steps)
     withheld = 3600.0 / MODEL.tick_s * exposure(0.0)
-    steps[-1] = log_transition(MODEL, withheld)
+    steps[-1] = chances(MODEL, withheld).change
     # contacts may have lasted, all states may begin anew, and no data tell them apart
     *alive, last = trellis.alive
     *log_likelihood, known = trellis.log_likelihood
     contact = trellis.state[last] != FREE
-    lasted = (known + log_stay(MODEL, withheld)[trellis.state[last]])[contact]
+    lasted = (known + chances(MODEL, withheld).stay[trellis.state[last]])[contact]
     states, count = np.arange(len(STATES)), len(trellis.state)
     spent = hmm.Trellis(
         np.append(trellis.state, states),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from chain_oracle import believed, some_model, walk
 from contact_tracker import hmm
-from contact_tracker.transitions import log_initial, log_transition
+from contact_tracker.transitions import chances, log_initial
 from test_hmm import Case
 
 TOLERANCE = 1e-6
@@ -79,7 +79,7 @@ def test_pieces_of_any_trellis_are_the_whole(seed, every):
 def test_pieces_of_a_recording_are_the_whole_and_are_told_soon(blur):
     rng = np.random.default_rng(7)
     model, exposure = some_model(rng), rng.uniform(0.02, 1.0, 150)
-    chain = log_initial(model), np.array([log_transition(model, e) for e in exposure])
+    chain = log_initial(model), np.array([chances(model, e).change for e in exposure])
     trellis = pruned(believed(walk(model, exposure, rng), model, exposure, rng, blur), *chain)
     expected_path, expected = whole(trellis, *chain)
     path, posterior, told = run(trellis, *chain, every=30)

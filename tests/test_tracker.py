@@ -16,7 +16,7 @@ from contact_tracker.poses import Pose, Poses
 from contact_tracker.segmenter import segment
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
-from contact_tracker.transitions import AT_REST, log_initial, log_stay, log_transition
+from contact_tracker.transitions import AT_REST, chances, log_initial
 from moving import moving
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, age_s, recorded, segmented, true_contacts
 
@@ -233,8 +233,8 @@ def test_any_stream_gives_beliefs(stream):
 def at_rest(ticks):
     """Beliefs (ticks, 7) of an object that lies still, and what the Markov chain alone would believe."""
     beliefs, _ = run(still(20 * ticks))
-    stay = np.diag(np.append(np.exp(log_stay(MODEL, AT_REST))[: len(CONTACTS)], 0.0))
-    step = np.exp(log_transition(MODEL, AT_REST)) + stay
+    stay = np.diag(np.append(np.exp(chances(MODEL, AT_REST).stay)[: len(CONTACTS)], 0.0))
+    step = np.exp(chances(MODEL, AT_REST).change) + stay
     chain = [np.exp(log_initial(MODEL)) @ np.linalg.matrix_power(step, t) for t in range(ticks)]
     return np.array([b.probability for b in beliefs]), np.array(chain)
 

@@ -9,16 +9,7 @@ from contact_tracker import hmm
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import Seen
 from contact_tracker.presets import load_model, preset_names
-from contact_tracker.transitions import (
-    AT_REST,
-    exposure,
-    initial,
-    leave_per_s,
-    log_initial,
-    log_stay,
-    log_transition,
-    split,
-)
+from contact_tracker.transitions import AT_REST, chances, exposure, initial, leave_per_s, log_initial, split
 
 NOTHING = Seen((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)
 MODEL = replace(load_model(), transitions=replace(load_model().transitions, seen=NOTHING))
@@ -42,11 +33,11 @@ each_preset = pytest.mark.parametrize("name", preset_names())
 def test_nothing_is_impossible_and_everything_is_a_probability(name, activity):
     model = load_model(name)
     exposed = exposure(activity)
-    leave = np.exp(log_transition(model, exposed))
-    assert np.isfinite(log_transition(model, exposed)).all()
+    leave = np.exp(chances(model, exposed).change)
+    assert np.isfinite(chances(model, exposed).change).all()
     assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
     assert np.isfinite(log_initial(model)).all()
-    stay = np.exp(log_stay(model, exposed))
+    stay = np.exp(chances(model, exposed).stay)
     np.testing.assert_allclose(stay, np.exp(-leave_per_s(model.transitions) * model.tick_s * exposed))
     contacts = np.arange(len(STATES)) != FREE
     np.testing.assert_allclose(leave[contacts].sum(axis=1), 1.0 - stay[contacts])
@@ -55,7 +46,7 @@ def test_nothing_is_impossible_and_everything_is_a_probability(name, activity):
 
 
 def test_one_step_of_the_lattice_is_likely_and_a_skip_is_rarer():
-    leave = np.exp(log_transition(MODEL, 1.0))
+    leave = np.exp(chances(MODEL, 1.0).change)
     for a in STATES:
         likely = {b.value for b in STATES if b is not a and leave[a.column, b.column] > 0.9 * _most(leave, a)}
         assert likely == LIKELY[a.value]
@@ -113,8 +104,8 @@ def test_whatever_was_seen_nothing_becomes_impossible(prior_changes):
     for _ in range(20):
         learned = replace(MODEL.transitions, prior_changes=prior_changes, seen=seen(rng))
         model = replace(MODEL, transitions=learned)
-        assert np.isfinite(log_transition(model, AT_REST)).all()
-        leave, stay = np.exp(log_transition(model, 0.7)), np.exp(log_stay(model, 0.7))
+        assert np.isfinite(chances(model, AT_REST).change).all()
+        leave, stay = np.exp(chances(model, 0.7).change), np.exp(chances(model, 0.7).stay)
         stay[FREE] = 0.0
         np.testing.assert_allclose(leave.sum(axis=1) + stay, 1.0)
         assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
@@ -129,8 +120,8 @@ def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick
     model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, seen=seen(rng)))
     ticks, states = 12, len(STATES)
     exposures = rng.choice([0.0, AT_REST, 0.5, 1.0], ticks)
-    stay = np.array([log_stay(model, e) for e in exposures])
-    change = np.array([log_transition(model, e) for e in exposures])
+    stay = np.array([chances(model, e).stay for e in exposures])
+    change = np.array([chances(model, e).change for e in exposures])
     state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
     alive = [np.flatnonzero((onset < b) & ((state != FREE) | (onset == b - 1))) for b in range(1, ticks + 1)]
     stays = [
@@ -149,27 +140,29 @@ def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick
 def test_time_scales_do_not_depend_on_the_tick():
     """Leaving within a second is as probable with ten ticks as with one."""
     fine, coarse = replace(MODEL, tick_s=0.1), replace(MODEL, tick_s=1.0)
-    np.testing.assert_allclose(10 * log_stay(fine, 1.0), log_stay(coarse, 1.0))
+    np.testing.assert_allclose(10 * chances(fine, 1.0).stay, chances(coarse, 1.0).stay)
 
 
 def test_at_rest_contacts_hardly_change():
-    np.testing.assert_allclose(log_stay(MODEL, exposure(0.0)), AT_REST * log_stay(MODEL, exposure(1.0)))
+    np.testing.assert_allclose(
+        chances(MODEL, exposure(0.0)).stay, AT_REST * chances(MODEL, exposure(1.0)).stay
+    )
     assert AT_REST < 0.1
 
 
 def test_without_exposure_nothing_changes():
-    leave = np.exp(log_transition(MODEL, 0.0))
+    leave = np.exp(chances(MODEL, 0.0).change)
     assert leave[FREE, FREE] == 1.0
     assert leave.sum() == 1.0
-    assert not log_stay(MODEL, 0.0).any()
+    assert not chances(MODEL, 0.0).stay.any()
 
 
 @pytest.mark.parametrize("exposed", [1.5, 30.0, 600.0])
 def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
     """Against as many small steps of the chain."""
     contacts = np.arange(len(STATES)) != FREE
-    step = np.exp(log_transition(MODEL, 1e-3)) + np.diag(contacts * np.exp(log_stay(MODEL, 1e-3)))
+    step = np.exp(chances(MODEL, 1e-3).change) + np.diag(contacts * np.exp(chances(MODEL, 1e-3).stay))
     chain = np.linalg.matrix_power(step, round(exposed / 1e-3))
-    jump = np.exp(log_transition(MODEL, exposed)) + np.diag(contacts * np.exp(log_stay(MODEL, exposed)))
+    jump = np.exp(chances(MODEL, exposed).change) + np.diag(contacts * np.exp(chances(MODEL, exposed).stay))
     np.testing.assert_allclose(jump, chain, atol=1e-3)
     np.testing.assert_allclose(jump.sum(axis=1), 1.0)

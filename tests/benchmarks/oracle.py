@@ -31,7 +31,7 @@ from contact_tracker.model import Model
 from contact_tracker.readout import shifted
 from contact_tracker.state import scales_of
 from contact_tracker.table import Bank
-from contact_tracker.transitions import exposure, log_initial, log_stay, log_transition
+from contact_tracker.transitions import chances, exposure, log_initial
 from contact_tracker.truth import Truth, TruthInterval
 
 Array = NDArray[np.float64]
@@ -135,7 +135,7 @@ def log_prior(label: Ints, window: Window, model: Model) -> float:
     log_probability, contacts = float(log_initial(model)[label[0]]), np.arange(FREE)
     for before, now, activity in zip(label[:-1], label[1:], window.activity[1:], strict=True):
         exposed = exposure(float(activity))
-        step, stay = log_transition(model, exposed), log_stay(model, exposed)
+        step, stay = chances(model, exposed)
         step[contacts, contacts] = np.logaddexp(step[contacts, contacts], stay[contacts])
         log_probability += float(step[before, now])
     return log_probability
@@ -193,8 +193,10 @@ def _chain(log_evidence: Array, windows: list[Window], model: Model) -> Ints:
     stay, change = np.zeros(log_evidence.shape), np.zeros((*log_evidence.shape, len(STATES)))
     for row, window in enumerate(windows):
         activity = window.activity
-        stay[row] = sum((log_stay(model, exposure(a)) for a in activity[1:].tolist()), np.zeros(len(STATES)))
-        change[row] = log_transition(model, exposure(float(activity[0]) if len(window) else 0.0))
+        stay[row] = sum(
+            (chances(model, exposure(a)).stay for a in activity[1:].tolist()), np.zeros(len(STATES))
+        )
+        change[row] = chances(model, exposure(float(activity[0]) if len(window) else 0.0)).change
     count, states = log_evidence.shape
     number = np.arange(count * states).reshape(count, states)
     trellis = hmm.Trellis(

@@ -1,7 +1,6 @@
 """What the tracker says after a tick: of now, and with a lag of a little while ago."""
 
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +14,8 @@ from contact_tracker.geometry import ContactGeometry
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.readout import geometry_of
 from contact_tracker.state import TrackerState, scales_of
-from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
-
-RESIDUAL_TICKS: Final = 25
-"""How much motion a belief's residuals are about: so little that hypotheses of it are still kept."""
 
 
 def answer(state: TrackerState, online: Belief) -> Belief | None:
@@ -66,12 +61,11 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     weight = np.exp(state.log_left - state.log_left.max())
     probability = separability.tempered(weight, state.model.certainty.sureness)
     label = STATES[int(np.argmax(probability))]
-    residual = np.array([_residual(living) for living in state.banks])
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
         living = state.banks[label.column]
         onset_ns = int(living.onset_ns[np.argmax(living.joint)])
-    return Belief(stamp_ns, label, probability, onset_ns, None, residual)
+    return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 
 def weighed_up(state: TrackerState, belief: Belief) -> Belief:
@@ -103,9 +97,3 @@ def touching(state: TrackerState, label: Contact) -> ContactGeometry | None:
     pair = assumptions(state.knowledge, contact)[living.pair[row]]
     window = state.window.with_error(state.model.noise.beyond_floor(label.column))
     return named(geometry_of(living, row, contact, scales, window, origin_m), pair)
-
-
-def _residual(living: Bank) -> float:
-    """Whitened residual of the hypothesis that has seen ``RESIDUAL_TICKS`` with motion, or few more."""
-    long_enough = (living.told >= RESIDUAL_TICKS).nonzero()[0]
-    return float(living.rms[long_enough[living.told[long_enough].argmin()]]) if len(long_enough) else np.nan

@@ -12,7 +12,7 @@ from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
-from contact_tracker.pace import MET_SHARE, YOUNG, patience
+from contact_tracker.pace import MET_SHARE, RESIDUAL_TICKS, YOUNG, patience
 from contact_tracker.table import Bank, layout
 
 Array = NDArray[np.float64]
@@ -68,7 +68,8 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     if not begins.many:
         return bank
     born, told = assuming(model, begins)
-    both = Bank(np.concatenate([bank.words, born]), bank.layout, joined(bank, birth))
+    words = np.concatenate([bank.words, born])
+    both = Bank(words, bank.layout, joined(bank, birth, np.arange(len(words))))
     new = Bank(both.words[old:], bank.layout, both.past[old:])
     if old:
         best = int(bank.joint.argmax())
@@ -82,11 +83,11 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     return both
 
 
-def joined(bank: Bank, birth: Birth) -> Array:
-    """Past (H + n, L, 7) of all."""
+def joined(bank: Bank, birth: Birth, rows: Index) -> Array:
+    """Past (R, L, 7) of some ``rows`` of the bank with what begins."""
     if not bank.past.shape[1]:
-        return np.zeros((len(bank) + birth.begins.many, *bank.past.shape[1:]))
-    return np.concatenate([bank.past, birth.past[None].repeat(birth.begins.many, axis=0)])
+        return np.empty((len(rows), *bank.past.shape[1:]))
+    return np.concatenate([bank.past, birth.past[None].repeat(birth.begins.many, axis=0)])[rows]
 
 
 @lru_cache(maxsize=32)  # where the user knows nothing the same may begin until something is learnt
@@ -112,6 +113,13 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
     return bank.having(entry=bank.entry - best)
+
+
+def residual(bank: Bank) -> float:
+    """Whitened residual of the hypothesis that has seen ``RESIDUAL_TICKS`` with motion, or few more; nan
+    without one."""
+    seen = np.where(bank.told >= RESIDUAL_TICKS, bank.told, np.inf)
+    return float(bank.rms[seen.argmin()]) if seen.min(initial=np.inf) < np.inf else np.nan
 
 
 def best_of(group: Index, joint: Array) -> Bools:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.bank import Birth, add, assuming, blank, joined, prune
+from contact_tracker.bank import Birth, add, assuming, blank, joined, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
@@ -22,11 +22,12 @@ Array = NDArray[np.float64]
 
 
 class Living(NamedTuple):
-    """What lives on after a tick: a bank of each contact, its ``log_weight`` (6,), -inf of an empty one, and
-    the ``best`` log weight, against which all are."""
+    """What lives on after a tick: a bank of each contact, its ``log_weight``, -inf of an empty one, and its
+    ``residual``; and the ``best`` log weight, against which all are."""
 
     banks: list[Bank]
-    log_weight: Array
+    log_weight: list[float]
+    residual: list[float]
     best: float
 
 
@@ -45,19 +46,19 @@ def advance(
     What is further behind the best than the ``margin`` (nats) waits for another geometry, and what is behind
     at all may wait for some ticks: its moments grow.
     """
+    now = births[0].onset
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        contacts = list(zip(CONTACT_MODELS, births, windows, strict=True))
-        born = [assuming(model, birth.begins) for model, birth, _ in contacts]
-        drawn = [directions(model, w) if is_due(model, w) else None for model, _, w in contacts]
+        born = [assuming(model, birth.begins) for model, birth in zip(CONTACT_MODELS, births, strict=True)]
+        drawn = [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
         words = [bank.words for bank in banks]
         left, best = calls.advance(words, births, born, windows, scales, log_stay, margin, drawn, rival)
         kept = [
-            Bank(rows, bank.layout, joined(bank, birth)[which])
-            for bank, birth, (which, rows, _) in zip(banks, births, left, strict=True)
+            Bank(rows, bank.layout, joined(bank, birth, which))
+            for bank, birth, (which, rows, _, _) in zip(banks, births, left, strict=True)
         ]
-        return Living(kept, np.array([log_weight for _, _, log_weight in left]), best)
+        return Living(kept, [row[2] for row in left], [row[3] for row in left], best)
     grown = [
         _advanced(bank, model, birth, window, scales, float(price), margin)
         for bank, model, birth, window, price in zip(
@@ -65,9 +66,8 @@ def advance(
         )
     ]
     best = max(rival, *(bank.best for bank in grown))
-    now = births[0].onset
     kept = [prune(b, model, now, best, margin) for b, model in zip(grown, CONTACT_MODELS, strict=True)]
-    return Living(kept, np.array([bank.log_weight for bank in kept]), best)
+    return Living(kept, [bank.log_weight for bank in kept], [residual(bank) for bank in kept], best)
 
 
 def _advanced(
@@ -81,7 +81,7 @@ def _advanced(
 ) -> Bank:
     if not len(bank) and not birth.begins.many:
         return bank
-    due, old = is_due(model, window), len(bank)
+    due, old = is_due(model, birth.onset), len(bank)
     bank = add(bank, model, birth)
     waits = not due and bank.told >= FIRST_TICKS
     idle = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)

@@ -15,7 +15,7 @@ from contact_tracker.lift import T
 from contact_tracker.memory import Memory
 from contact_tracker.search import is_due
 from contact_tracker.state import TrackerState, scales_of
-from contact_tracker.transitions import exposure, log_stay, log_transition
+from contact_tracker.transitions import chances, exposure
 
 
 class Outlook(NamedTuple):
@@ -39,7 +39,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     recognised = model.geometry.recognised
     # contacts take turns: what one tick has taught is not told to all of them in the next
     reminded = tuple(
-        state.memory if is_due(contact, window) else earlier
+        state.memory if is_due(contact, state.ticks) else earlier
         for contact, earlier in zip(CONTACT_MODELS, state.reminded, strict=True)
     )
     frame = Frame.around(origin_m, window.zeta[-1, T])
@@ -49,7 +49,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     )
     exposed = exposure(window.latest_activity) + state.withheld
     if not state.knowledge:
-        change, stay = log_transition(model, exposed), log_stay(model, exposed)
+        change, stay = chances(model, exposed)
         entry = state.log_left if first else hmm.enter(state.log_left, change)
         return Outlook(begins, reminded, exposed, change, stay, entry)
     # what is known is met by moving, however smoothly
@@ -60,7 +60,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))
     ]
     begins = tuple(m.of(b) for m, b in zip(met, begins, strict=True))
-    change, stay = foreseen(log_transition(model, exposed), log_stay(model, exposed), met)
+    change, stay = foreseen(*chances(model, exposed), met)
     if not first:
         return Outlook(begins, reminded, exposed, change, stay, hmm.enter(state.log_left, change))
     entry = state.log_left + np.array([*(m.log_odds for m in met), 0.0])

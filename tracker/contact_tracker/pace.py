@@ -38,6 +38,9 @@ less."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
+RESIDUAL_TICKS: Final = 25.0
+"""How much motion a belief's residuals are about: so little that hypotheses of it are still kept."""
+
 
 def patience(needed: float) -> float:
     """Up to so many ticks with motion a hypothesis is kept and searches however bad, whose geometry

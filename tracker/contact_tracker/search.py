@@ -35,9 +35,9 @@ DRAWS: Final = 64
 """So many sets of random directions take turns."""
 
 
-def is_due(model: ContactModel, window: Window) -> bool:
-    """Whether hypotheses search in the newest tick: contacts take turns."""
-    return not (int(window.index[-1]) + model.contact.column) % EVERY
+def is_due(model: ContactModel, tick: int) -> bool:
+    """Whether hypotheses search in a tick: contacts take turns."""
+    return not (tick + model.contact.column) % EVERY
 
 
 def adopted(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -62,14 +62,14 @@ def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scale
     """Let ``rows`` search from scratch, and keep what is better."""
     if not len(rows):
         return bank
-    drawn = directions(model, window)
+    drawn = directions(model, window.index[-1])
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
         better = bank.copy()
         calls.searched(model, better.words, window, scales, rows, drawn)
         return better
-    x = _found(bank, rows, model, scales, drawn)
+    x = _found(bank, rows, model, scales, model.turned(drawn, window.zeta[-1, R].reshape(3, 3)))
     many = x.shape[1]
     some = bank.pick(rows.repeat(many)).having(x=x.reshape(-1, x.shape[-1]))
     for _ in range(WEIGHED):
@@ -120,10 +120,9 @@ def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
     return np.asarray(x.reshape(groups, -1, x.shape[-1])[np.arange(groups)[:, None], best])
 
 
-def directions(model: ContactModel, window: Window) -> Array:
-    """Random x (N, S), drawn in the body's frame: they turn with the world in which they are told."""
-    x = _drawn(model.family.RANDOM_STARTS, model.family.SIZE, int(window.index[-1]) % DRAWS)
-    return model.turned(x, window.zeta[-1, R].reshape(3, 3))
+def directions(model: ContactModel, tick: int) -> Array:
+    """Random x (N, S) for a tick, in the body's frame: they turn with the world in which they are told."""
+    return _drawn(model.family.RANDOM_STARTS, model.family.SIZE, int(tick) % DRAWS)
 
 
 @cache

@@ -26,11 +26,12 @@ class TrackerState(NamedTuple):
     ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
     ``banks`` of hypotheses by contact; the ``memory`` of elements met, and what of it each contact
     has been ``reminded`` of; ``log_left`` (7,) weights of the states at the last boundary, up to a
-    constant; ``ticks`` seen, ``numbers`` of hypotheses given out, ``outliers`` among the poses; the label and
-    since when it has been free; ``exposure`` to change at the last boundary, ``change`` (7, 7) and ``entry``
-    (7,), the log chances of change there and the log weights with which states began; the exposure that is
-    ``withheld`` while ticks say nothing; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where
-    answers lag; the last ``belief``.
+    constant, and the ``residual`` (6,) of each contact (see ``Belief``); ``ticks`` seen, ``numbers`` of
+    hypotheses given out, ``outliers`` among the poses; the label and since when it has been free;
+    ``exposure`` to change at the last boundary, ``change`` (7, 7) and ``entry`` (7,), the log chances of
+    change there and the log weights with which states began; the exposure that is ``withheld`` while ticks
+    say nothing; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where answers lag; the last
+    ``belief``.
     """
 
     model: Model
@@ -42,6 +43,7 @@ class TrackerState(NamedTuple):
     memory: Memory
     reminded: tuple[Memory, ...]
     log_left: Array
+    residual: Array
     ticks: int
     numbers: int
     outliers: int
@@ -77,6 +79,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         memory=NOTHING_MET,
         reminded=(NOTHING_MET,) * len(CONTACT_MODELS),
         log_left=initial,
+        residual=np.full(len(CONTACT_MODELS), np.nan),
         ticks=0,
         numbers=0,
         outliers=0,

@@ -26,7 +26,7 @@ from contact_tracker.poses import Pose, Poses
 from contact_tracker.state import TrackerState, scales_of, start
 from contact_tracker.table import Bank
 from contact_tracker.ticks import Tick
-from contact_tracker.transitions import exposure, log_transition
+from contact_tracker.transitions import chances, exposure
 
 __all__ = [
     "TrackerState",
@@ -151,7 +151,7 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
     banks = _settle_oldest(state, scales_of(state.model))
     window, frames = _append(state, tick)
-    change = log_transition(state.model, 0.0)
+    change = chances(state.model, 0.0).change
     return state._replace(
         window=window,
         frames=frames,
@@ -183,7 +183,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     rival, margin = float(entry[FREE]), model.search.margin_nats
     living = hypotheses.advance(banks, births, windows, scales, stay[:FREE], margin, rival)
     kept = tuple(_older(b, column) for column, b in enumerate(living.banks))
-    log_left = np.array([*living.log_weight.tolist(), rival - living.best])
+    log_left = np.array([*living.log_weight, rival - living.best])
     label = STATES[int(np.argmax(log_left))]
     return state._replace(
         window=window,
@@ -191,6 +191,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         banks=kept,
         reminded=reminded,
         log_left=log_left,
+        residual=np.array(living.residual),
         ticks=state.ticks + 1,
         numbers=numbers + 1,
         outliers=state.outliers + tick.outliers,

@@ -5,7 +5,7 @@ The containment lattice gives a prior of a known weight, ``prior_changes``; coun
 """
 
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,24 +66,30 @@ def exposure(activity: float) -> float:
     return max(activity, AT_REST)
 
 
-def log_stay(model: Model, exposure: float) -> Array:
-    """Log probability (7,) that a state lasts through a tick of this ``exposure``."""
-    return -_rates(model.transitions)[0] * (model.tick_s * exposure)
+class Chances(NamedTuple):
+    """What a tick may bring, in logs: ``change`` (7, 7), row to column, at the boundary before it; and that a
+    state will ``stay`` (7,) through it.
 
-
-def log_transition(model: Model, exposure: float) -> Array:
-    """Log weight (7, 7), row to column, of a change at the boundary before a tick of this ``exposure``.
-
-    Free motion has no onset to remember: it stays free by this matrix, contacts stay by ``log_stay``. A state
-    changes no more than once, unless the exposure is that of many ticks.
+    Free motion has no onset to remember: it stays free by ``change``.
     """
-    stay = log_stay(model, exposure)
+
+    change: Array
+    stay: Array
+
+
+def chances(model: Model, exposure: float) -> Chances:
+    """Those of a tick of this ``exposure``.
+
+    A state changes no more than once, unless the exposure is that of many ticks.
+    """
+    rate, log_split = _rates(model.transitions)
+    stay = -rate * (model.tick_s * exposure)
     with np.errstate(divide="ignore"):  # without any exposure nothing changes
         if exposure > 1.0:
-            return np.log(_often(model, exposure, np.exp(stay)))
-        leave = np.log(-np.expm1(stay))[:, None] + _rates(model.transitions)[1]
-    leave[FREE, FREE] = stay[FREE]
-    return np.asarray(leave)
+            return Chances(np.log(_often(model, exposure, np.exp(stay))), stay)
+        change = np.log(-np.expm1(stay))[:, None] + log_split
+    change[FREE, FREE] = stay[FREE]
+    return Chances(change, stay)
 
 
 def _often(model: Model, exposure: float, stay: Array) -> Array:

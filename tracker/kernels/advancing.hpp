@@ -36,8 +36,7 @@ void join(const Kind& kind, const Table& old, const Birth& birth, const Table& t
             std::copy_n(old.row(best) + where.x, F::S, x);
             std::copy_n(old.row(best) + where.row_weight, F::K, row + where.row_weight);
         } else {
-            const int d = kind.body_in_1 ? F::d2 : F::d1;
-            if (d >= 0) put(x, d, turned(birth.turn, 0, at(x, d)));
+            turn_world<F>(kind.body_in_1, birth.turn, x);
         }
         for (int s = 0; s < F::S; ++s) {
             if (birth.told[i * F::S + s]) x[s] = row[where.known_mean + s];

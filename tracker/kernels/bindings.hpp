@@ -96,13 +96,15 @@ struct Seeable {
     }
 };
 
-inline Directions directions_of(const Model& model, const Floats& x) {
+inline Directions directions_of(const Model& model, const Floats& x, const Floats& turn) {
     const int size = visit(model, [](auto family) { return decltype(family)::S; });
     require(x.ndim() == 2 && x.shape(1) == size, "directions are not geometry of this contact");
-    return {x.data(), static_cast<int>(x.shape(0))};
+    require_shape(turn, {3, 3}, "a turn is a matrix");
+    return {x.data(), turn.data(), static_cast<int>(x.shape(0))};
 }
 
-// Which rows of a table are kept, and these, their weights against `best`; the log of the sum of all weights.
+// Which rows of a table are kept, and these, their weights against `best`; the log of the sum of all weights,
+// and the residual that is told of them.
 // These move to the front of `words`, of which what is returned is a part.
 inline py::tuple left_of(const Model& model, Floats& words, std::int64_t now, double best, double margin) {
     const Where& where = model.kind.where;
@@ -120,7 +122,8 @@ inline py::tuple left_of(const Model& model, Floats& words, std::int64_t now, do
     const auto size = static_cast<py::ssize_t>(sizeof(double));
     const std::vector<py::ssize_t> shape{count, wide}, strides{wide * size, size};
     const Floats left(shape, strides, words.data(), words);
-    return py::make_tuple(Ints(count, rows.data()), left, rows.empty() ? top : top + std::log(sum));
+    return py::make_tuple(Ints(count, rows.data()), left, rows.empty() ? top : top + std::log(sum),
+                          residual_of(where, table, static_cast<int>(count)));
 }
 
 }  // namespace kernels

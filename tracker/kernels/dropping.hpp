@@ -1,6 +1,8 @@
 // Which hypotheses are dropped: as `bank.prune`.
 #pragma once
 
+#include <limits>
+
 #include "table.hpp"
 
 namespace kernels {
@@ -47,6 +49,18 @@ inline std::vector<std::int64_t> kept(const Kind& kind, const Table& table, std:
             rows.push_back(b);
     }
     return rows;
+}
+
+// As `bank.residual` of the first `count` rows.
+inline double residual_of(const Where& where, const Table& table, int count) {
+    double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
+    for (int b = 0; b < count; ++b) {
+        const double told = table.row(b)[where.told];
+        if (!(told >= settings.residual_ticks && told < least)) continue;
+        least = told;
+        rms = table.row(b)[where.rms];
+    }
+    return rms;
 }
 
 }  // namespace kernels

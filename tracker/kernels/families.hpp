@@ -197,4 +197,11 @@ void free(const N* x, const N* anchors, N (&out)[F::P][F::S]) {
     if constexpr (F::h >= 0) out[F::P - 1][F::h] = 1.0;
 }
 
+// As `ContactModel.turned`, in place.
+template <class F>
+void turn_world(bool body_in_1, const double* turn, double* x) {
+    const int d = body_in_1 ? F::d2 : F::d1;
+    if (d >= 0) put(x, d, turned(turn, 0, at(x, d)));
+}
+
 }  // namespace kernels

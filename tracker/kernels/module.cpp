@@ -109,7 +109,7 @@ py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Fl
         const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, numbers[i], entries[i]};
         all.push_back({*models[i], old, Floats({old.count + fresh.count, old.words}), birth, seen[i]->ticks(),
                        heard[i], log_stay[i], std::nullopt});
-        if (directions[i]) all[i].directions = directions_of(*models[i], *directions[i]);
+        if (directions[i]) all[i].directions = directions_of(*models[i], *directions[i], turn);
     }
     double best = rival;
     for (Begun& one : all) {
@@ -143,9 +143,9 @@ void learned(const Model& model, Floats words, const Seeable& seen, const Ints& 
 }
 
 void searched(const Model& model, Floats words, const Seeable& seen, const Ints& rows,
-              const Floats& directions, const Weights& weights) {
+              const Floats& directions, const Floats& turn, const Weights& weights) {
     const Table table = changing(model, words);
-    const Directions drawn = directions_of(model, directions);
+    const Directions drawn = directions_of(model, directions, turn);
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
         for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
@@ -220,7 +220,7 @@ PYBIND11_MODULE(kernels, module) {
     module.def("learned", &learned, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
                py::arg("steps"), py::arg("weights"));
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
-               py::arg("rows"), py::arg("directions"), py::arg("weights"));
+               py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
     module.def("minimised", &minimised);
     add_averaging(module);
     parts::add(module.def_submodule("parts"));

@@ -63,6 +63,7 @@ inline void read_settings() {
     settings.at_the_noise = number("AT_THE_NOISE");
     settings.least_gain = number("LEAST_GAIN");
     settings.met_share = number("MET_SHARE");
+    settings.residual_ticks = number("RESIDUAL_TICKS");
     settings.refine_steps = count("REFINE_STEPS");
     settings.first_steps = count("FIRST_STEPS");
     settings.screened = count("SCREENED");

@@ -6,10 +6,17 @@
 
 namespace kernels {
 
-// Random x (N, S) to start from.
+// Random x (N, S) to start from, drawn in the body's frame: they are told in the world with this `turn` (3,
+// 3).
 struct Directions {
-    const double* x;
+    const double *x, *turn;
     int count;
+
+    template <class F>
+    void write(bool body_in_1, double* out) const {
+        std::copy_n(x, count * F::S, out);
+        for (int i = 0; i < count; ++i) turn_world<F>(body_in_1, turn, out + i * F::S);
+    }
 };
 
 // A geometry, and its cost.
@@ -68,7 +75,7 @@ std::vector<Found<F>> find(const Kind& kind, double* row, const Directions& dire
     double moments[F::C * F::C];
     read_symmetric<F::C>(static_cast<const double*>(row), kind.where.moments, moments);
     const int few = relax<F>(moments, kind.relaxed, starts.data());
-    std::copy_n(directions.x, directions.count * F::S, starts.data() + few * F::S);
+    directions.write<F>(kind.body_in_1, starts.data() + few * F::S);
     tell<F>(kind, row, told);
     std::vector<Found<F>> found(few + directions.count);
     for (std::size_t i = 0; i < found.size(); ++i) {

@@ -33,10 +33,11 @@ struct Settings {
     double least_sine;  // quaternions
     int neighbours;     // ticks
     Damping fits, products;
-    double tolerance;                                                                  // fit
-    double sine_sq_floor, tiny, edge_ridge;                                            // contacts.edge_edge
-    double vertex_ridge;                                                               // contacts.vertex_face
-    double first_ticks, at_rest, far_nats, lift, at_the_noise, least_gain, met_share;  // pace, as all below
+    double tolerance;                        // fit
+    double sine_sq_floor, tiny, edge_ridge;  // contacts.edge_edge
+    double vertex_ridge;                     // contacts.vertex_face
+    // pace, as all below
+    double first_ticks, at_rest, far_nats, lift, at_the_noise, least_gain, met_share, residual_ticks;
     int refine_steps, first_steps, screened, weighed, young;
     std::vector<double> ages;
     std::vector<bool> due;

@@ -19,7 +19,7 @@ from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.segmentation import Segmentation
 from contact_tracker.segmenter import segment
-from contact_tracker.transitions import exposure, log_initial, log_transition
+from contact_tracker.transitions import chances, exposure, log_initial
 from contact_tracker.truth import Truth
 
 Ints = NDArray[np.int64]
@@ -122,7 +122,7 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
 def _pass(poses: Poses, truth: Truth | None, model: Model) -> tuple[Judged, BelievedStates, Segmentation]:
     seen = Pass()
     found = segment(poses, model, watch=seen.note)
-    steps = np.array([log_transition(model, exposed) for exposed in seen.exposure])
+    steps = np.array([chances(model, exposed).change for exposed in seen.exposure])
     trellis = seen.trellis
     _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)

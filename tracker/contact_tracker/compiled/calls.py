@@ -11,6 +11,7 @@ from contact_tracker.compiled import kernels
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.base import Array
 from contact_tracker.labels import Contact
+from contact_tracker.lift import R
 from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
@@ -95,12 +96,12 @@ def advance(
     margin: float,
     directions: Sequence[Array | None],
     rival: float,
-) -> tuple[list[tuple[Index, Array, float]], float]:
+) -> tuple[list[tuple[Index, Array, float, float]], float]:
     """The rows of all banks and those of ``births`` of one tick, which ``bank.assuming`` gives, a tick on;
-    with random ``directions`` they search from scratch as well.
+    with random ``directions`` of the body's frame they search from scratch as well.
 
-    Of each contact which rows are kept, and these, their weights against the best, and the log of their sum;
-    and the best log weight of all and the ``rival``.
+    Of each contact which rows are kept, and these, their weights against the best, the log of their sum and
+    ``bank.residual``; and the best log weight of all and the ``rival``.
     """
     return kernels.advanced(
         [model_of(model, scales.reach_m) for model in CONTACT_MODELS],
@@ -129,9 +130,10 @@ def learn(model: ContactModel, words: Array, window: Window, scales: Scales, ste
 def searched(
     model: ContactModel, words: Array, window: Window, scales: Scales, rows: Index, directions: Array
 ) -> None:
-    """A bank, in place, of which ``rows`` search, from random ``directions`` as well."""
+    """A bank, in place, of which ``rows`` search, from random ``directions`` of the body's frame as well."""
     kind, ticks = model_of(model, scales.reach_m), ticks_of(window, model)
-    kernels.searched(kind, words, ticks, rows, directions, _weights(scales))
+    turn = window.zeta[-1, R].reshape(3, 3)
+    kernels.searched(kind, words, ticks, rows, directions, turn, _weights(scales))
 
 
 def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:

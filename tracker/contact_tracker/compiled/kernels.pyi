@@ -67,10 +67,16 @@ def advanced(
     margin: float,
     directions: Sequence[Numbers | None],
     rival: float,
-) -> tuple[list[tuple[Index, Numbers, float]], float]: ...
+) -> tuple[list[tuple[Index, Numbers, float, float]], float]: ...
 def learned(model: Model, words: Numbers, ticks: Ticks, steps: Index, weights: Weights) -> None: ...
 def searched(
-    model: Model, words: Numbers, ticks: Ticks, rows: Index, directions: Numbers, weights: Weights
+    model: Model,
+    words: Numbers,
+    ticks: Ticks,
+    rows: Index,
+    directions: Numbers,
+    turn: Numbers,
+    weights: Weights,
 ) -> None: ...
 def minimised(
     of_x: str, of_y: str, k: Numbers, x: Numbers, y: Numbers, tolerance: float, iterations: int

@@ -16,7 +16,7 @@ from contact_tracker.labels import Contact
 __all__ = ["CONTACT_MODELS", "ContactModel"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactModel:
     """One contact: a family, and whether frame 1 is the body (f-f, e-f, v-f, e-e) or the world (f-e, f-v)."""
 
