@@ -12,13 +12,14 @@ from scipy.stats import chi2
 from benchmarks.stretches import NOISES, find_simulated, stretch_geometry
 from contact_tracker import hypotheses
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.echoes import Errors, learnt, new_in
 from contact_tracker.evaluation.bound import cramer_rao
 from contact_tracker.evaluation.elements import angle_rad, deviation
 from contact_tracker.evidence import Window
 from contact_tracker.geometry import Plane
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
-from contact_tracker.polish import FIRST_ECHO, Errors, learnt, new_in, polish
+from contact_tracker.polish import FIRST_ECHO, polish
 from contact_tracker.presets import load_model
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
@@ -72,7 +73,7 @@ def test_covariances_know_of_errors_that_last(contact, monkeypatch):
         return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
 
     known = normalised()
-    monkeypatch.setattr("contact_tracker.polish.MOST_ECHO", 0.0)
+    monkeypatch.setattr("contact_tracker.echoes.MOST_ECHO", 0.0)
     assert 0.5 < known < 2.5
     assert known < 0.6 * normalised()
 

@@ -23,6 +23,9 @@ from contact_tracker.travel import free_of, travel_of, travel_to
 
 Array = NDArray[np.float64]
 
+_I, _J = np.triu_indices(3)
+_OFTEN = np.where(_I == _J, 1.0, 2.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Window:
@@ -207,9 +210,8 @@ def residual_noise(seen: Measurement, window: Window) -> Array:
     noise = np.empty_like(seen.residual)
     noise[:, :-1], noise[:, -1] = rotation, position + rotation * seen.lever_sq
     if window.uneven is not None:
-        i, j = np.triu_indices(3)
-        square = seen.along[..., i] * seen.along[..., j]
-        uneven = window.uneven[:, i, j] * np.where(i == j, 1.0, 2.0)
+        square = seen.along[..., _I] * seen.along[..., _J]
+        uneven = window.uneven[:, _I, _J] * _OFTEN
         same = square.shape[1] == 1
         noise[:, -1] += square[:, 0] @ uneven.T if same else np.einsum("btk,tk->bt", square, uneven)
     return noise

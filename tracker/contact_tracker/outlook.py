@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.beginnings import Frame, beginnings
+from contact_tracker.beginnings import Frame, beginnings_of_all
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
@@ -36,17 +36,13 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     assert state.averaging is not None
     model = state.model
     first, origin_m = state.ticks == 0, state.averaging.origin_m
-    recognised = model.geometry.recognised
     # contacts take turns: what one tick has taught is not told to all of them in the next
     reminded = tuple(
         state.memory if is_due(contact, state.ticks) else earlier
         for contact, earlier in zip(CONTACT_MODELS, state.reminded, strict=True)
     )
     frame = Frame.around(origin_m, window.zeta[-1, T])
-    begins = tuple(
-        beginnings(contact, state.knowledge, memory, recognised, frame)
-        for contact, memory in zip(CONTACT_MODELS, reminded, strict=True)
-    )
+    begins = beginnings_of_all(state.knowledge, reminded, model.geometry.recognised, frame)
     exposed = exposure(window.latest_activity) + state.withheld
     if not state.knowledge:
         change, stay = chances(model, exposed)

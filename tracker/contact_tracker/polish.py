@@ -7,13 +7,14 @@ geometry, and how large each row's noise is, and how long it lasts, is told by i
 T26).
 """
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
+from contact_tracker.echoes import LEAST_SCALE, Errors, learnt, new_in
 from contact_tracker.evidence import Scales, Window, residual_noise
 from contact_tracker.fit import Prior
 from contact_tracker.table import Bank
@@ -24,29 +25,14 @@ ROUNDS: Final = 3
 """Of fitting, and of learning the noise from what the fit leaves."""
 STEPS: Final = 20
 TOLERANCE_NATS: Final = 1e-4
-PRIOR_TICKS: Final = 1.0
-"""Weight of the noise as it was believed against that of the residuals."""
-LEARNING_STEPS: Final = 15
-"""Of expectation-maximisation; they cost little beside a fit."""
 FIRST_ECHO: Final = 0.5
-MOST_ECHO: Final = 0.95
 FEW_TICKS: Final = 15
 STRANGE_SIGMAS: Final = 2.5
 """A tick at an end of the stretch is left out if it is so far off, unless there are only ``FEW_TICKS``."""
-LEAST_SCALE: Final = 1e-6
-LEAST_SHARE: Final = 1e-12
 LEAST_CURVATURE: Final = 1e-9
 LEAST_DAMPING: Final = 1e-9
 _STEP: Final = 1e-6
 """Of finite differences, in radians and metres."""
-
-
-class Errors(NamedTuple):
-    """What the residuals (K, ...) say of their errors: ``weight`` (K,), how much smaller than believed they
-    are, and ``echo`` (K,), how much of a tick's is left in the next."""
-
-    weight: Array
-    echo: Array
 
 
 def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -113,16 +99,13 @@ def _maximise(
     """Levenberg-Marquardt on the weighted squares of what is new in all residuals, from x (1, S)."""
     weight, echo = errors
 
-    def new(x: Array) -> tuple[Array, Array, Array]:
+    def new(x: Array) -> tuple[float, Array, Array, Array]:
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
-        return new_in(whitened, echo, window.index), new_in(jacobian, echo, window.index), tangent
+        residual = new_in(whitened, echo, window.index)
+        cost = float(0.5 * weight @ np.sum(residual**2, axis=1) + prior.cost(x)[0])
+        return cost, residual, new_in(jacobian, echo, window.index), tangent
 
-    def cost(x: Array) -> float:
-        squares = np.sum(new_in(_whitened(model, x, window)[0], echo, window.index) ** 2, axis=1)
-        return float(0.5 * weight @ squares + prior.cost(x)[0])
-
-    damping, now = 1e-6, cost(x)
-    residual, jacobian, tangent = new(x)
+    damping, (now, residual, jacobian, tangent) = 1e-6, new(x)
     for _ in range(STEPS):
         pull = tangent.T @ prior.precision[0]
         weighted = weight[:, None, None] * jacobian
@@ -131,49 +114,15 @@ def _maximise(
         ridge = damping * np.diag(curvature) + LEAST_CURVATURE
         step = -np.linalg.solve(curvature + np.diag(ridge), gradient)
         proposal = model.family.normalise(x + step @ tangent.T, anchors)
-        proposed = cost(proposal)
-        if proposed < now:
-            x, now, damping = proposal, proposed, max(0.1 * damping, LEAST_DAMPING)
-            residual, jacobian, tangent = new(x)
+        there = new(proposal)  # its cost alone would take nearly as long
+        if there[0] < now:
+            x, damping = proposal, max(0.1 * damping, LEAST_DAMPING)
+            now, residual, jacobian, tangent = there
         else:
             damping *= 100.0
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x
-
-
-def learnt(errors: Errors, whitened: Array, jacobian: Array, held: Array, index: NDArray[np.int64]) -> Errors:
-    """What whitened residuals (K, W) at a minimum say of their errors, by expectation-maximisation.
-
-    The errors are not the residuals: the fit has taken from them what looks like geometry. ``jacobian``
-    (K, W, P) and ``held`` (P, P), the information of the prior, say how much. Where few ticks are left over,
-    the belief stands.
-    """
-    weight, echo = errors
-    count, follows = whitened.shape[1], np.diff(index) == 1
-    paired = np.append(follows, False) | np.append(False, follows)
-    for _ in range(LEARNING_STEPS):
-        new = new_in(jacobian, echo, index)
-        told, ways = np.linalg.eigh(np.einsum("ktp,k,ktq->pq", new, weight, new) + held)
-        shown = told > LEAST_SHARE * told[-1]
-        taken = jacobian @ (ways[:, shown] / np.sqrt(told[shown]))
-        # over the last axis, products of these sum up to what is expected of products of errors
-        error = np.concatenate([whitened[..., None], taken], axis=2)
-        product = np.sum((error[:, :-1] * error[:, 1:])[:, follows], axis=(1, 2)) / max(follows.sum(), 1)
-        # of the ticks in these pairs: squares of others only add their own scatter
-        square = np.sum(error[:, paired] ** 2, axis=(1, 2)) / max(paired.sum(), 1)
-        echo = np.clip(product / np.maximum(square, LEAST_SCALE), 0.0, MOST_ECHO)
-        variance = np.maximum(np.sum(new_in(error, echo, index) ** 2, axis=(1, 2)) / count, LEAST_SCALE)
-        weight = variance ** (-count / (count + PRIOR_TICKS))
-    return Errors(weight, echo)
-
-
-def new_in(rows: Array, echo: Array, index: NDArray[np.int64]) -> Array:
-    """What is new in each tick of rows (K, W, ...), in units of what that usually is."""
-    left = echo[:, None] ** np.diff(index)
-    left = left.reshape(*left.shape, *(1,) * (rows.ndim - 2))
-    later = (rows[:, 1:] - left * rows[:, :-1]) / np.sqrt(1.0 - left**2)
-    return np.concatenate([rows[:, :1], later], axis=1)
 
 
 def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:
