@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from chain_oracle import believed, some_model, walk
-from contact_tracker import hmm
+from contact_tracker import compiled, hmm
+from contact_tracker.hmm import running
 from contact_tracker.transitions import chances, log_initial
 from test_hmm import Case
 
@@ -15,9 +16,19 @@ seeds = st.integers(0, 2**32 - 1)
 many = settings(max_examples=40, deadline=None)
 
 
+@pytest.fixture(params=[False, True], ids=["numpy", "kernels"], autouse=True, scope="module")
+def way(request):
+    """All of it in numpy, and with the kernels."""
+    if request.param:
+        pytest.importorskip(compiled.NAME)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled, "in_use", lambda: request.param)
+        yield
+
+
 def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
     """Concluded every so many ticks: path, posterior, and after which ticks how many were told."""
-    forward, past, survivors = hmm.Forward(log_initial), hmm.Past(), hmm.Survivors()
+    forward, past, survivors = hmm.begin(log_initial), hmm.Past(), hmm.Survivors()
     path, posterior, told = [], [], []
     for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
         step = forward.advance(trellis.state[alive], trellis.onset[alive], likelihood, log_transition[b - 1])
@@ -43,7 +54,7 @@ def whole(trellis, log_initial, log_transition):
 
 def pruned(trellis, log_initial, log_transition, margin=40.0):
     """Without what is hopeless, as the tracker leaves it out."""
-    forward, hopeless = hmm.Forward(log_initial), np.zeros(len(trellis.state), bool)
+    forward, hopeless = hmm.begin(log_initial), np.zeros(len(trellis.state), bool)
     alive, value = [], []
     for b, (before, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True)):
         kept = ~hopeless[before]
@@ -102,7 +113,7 @@ def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
     case = Case(seed, sizes=((3, 6), (4, 5)), death=0.1, absent=0.0, forbidden=0.0)
     trellis, (initial, change) = case.trellis, case.model
     cut = case.ticks - 1
-    forward, past = hmm.Forward(initial), hmm.Past()
+    forward, past = hmm.begin(initial), hmm.Past()
     for b in range(cut):
         alive = trellis.alive[b]
         past.append(
@@ -131,7 +142,7 @@ def test_futures_may_agree_on_now_and_not_on_before():
         tick: np.where(np.eye(3)[:, [before]] * np.eye(3)[0], 0.0, -np.inf)
         for tick, before in ((20, 1), (40, 2))
     }
-    forward, past = hmm.Forward(np.log(np.full(3, 1 / 3))), hmm.Past()
+    forward, past = hmm.begin(np.log(np.full(3, 1 / 3))), hmm.Past()
     for tick in range(64):
         alive = (
             [(1, 0)] * (tick < 20)
@@ -163,13 +174,9 @@ def hours(ticks, evidence, rng, states=3):
         state = np.repeat(np.arange(states), [*map(len, onset), 1])
         since = np.concatenate([*onset, [now]])
         value = np.array([*evidence, 0.0])[state] * (now - since) + 0.1 * rng.normal(size=len(since))
-        hopeless = value + 0.1 < value.max() - 70.0
-        young = now - since < 30
-        yield (
-            state[~hopeless | young],
-            since[~hopeless | young],
-            np.where(state == states - 1, 0.0, value)[~hopeless | young],
-        )
+        kept = (value + 0.1 >= value.max() - 70.0) | (now - since < 30)
+        onset = [since[kept & (state == i)] for i in range(states - 1)]
+        yield state[kept], since[kept], np.where(state == states - 1, 0.0, value)[kept]
 
 
 @pytest.mark.parametrize(("evidence", "certain"), [((0.5, -0.5), True), ((0.0, 0.0), False)])
@@ -177,12 +184,12 @@ def test_what_is_alive_and_the_digits_stay_bounded_for_hours(evidence, certain):
     """One contact for a long time; and rest, in which nothing can be told: then all of it stays open."""
     rng, ticks = np.random.default_rng(1), 4000
     change = np.log(np.full((3, 3), 0.01))
-    forward, past, survivors = hmm.Forward(np.log(np.full(3, 1 / 3))), hmm.Past(), hmm.Survivors()
+    forward, past, survivors = hmm.begin(np.log(np.full(3, 1 / 3))), hmm.Past(), hmm.Survivors()
     for state, onset, value in hours(ticks, evidence, rng):
         step = forward.advance(state, onset, value, change)
         past.append(step)
         survivors.append(step)
-        if forward.ticks % 1000 == 0:
+        if (past.first + len(past)) % 1000 == 0:
             probability, until = past.look_back(forward.living, TOLERANCE)
             past.drop(until)
     assert len(forward.living.onset) < 200
@@ -200,10 +207,54 @@ def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
     """A weight that can just be told from zero, and is divided by more than one."""
     change = np.log(np.array([[0.9, 0.1], [0.1, 0.9]]))
     for behind in np.arange(-747.0, -738.0, 0.05):
-        forward = hmm.Forward(np.log([0.5, 0.5]))
+        forward = hmm.begin(np.log([0.5, 0.5]))
         forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), change)
         state, onset = np.array([0, 0, 0, 0, 1]), np.array([0, 1, 1, 1, 0])
         forward.advance(state, onset, np.array([behind, 0.0, 0.0, 0.0, 0.0]), change)
         living = forward.living
         assert np.isfinite(living.log_weight).all()
         assert living.probability.sum() == pytest.approx(1.0)
+
+
+@many
+@given(seed=seeds)
+def test_numpy_and_kernels_agree_in_every_step(seed):
+    case = Case(seed)
+    trellis, (initial, change) = case.trellis, case.model
+    numpy, kernel = running._Forward(initial), running._Compiled(initial)
+    for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True)):
+        tick = trellis.state[alive], trellis.onset[alive], likelihood, change[b]
+        try:
+            reference = numpy.advance(*tick)
+        except ValueError:
+            with pytest.raises(ValueError, match="no path"):
+                kernel.advance(*tick)
+            return
+        for ours, theirs in zip(kernel.advance(*tick), reference, strict=True):
+            assert ours.dtype == theirs.dtype
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-300)
+        for ours, theirs in zip(kernel.living, numpy.living, strict=True):
+            assert ours.dtype == theirs.dtype
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+
+
+def test_what_has_not_begun_is_refused():
+    forward, one, none, change = hmm.begin(np.zeros(2)), np.zeros(1, np.int64), np.zeros(1), np.zeros((2, 2))
+    forward.advance(one, one, none, change)
+    for gone in (0, 3):  # onset 0 is over, onset 3 is to come
+        forward.advance(one, one + 1, none, change)
+        with pytest.raises(ValueError, match="nothing has begun"):
+            forward.advance(one, one + gone, none, change)
+        forward = hmm.begin(np.zeros(2))
+        forward.advance(one, one, none, change)
+
+
+def test_kernels_refuse_shapes():
+    kernel = pytest.importorskip(compiled.NAME).Forward([0.0, 0.0], 1e-14)
+    one, none, change = np.zeros(1, np.int64), np.zeros(1), np.zeros((2, 2))
+    for state in (one + 2, one - 1):
+        with pytest.raises(ValueError, match="nothing has begun"):
+            kernel.advance(state, one, none, change)
+    for wrong in ((one, one, np.zeros(2), change), (one, one, none, np.zeros((3, 3)))):
+        with pytest.raises(ValueError, match=r"each|to state"):
+            kernel.advance(*wrong)

@@ -129,7 +129,7 @@ class Segmenter:
         """Take in the next tick."""
         state, tick, belief = seen.state, seen.tick, seen.belief
         if self._forward is None:
-            self._forward = hmm.Forward(state.entry)
+            self._forward = hmm.begin(state.entry)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, belief.residual)
         self._waiting.append((seen.alive, state.change, row))
         if len(self._waiting) == _TOGETHER:

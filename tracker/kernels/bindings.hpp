@@ -1,8 +1,6 @@
 // From the arrays of the numpy code to what the kernels take.
 #pragma once
 
-#include <pybind11/numpy.h>
-#include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
 #include <cstdint>
@@ -14,21 +12,11 @@
 #include <utility>
 #include <vector>
 
+#include "arrays.hpp"
 #include "dropping.hpp"
 #include "heavy.hpp"
 
 namespace kernels {
-
-namespace py = pybind11;
-
-// In order: another layout is copied.
-using Floats = py::array_t<double, py::array::c_style | py::array::forcecast>;
-using Ints = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
-using Bools = py::array_t<bool, py::array::c_style | py::array::forcecast>;
-
-inline void require(bool holds, const char* what) {
-    if (!holds) throw std::invalid_argument(what);
-}
 
 enum class Which { face_face, edge_face, vertex_face, edge_edge };
 
@@ -60,14 +48,6 @@ inline Table table_of(const Model& model, const Floats& words) {
 inline Table changing(const Model& model, Floats& words) {
     words.mutable_data();
     return table_of(model, words);
-}
-
-// An array of a shape.
-template <class Numbers>
-void require_shape(const Numbers& array, const std::vector<py::ssize_t>& shape, const char* what) {
-    require(array.ndim() == static_cast<py::ssize_t>(shape.size()) &&
-                std::equal(shape.begin(), shape.end(), array.shape()),
-            what);
 }
 
 // Some ticks, with the arrays that they look into.

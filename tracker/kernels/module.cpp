@@ -1,6 +1,7 @@
 // The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
 #include "averaging.hpp"
 #include "bindings.hpp"
+#include "inference.hpp"
 #include "parts.hpp"
 #include "products.hpp"
 #include "reading.hpp"
@@ -223,5 +224,6 @@ PYBIND11_MODULE(kernels, module) {
                py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
     module.def("minimised", &minimised);
     add_averaging(module);
+    add_inference(module);
     parts::add(module.def_submodule("parts"));
 }

@@ -100,6 +100,26 @@ def moved(
     fade: float,
     fade_shape: float,
 ) -> tuple[tuple[Any, ...], float, float]: ...
+
+class Forward:
+    """As ``hmm.Forward``, the tuples as ``hmm.Step`` and ``hmm.Living``."""
+
+    def __init__(self, log_initial: Sequence[float], negligible: float) -> None: ...
+    def advance(
+        self, state: Index, onset: Index, log_likelihood: Numbers, log_transition: Numbers
+    ) -> tuple[Numbers, NDArray[np.int32], NDArray[np.int8], Numbers, NDArray[np.int32]]: ...
+    def living(self) -> tuple[Index, Index, Numbers, Numbers, Index]: ...
+
+def covered(steps: list[Any], first: int, onset: Index, state: Index, probability: Numbers) -> Numbers: ...
+def in_common(
+    steps: list[Any],
+    first: int,
+    onset: Index,
+    state: Index,
+    futures: Numbers,
+    tolerance: float,
+    checked: int,
+) -> int: ...
 def third_differences(stamp_ns: Index, position_m: Numbers, quat_xyzw: Numbers) -> Numbers:
     """One a row (n, 15)."""
 
