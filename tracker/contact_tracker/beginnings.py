@@ -29,8 +29,7 @@ class Frame(NamedTuple):
     @classmethod
     def around(cls, origin_m: Array, place_m: Array) -> "Frame":
         """With the body at ``place_m`` from the origin."""
-        cell_m = CELL_M * np.round(place_m / CELL_M)
-        return cls(tuple(origin_m.tolist()), tuple(cell_m.tolist()))
+        return cls(tuple(origin_m.tolist()), tuple(CELL_M * round(x / CELL_M) for x in place_m.tolist()))
 
 
 @lru_cache(maxsize=8)  # for as long as nobody is reminded of anything and the body is about there

@@ -84,7 +84,7 @@ class Window:
         """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
         return np.asarray(np.max(self.excess / (self.excess + self.variance), axis=1, initial=0.0))
 
-    @property
+    @cached_property
     def latest_activity(self) -> float:
         """That of the newest tick; the others' may not be asked for."""
         excess, variance = self.excess[-1].tolist(), self.variance[-1].tolist()

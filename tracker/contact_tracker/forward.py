@@ -14,6 +14,7 @@ from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose, Poses, batches
 from contact_tracker.state import TrackerState
+from contact_tracker.table import Bank
 from contact_tracker.ticks import Tick, TickState
 from contact_tracker.tracker import FREE
 
@@ -41,14 +42,14 @@ class Seen(NamedTuple):
         banks, now = self.state.banks, self.state.ticks - 1
         return Alive(
             np.arange(FREE + 1).repeat([*map(len, banks), 1]),
-            np.concatenate([*(b.onset for b in banks), [now]]),
-            np.concatenate([*(b.log_likelihood for b in banks), [0.0]]),
+            np.append(Bank.of_all(banks, "onset"), now),
+            np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
         )
 
     @property
     def numbers(self) -> Index:
         """By which hypotheses are told apart over the whole recording (A,)."""
-        return np.concatenate([*(b.number for b in self.state.banks), [self.state.numbers - 1]])
+        return np.append(Bank.of_all(self.state.banks, "number"), self.state.numbers - 1)
 
 
 def forward(

@@ -1,7 +1,7 @@
 """The living hypotheses of one contact as a table: what is known of each."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, Generic, NamedTuple, TypeVar
@@ -173,6 +173,14 @@ class Bank:
         first, end, shape, whole, _ = self.layout.fields[name]
         words: NDArray[Any] = self.words.view(np.int64) if whole else self.words
         return words[:, first:end].reshape(len(words), *shape) if shape else words[:, first]
+
+    @staticmethod
+    def of_all(banks: "Sequence[Bank]", name: str) -> NDArray[Any]:
+        """A column of single numbers of all banks, one after the other."""
+        fields = [bank.layout.fields[name] for bank in banks]
+        words = [bank.words[:, field.first] for bank, field in zip(banks, fields, strict=True)]
+        column: NDArray[Any] = np.concatenate(words)
+        return column.view(np.int64) if fields[0].whole else column
 
     @property
     def joint(self) -> Array:

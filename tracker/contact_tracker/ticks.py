@@ -136,7 +136,11 @@ def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array
     """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames."""
     sensor = estimate.sigma_position_m**2, estimate.sigma_rotation_rad**2
     floor = model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2
-    return np.asarray(np.array(sensor) / np.maximum(count, 1.0)[..., None] + np.array(floor))
+    parts = np.empty((*count.shape, 2))
+    parts[..., 0], parts[..., 1] = 1.0 / np.maximum(count, 1.0), 1.0
+    return np.asarray(
+        np.dot(parts, np.array([sensor, floor]))
+    )  # which is faster than ``@`` for so few columns
 
 
 def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
@@ -144,7 +148,8 @@ def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
     axes, is beyond its mean over the axes (m^2)."""
     covariance = estimate.position_m2
     beyond = covariance - _EYE * (covariance.trace() / 3.0)
-    return np.asarray(beyond / np.maximum(count, 1.0)[:, None, None])
+    share = 1.0 / np.maximum(count, 1.0)
+    return np.asarray(np.dot(share[:, None], beyond.reshape(1, 9))).reshape(-1, 3, 3)
 
 
 def _averaged(
