@@ -7,6 +7,7 @@ from contact_tracker import compiled, fit
 from contact_tracker.bank import blank
 from contact_tracker.compiled.calls import model_of, ticks_of
 from contact_tracker.compiled.kernels import parts
+from contact_tracker.table import layout
 
 
 def both(function, *args, **options):
@@ -25,7 +26,9 @@ def minimise(model, moments, row_weight, prior, anchors, x, iterations):
     for count in np.unique(steps):
         rows = np.flatnonzero(steps == count)
         part = _problem(model, moments[rows], row_weight[rows], prior.pick(rows), anchors[rows])
-        found |= zip(rows, zip(*parts.minimised(*part, count, x[rows]), strict=True), strict=True)
+        x_, cost, upper, converged = parts.minimised(*part, count, x[rows])
+        hessian = layout(model).fields["hessian"].column(upper)
+        found |= zip(rows, zip(x_, cost, hessian, converged, strict=True), strict=True)
     return fit.Fit(*map(np.array, zip(*(found[row] for row in range(len(x))), strict=True)))
 
 

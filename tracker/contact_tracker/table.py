@@ -38,7 +38,7 @@ class Field(NamedTuple):
 
     def column(self, kept: NDArray[Any]) -> NDArray[Any]:
         """The column of which that is kept."""
-        return kept[:, _entries(self.side)] if self.side else kept
+        return kept[..., _entries(self.side)] if self.side else kept
 
 
 @cache
@@ -87,16 +87,16 @@ class _Column(Generic[Entry]):
 
 
 class _Symmetric(_Column[np.float64]):
-    """A column of symmetric matrices."""
+    """A column of symmetric matrices, one in a row or ``many``."""
 
-    def __init__(self, size: str) -> None:
+    def __init__(self, size: str, many: str | None = None) -> None:
         super().__init__(np.float64)
-        self._size = size
+        self._size, self._many = size, many
 
     def field(self, first: int, sizes: Mapping[str, int]) -> Field:
         side = sizes[self._size]
-        words = side * (side + 1) // 2
-        return Field(first, first + words, (words,), False, side)
+        shape = (() if self._many is None else (sizes[self._many],)) + (side * (side + 1) // 2,)
+        return Field(first, first + math.prod(shape), shape, False, side)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ class Bank:
     weight = _Column(np.float64)
     told = _Column(np.float64)
     x = _Column(np.float64, "S")
-    hessian = _Column(np.float64, "K", "P", "P")
+    hessian = _Symmetric("P", "K")
     row_weight = _Column(np.float64, "K")
     lasted = _Column(np.float64)
     settled = _Column(np.float64)

@@ -36,6 +36,10 @@ struct Family : Form {
     static constexpr int C = Form::q2 >= 0 ? 19 : 13;
     static constexpr int K = Form::each;
     static constexpr int P = of_1 + of_2;
+    // Of symmetric matrices (P, P) the upper triangle is kept, row after row: U numbers.
+    static constexpr int U = P * (P + 1) / 2;
+    // Where the entry in row p and column q is, or in row q and column p.
+    static constexpr int upper(int p, int q) { return p > q ? upper(q, p) : p * P - p * (p - 1) / 2 + q - p; }
     static constexpr int last = K - 1;
     static constexpr bool crosses = Form::q2 >= 0;
     // Whether each element has entries of x of its own: two faces have one height together.

@@ -55,12 +55,6 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
     return 0.5 * (squares + dot<F::S>(x, work.pull)) - dot<F::S>(x, prior.information) + prior.constant;
 }
 
-// A hessian (K, P, P) is symmetric.
-template <class F>
-void put_both(Near<F>& near, int k, int p, int q, const Lanes& value) {
-    near.hessian[k][p][q] = near.hessian[k][q][p] = value;
-}
-
 // Of `equations`, what the prior holds, and the shifts.
 template <class F>
 void equations_of_shifts(Work<F>& work) {
@@ -71,7 +65,7 @@ void equations_of_shifts(Work<F>& work) {
         work.prior.pull(p, near.free[p], pulled);
         near.gradient[p] = dot<F::S>(near.free[p], work.pull);
         for (int q = 0; q <= p; ++q) {
-            near.held[p][q] = near.held[q][p] = work.prior.held(p, q, near.free[q], pulled);
+            near.held[F::upper(q, p)] = work.prior.held(p, q, near.free[q], pulled);
         }
     }
     for (int i = 0; i < F::L; ++i) {
@@ -79,8 +73,8 @@ void equations_of_shifts(Work<F>& work) {
         std::copy_n(work.design[i], F::C, near.slopes[p][F::last]);
         near.gradient[p] += weight * pair<F, F::last>(work.design[i], work.carried[F::last]);
         for (int j = 0; j <= i; ++j) {
-            put_both<F>(near, F::last, p, F::shifts[j],
-                        weight * pair<F, F::last>(work.design[j], work.moved[i]));
+            near.hessian[F::last][F::upper(F::shifts[j], p)] =
+                weight * pair<F, F::last>(work.design[j], work.moved[i]);
         }
     }
 }
@@ -91,7 +85,7 @@ template <class F>
 WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
     Near<F>& near = work.near;
     free<F>(x, work.prior.anchors, near.free);
-    std::fill_n(near.hessian[0][0], F::last * F::P * F::P, Lanes(0.0));
+    std::fill_n(near.hessian[0], F::last * F::U, Lanes(0.0));
     std::copy_n(work.weight, F::K, near.weight);
     for (int s = 0; s < F::S; ++s) work.pull[s] -= work.prior.information[s];
     equations_of_shifts<F>(work);
@@ -109,12 +103,12 @@ WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
             near.gradient[p] += near.weight[k] * pair<F, k>(slopes[k], work.carried[k]);
             for (int j = 0; j <= i; ++j) {
                 const int q = F::turns[j];
-                put_both<F>(near, k, p, q, near.weight[k] * pair<F, k>(near.slopes[q][k], pushed));
+                near.hessian[k][F::upper(q, p)] = near.weight[k] * pair<F, k>(near.slopes[q][k], pushed);
             }
         });
         for (int j = 0; j < F::L; ++j) {
             const Lanes both = near.weight[F::last] * pair<F, F::last>(work.design[j], pushed);
-            put_both<F>(near, F::last, p, F::shifts[j], both);
+            near.hessian[F::last][F::upper(p, F::shifts[j])] = both;
         }
     }
 }
@@ -127,8 +121,8 @@ WIDE Lanes take_step(const Lanes& damping, Work<F>& work) {
     for (int p = 0; p < F::P; ++p) {
         work.step[p] = -near.gradient[p];
         for (int q = p; q < F::P; ++q) {
-            curvature[p][q] = near.held[p][q];
-            for (int k = 0; k < F::K; ++k) curvature[p][q] += near.hessian[k][p][q];
+            curvature[p][q] = near.held[F::upper(p, q)];
+            for (int k = 0; k < F::K; ++k) curvature[p][q] += near.hessian[k][F::upper(p, q)];
         }
         curvature[p][p] += settings.fits.least_curvature;
     }

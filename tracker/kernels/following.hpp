@@ -33,7 +33,7 @@ void weigh(const Kind& kind, const Rows& rows, const Lanes* x, const Weights& we
     write(rows, where.log_likelihood, read(rows, where.lasted) + weights.independence * told);
     write(rows, where.rms, sqrt(sums.chi_sq / (ticks * double(F::K))));
     write(rows, where.x, F::S, x);
-    write(rows, where.hessian, F::K * F::P * F::P, work.near.hessian[0][0]);
+    write(rows, where.hessian, F::K * F::U, work.near.hessian[0]);
 }
 
 // As `following.grow` of one hypothesis, by the newest of `ticks`, in which so much motion is `heard`.

@@ -53,7 +53,7 @@ inline py::tuple minimised(const Model& model, const Floats& words, const Floats
     return visit(model, [&](auto family) {
         using F = decltype(family);
         const int count = given.table.count;
-        py::array_t<double> x({count, F::S}), cost(count), hessian({count, F::K, F::P, F::P});
+        py::array_t<double> x({count, F::S}), cost(count), hessian({count, F::K, F::U});
         py::array_t<bool> converged(count);
         Work<F> work;
         Lanes geometry[F::S];
@@ -65,7 +65,7 @@ inline py::tuple minimised(const Model& model, const Floats& words, const Floats
             const Mask done = kernels::converged<F>(found, work);
             given.give(geometry, F::S, first, x.mutable_data());
             given.give(&found.cost, 1, first, cost.mutable_data());
-            given.give(work.near.hessian[0][0], F::K * F::P * F::P, first, hessian.mutable_data());
+            given.give(work.near.hessian[0], F::K * F::U, first, hessian.mutable_data());
             for (int i = 0; i < lanes; ++i) converged.mutable_at(given.own(first, i)) = done[i];
         }
         return py::make_tuple(x, cost, hessian, converged);

@@ -15,10 +15,11 @@ WIDE Lanes volume(const Lanes* x, const Lanes* first, const Lanes* foretold, Wor
     Lanes before[F::P][F::P], after[F::P][F::P], told[F::P];
     for (int p = 0; p < F::P; ++p) {
         for (int q = p; q < F::P; ++q) {
-            Lanes held = near.held[p][q] + (p == q && F::flat_in(p) ? 1.0 : 0.0), gained = 0.0;
+            const int entry = F::upper(p, q);
+            Lanes held = near.held[entry] + (p == q && F::flat_in(p) ? 1.0 : 0.0), gained = 0.0;
             for (int k = 0; k < F::K; ++k) {
-                held += foretold[k] * near.hessian[k][p][q];
-                gained += near.hessian[k][p][q];
+                held += foretold[k] * near.hessian[k][entry];
+                gained += near.hessian[k][entry];
             }
             before[p][q] = held;
             after[p][q] = held + gained;
