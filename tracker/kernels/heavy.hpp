@@ -15,7 +15,7 @@ namespace kernels {
                                       const Ticks&, const Lengths&);                                      \
     PREFIX template void grow<F>(const Kind&, double*, const Ticks&, double, double);                     \
     PREFIX template void learn<F>(const Kind&, const Rows&, const Ticks&, int, const Weights&, Work<F>&); \
-    PREFIX template void every_cost<F>(const double*, const std::vector<Block<F>>&, Offer<F>&, double*);
+    PREFIX template void every_cost<F>(const std::vector<Block<F>>&, const Offer<F>&, double* const*);
 
 #ifndef HERE
 HEAVY(extern, Family<FaceFace>)

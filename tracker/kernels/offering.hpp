@@ -7,8 +7,9 @@
 
 namespace kernels {
 
-// So many windows stand side by side: their sums stay in registers.
-constexpr int abreast = 8;
+// So many windows stand side by side, and so many geometries are offered together: their sums stay in
+// registers.
+constexpr int abreast = 8, together = 4;
 
 // What N hypotheses ask of a geometry, `abreast` columns at a time: the upper triangles of their `moments`
 // and of the `precision` of what they knew before, `information`, `constant`, `row_weight`, and the square of
@@ -41,68 +42,83 @@ void ask(const Kind& kind, const double* row, int b, Block<F>& block) {
     block.total[b] = moments[entries - 1];
 }
 
-// What `v M v` is made of: products of entries of v that are not zero, and where in M's triangle they belong.
-template <int N>
+// What `v M v` is made of, of `together` vectors v that are zero beyond the first A of N columns: products of
+// their entries, for all of M's triangle that these meet.
+template <int N, int A = N>
 struct Products {
-    double factor[N * (N + 1) / 2];
-    int place[N * (N + 1) / 2], count = 0;
+    double factor[A * (A + 1) / 2][together];
 
-    void of(const double* v) {
-        count = 0;
-        for (int a = 0, i = 0; a < N; ++a) {
-            for (int b = a; b < N; ++b, ++i) {
-                factor[count] = (a == b ? 1.0 : 2.0) * v[a] * v[b];
-                place[count] = i;
-                count += factor[count] != 0.0;
-            }
+    void of(int g, const double* v) {
+        for (int a = 0, i = 0; a < A; ++a) {
+            for (int b = a; b < A; ++b, ++i) factor[i][g] = (a == b ? 1.0 : 2.0) * v[a] * v[b];
         }
     }
 
-    void squares(const double (*matrices)[abreast], double (&out)[abreast]) const {
-        double sum[abreast] = {};
-        for (int i = 0; i < count; ++i) {
-            for (int b = 0; b < abreast; ++b) sum[b] += factor[i] * matrices[place[i]][b];
-        }
-        std::copy_n(sum, abreast, out);
-    }
-};
-
-// A geometry that is offered: products of x (S,), of its rows, and of what their scale hangs on.
-template <class F>
-struct Offer {
-    Products<F::S> prior;
-    Products<F::C> data[F::K], cosine;
-};
-
-// As `fit.every_cost` of one geometry x (S,) in all `blocks`: `out` (N,).
-template <class F>
-WIDE void every_cost(const double* x, const std::vector<Block<F>>& blocks, Offer<F>& offer, double* out) {
-    auto& [prior, data, cosine] = offer;
-    double of_rows[F::K][F::C], squares[abreast], cosines[abreast], direction[F::C] = {};
-    rows<F>(x, of_rows);
-    std::copy_n(of_rows[F::last] + 9, F::crosses ? 9 : 0, direction);
-    prior.of(x);
-    cosine.of(direction);
-    for (int k = 0; k < F::K; ++k) data[k].of(of_rows[k]);
-    for (const Block<F>& block : blocks) {
-        double cost[abreast];
-        prior.squares(block.precision, squares);
-        for (int b = 0; b < abreast; ++b) cost[b] = 0.5 * squares[b] + block.constant[b];
-        for (int s = 0; s < F::S; ++s) {
-            for (int b = 0; b < abreast; ++b) cost[b] -= x[s] * block.information[s][b];
-        }
-        for (int k = 0; k < F::K; ++k) {
-            data[k].squares(block.moments, squares);
-            if constexpr (F::crosses) {  // per metre, see edge_edge.scale_sq
-                cosine.squares(block.moments, cosines);
-                for (int b = 0; b < abreast; ++b) {
-                    const double mean_sq = cosines[b] / std::max(block.total[b], settings.tiny);
-                    squares[b] /= std::max(1.0 - mean_sq, settings.sine_sq_floor);
+    void squares(const double (*matrices)[abreast], double (&out)[together][abreast]) const {
+        double sum[together][abreast] = {};
+        for (int a = 0, i = 0; a < A; ++a) {
+            const double (*matrix)[abreast] = matrices + a * N - a * (a - 1) / 2;
+            for (int b = 0; b < A - a; ++b, ++i) {
+                for (int g = 0; g < together; ++g) {
+                    for (int c = 0; c < abreast; ++c) sum[g][c] += factor[i][g] * matrix[b][c];
                 }
             }
-            for (int b = 0; b < abreast; ++b) cost[b] += 0.5 * block.row_weight[k][b] * squares[b];
         }
-        for (double one : cost) *out++ = std::isnan(one) ? std::numeric_limits<double>::infinity() : one;
+        std::copy_n(sum[0], together * abreast, out[0]);
+    }
+};
+
+// Geometries that are offered: products of x (S,), of its rows, and of what their scale hangs on.
+template <class F>
+struct Offer {
+    double x[together][F::S];
+    Products<F::S> prior;
+    Products<F::C, F::active_in(0)> first[F::K > 1 ? F::K - 1 : 1];
+    Products<F::C, F::active_in(F::last)> last;
+    Products<F::C, F::crosses ? 9 : 1> cosine;
+
+    void put(int g, const double* geometry) {
+        double of_rows[F::K][F::C];
+        rows<F>(geometry, of_rows);
+        std::copy_n(geometry, F::S, x[g]);
+        prior.of(g, geometry);
+        for (int k = 0; k < F::last; ++k) first[k].of(g, of_rows[k]);
+        last.of(g, of_rows[F::last]);
+        if constexpr (F::crosses) cosine.of(g, of_rows[F::last] + 9);
+    }
+};
+
+// As `fit.every_cost` of what is offered in all `blocks`: each `out` (N,).
+template <class F>
+WIDE void every_cost(const std::vector<Block<F>>& blocks, const Offer<F>& offer, double* const* out) {
+    double squares[together][abreast], cosines[together][abreast], cost[together][abreast];
+    const auto each = [](auto&& function) {
+        for (int g = 0; g < together; ++g) {
+            for (int c = 0; c < abreast; ++c) function(g, c);
+        }
+    };
+    for (std::size_t n = 0; n < blocks.size(); ++n) {
+        const Block<F>& block = blocks[n];
+        offer.prior.squares(block.precision, squares);
+        each([&](int g, int c) { cost[g][c] = 0.5 * squares[g][c] + block.constant[c]; });
+        for (int s = 0; s < F::S; ++s)
+            each([&](int g, int c) { cost[g][c] -= offer.x[g][s] * block.information[s][c]; });
+        for (int k = 0; k < F::last; ++k) {
+            offer.first[k].squares(block.moments, squares);
+            each([&](int g, int c) { cost[g][c] += 0.5 * block.row_weight[k][c] * squares[g][c]; });
+        }
+        offer.last.squares(block.moments, squares);
+        if constexpr (F::crosses) {  // per metre, see edge_edge.scale_sq
+            offer.cosine.squares(block.moments, cosines);
+            each([&](int g, int c) {
+                const double mean_sq = cosines[g][c] / std::max(block.total[c], settings.tiny);
+                squares[g][c] /= std::max(1.0 - mean_sq, settings.sine_sq_floor);
+            });
+        }
+        each([&](int g, int c) {
+            const double one = cost[g][c] + 0.5 * block.row_weight[F::last][c] * squares[g][c];
+            out[g][n * abreast + c] = std::isnan(one) ? std::numeric_limits<double>::infinity() : one;
+        });
     }
 }
 
@@ -121,8 +137,15 @@ std::vector<int> givers(const Kind& kind, const Table& table) {
     std::vector<double> cost(static_cast<std::size_t>(table.count) * width);
     for (int t = 0; t < takers; ++t) ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast]);
     Offer<F> offer;
-    for (int n = 0; n < table.count; ++n)
-        every_cost<F>(table.row(n) + kind.where.x, asked, offer, cost.data() + n * width);
+    for (int first = 0; first < table.count; first += together) {
+        double* out[together];
+        for (int g = 0; g < together; ++g) {
+            const int n = std::min(first + g, table.count - 1);
+            offer.put(g, table.row(n) + kind.where.x);
+            out[g] = cost.data() + n * width;
+        }
+        every_cost<F>(asked, offer, out);
+    }
     for (int t = 0; t < takers; ++t) {
         const auto of = [&](int n) { return cost[n * width + t]; };
         int best = asking[t];
