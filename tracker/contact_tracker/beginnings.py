@@ -29,7 +29,8 @@ class Frame(NamedTuple):
     @classmethod
     def around(cls, origin_m: Array, place_m: Array) -> "Frame":
         """With the body at ``place_m`` from the origin."""
-        return cls(tuple(origin_m.tolist()), tuple(CELL_M * round(x / CELL_M) for x in place_m.tolist()))
+        cell_m = CELL_M * np.round(place_m / CELL_M)
+        return cls(tuple(origin_m.tolist()), tuple(cell_m.tolist()))
 
 
 @lru_cache(maxsize=8)  # for as long as nobody is reminded of anything and the body is about there

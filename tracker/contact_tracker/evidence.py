@@ -23,8 +23,8 @@ from contact_tracker.travel import free_of, travel_of, travel_to
 
 Array = NDArray[np.float64]
 
-_I, _J = np.triu_indices(3)
-_OFTEN = np.where(_I == _J, 1.0, 2.0)
+_I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...
+_OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,8 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <tuple>
+
 #include "arrays.hpp"
 #include "backward.hpp"
 #include "trellis.hpp"
@@ -56,39 +58,56 @@ py::tuple living(const Forward& forward) {
 using Onsets = py::array_t<std::int32_t, py::array::c_style | py::array::forcecast>;
 using States = py::array_t<std::int8_t, py::array::c_style | py::array::forcecast>;
 
-// Steps as they are in Python, with the arrays that are looked into.
+// Refuse what looks beyond N `states` or to where nothing has begun, before the tick `end`.
+void require_entries(const Onsets& onset, const States& state, std::size_t states, std::int64_t end) {
+    require(onset.ndim() == 1, "onsets are in a row");
+    require_shape(state, {onset.size()}, "there is not one state for each onset");
+    for (py::ssize_t i = 0; i < onset.size(); ++i) {
+        require(state.data()[i] >= 0 && state.data()[i] < static_cast<std::int64_t>(states), "no such state");
+        require(onset.data()[i] < end, "an onset that is to come");
+    }
+}
+
+// Steps from tick `first` on as they are in Python, with the arrays that are looked into.
 struct Steps {
     std::vector<std::tuple<Floats, Onsets, States, Floats>> arrays;
     std::vector<Passed> ticks;
+    std::size_t states;
+    std::int64_t first, end;
 
-    explicit Steps(const py::list& steps) {
+    Steps(const py::list& steps, std::int64_t first) : first(first), end(first + py::len(steps)) {
+        require(!steps.empty(), "there are no steps");
         for (const py::handle& step : steps) {
             const auto all = step.cast<py::tuple>();
             arrays.emplace_back(all[0], all[1], all[2], all[3]);
         }
+        const py::ssize_t wide = std::get<0>(arrays[0]).size() ? std::get<0>(arrays[0]).shape(0) : 0;
+        states = static_cast<std::size_t>(wide);
         for (const auto& [source, onset, state, probability] : arrays) {
-            require(onset.size() == state.size() && onset.size() == probability.size(), "not a step");
+            require_shape(source, {wide, wide}, "sources are from state to state");
+            require_entries(onset, state, states, end);
+            require_shape(probability, {onset.size()}, "there is not one probability for each onset");
             ticks.push_back({source.data(), probability.data(), onset.data(), state.data(),
                              static_cast<int>(onset.size())});
         }
     }
 
-    std::size_t states() const { return static_cast<std::size_t>(std::get<0>(arrays.at(0)).shape(0)); }
+    // What is alive at the end, with the numbers (L, C) that are followed.
+    Passed alive(const Onsets& onset, const States& state, const Floats& futures) const {
+        require_entries(onset, state, states, end);
+        require(futures.ndim() == 2 && futures.shape(1) > 0, "there are no futures");
+        require_shape(futures, {onset.size(), futures.shape(1)}, "there is not one row for each onset");
+        return {nullptr, nullptr, onset.data(), state.data(), static_cast<int>(onset.size())};
+    }
 };
-
-// What is alive at the end, with the numbers (L, C) that are followed.
-Passed alive(const Onsets& onset, const States& state, const Floats& futures) {
-    require_shape(state, {onset.size()}, "what is alive has one state each");
-    require(futures.ndim() == 2 && futures.shape(0) == onset.size(), "what is alive has one row each");
-    return {nullptr, nullptr, onset.data(), state.data(), static_cast<int>(onset.size())};
-}
 
 Floats covered(const py::list& steps, std::int64_t first, const Onsets& onset, const States& state,
                const Floats& probability) {
-    const Steps open(steps);
-    const std::size_t states = open.states();
+    const Steps open(steps, first);
+    const std::size_t states = open.states;
+    require_shape(probability, {onset.size(), 1}, "there is not one probability for each onset");
     Floats out({static_cast<py::ssize_t>(open.ticks.size()), static_cast<py::ssize_t>(states)});
-    follow_back(open.ticks, first, alive(onset, state, probability), probability.data(), states, 1,
+    follow_back(open.ticks, first, open.alive(onset, state, probability), probability.data(), states, 1,
                 [&](std::size_t row, const std::vector<double>& cover, const Held&) {
                     std::copy(cover.begin(), cover.end(), out.mutable_data() + row * states);
                     return true;
@@ -98,8 +117,9 @@ Floats covered(const py::list& steps, std::int64_t first, const Onsets& onset, c
 
 std::size_t in_common(const py::list& steps, std::int64_t first, const Onsets& onset, const States& state,
                       const Floats& futures, double tolerance, std::size_t checked) {
-    const Steps open(steps);
-    return common(open.ticks, first, alive(onset, state, futures), futures.data(), open.states(),
+    require(checked > 0, "checked every so many ticks, at least one");
+    const Steps open(steps, first);
+    return common(open.ticks, first, open.alive(onset, state, futures), futures.data(), open.states,
                   static_cast<std::size_t>(futures.shape(1)), tolerance, checked);
 }
 

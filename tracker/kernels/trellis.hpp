@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 namespace kernels {
@@ -110,6 +111,7 @@ private:
             if (found == entry_.onset.end() || *found != onset[h] || state[h] < 0 ||
                 state[h] >= static_cast<std::int64_t>(states))
                 throw std::invalid_argument("a hypothesis of which nothing has begun");
+            if (!std::isfinite(log_likelihood[h])) throw std::invalid_argument("no path covers all ticks");
             cell[h] = static_cast<std::size_t>(found - entry_.onset.begin()) * states + state[h];
             top_[cell[h]] = std::max(top_[cell[h]], log_likelihood[h]);
         }

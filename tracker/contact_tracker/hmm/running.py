@@ -177,6 +177,8 @@ class _Forward:
         row = self._onset.searchsorted(onset)
         if (self._onset.take(row, mode="clip") != onset).any():
             raise ValueError("a hypothesis of which nothing has begun")
+        if not np.isfinite(log_likelihood).all():
+            raise ValueError("no path covers all ticks")
         cell = row * shape[1] + state
         top = np.full(shape[0] * shape[1], -np.inf)
         np.maximum.at(top, cell, log_likelihood)
