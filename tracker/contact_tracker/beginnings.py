@@ -9,7 +9,7 @@ import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.form import directions
 from contact_tracker.contacts.given import Given, by_feet, given
 from contact_tracker.geometry import Array, ContactGeometry, Element, Plane, canonical
@@ -31,17 +31,6 @@ class Frame(NamedTuple):
         """With the body at ``place_m`` from the origin."""
         cell_m = CELL_M * np.round(place_m / CELL_M)
         return cls(tuple(origin_m.tolist()), tuple(cell_m.tolist()))
-
-
-@lru_cache(maxsize=8)  # for as long as nobody is reminded of anything and the body is about there
-def beginnings_of_all(
-    knowledge: Knowledge, reminded: tuple[Memory, ...], recognised: float, frame: Frame
-) -> tuple[Begins, ...]:
-    """Of each contact, which has been ``reminded`` of so much."""
-    return tuple(
-        beginnings(model, knowledge, memory, recognised, frame)
-        for model, memory in zip(CONTACT_MODELS, reminded, strict=True)
-    )
 
 
 def beginnings(

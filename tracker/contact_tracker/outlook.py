@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.beginnings import Frame, beginnings_of_all
+from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
@@ -42,7 +42,10 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         for contact, earlier in zip(CONTACT_MODELS, state.reminded, strict=True)
     )
     frame = Frame.around(origin_m, window.zeta[-1, T])
-    begins = beginnings_of_all(state.knowledge, reminded, model.geometry.recognised, frame)
+    begins = tuple(
+        beginnings(contact, state.knowledge, memory, model.geometry.recognised, frame)
+        for contact, memory in zip(CONTACT_MODELS, reminded, strict=True)
+    )
     exposed = exposure(window.latest_activity) + state.withheld
     if not state.knowledge:
         change, stay = chances(model, exposed)
