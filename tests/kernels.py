@@ -44,8 +44,7 @@ def _problem(model, moments, row_weight, prior, anchors):
 def grow(bank, model, window, log_stay):
     """As ``following.grow``."""
     grown = bank.copy()
-    ticks, heard = ticks_of(window, model), window.latest_activity
-    parts.grown(model_of(model, 1.0), grown.words, ticks, heard, log_stay)
+    parts.grown(model_of(model, 1.0), grown.words, ticks_of(window), log_stay)
     return grown
 
 
@@ -65,5 +64,5 @@ def starts(model, moments):
 
 
 def dropped(bank, model, now, best, margin):
-    """As ``bank.prune``: rows, words, the log of the sum of their weights, and their residual."""
+    """As ``bank.prune``: rows, words, the log of their weights' sum, their residual and the best of them."""
     return parts.dropped(model_of(model, 1.0), bank.words, now, best, margin)

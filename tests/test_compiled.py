@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import fit, hypotheses, search, tracker
-from contact_tracker.bank import Birth, blank, prune, residual
+from contact_tracker.bank import Births, blank, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
@@ -33,6 +33,7 @@ each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: 
 seeds = st.integers(0, 2**32 - 1)
 COUNT = 12
 REACH_M = 0.3
+BEYOND = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6), (0.0, 0.0))
 SCALES = Scales(REACH_M, body_radius_m=0.1, foreknowledge=0.3, independence=0.6, tick_s=0.1)
 
 
@@ -298,16 +299,21 @@ def test_what_begins_joins_alike(model, old, many):
         met=rng.random(many) > 0.5,
     )
     turn = Rotation.random(random_state=8).as_matrix()
-    birth = Birth(begins, int(window.index[-1]), 123, 1000, -2.0, rng.random((2, 7)), turn)
-    args = [(blank(other, 0, 2), birth._replace(begins=fresh(other).pick([]))) for other in CONTACT_MODELS]
-    args[column] = bank, birth
-    banks, births = zip(*args, strict=True)
+    args = [(blank(other, 0, 2), fresh(other).pick([])) for other in CONTACT_MODELS]
+    args[column] = bank, begins
+    banks, all_begin = zip(*args, strict=True)
+    entry = np.array([-2.0, -2.0, -2.0, -2.0, -2.0, -2.0, 0.0])
+    births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
+    lost = before_.window if len(before_.window) == len(window) else window.cut(0, -1)
     advanced = both(
-        hypotheses.advance, banks, births, [window] * 6, SCALES, np.full(6, -0.1), margin=40.0, rival=0.0
+        hypotheses.advance, banks, births, window, lost, BEYOND, SCALES, np.full(7, -0.1), margin=40.0
     )
     numpy, kernel = (living.banks[column] for living in advanced)
-    for name in ("log_weight", "best"):
+    for name in ("log_left", "residual"):
         np.testing.assert_allclose(*(getattr(living, name) for living in advanced), atol=5e-3)
+    np.testing.assert_array_equal(*(living.leaders for living in advanced))
+    for name in ("state", "onset"):
+        np.testing.assert_array_equal(*(getattr(living.alive, name) for living in advanced))
     assert (kernel.number >= 1000).sum() == many
     for name in ("number", "onset", "onset_ns", "source", "met", "searched", "pair"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
@@ -350,11 +356,12 @@ def test_what_is_dropped_agrees(seed, margin, model):
         rms=rng.random(count),
     )
     numpy = prune(bank, model, now, -2.5, margin)
-    rows, words, log_weight, told = kernels.dropped(bank, model, now, -2.5, margin)
+    rows, words, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(words, numpy.words)
     np.testing.assert_array_equal(bank.number[rows], numpy.number)
     np.testing.assert_allclose(log_weight, numpy.log_weight, rtol=1e-12)
     np.testing.assert_equal(told, residual(numpy))
+    assert leader == numpy.leader
 
 
 def assert_same_columns(numpy, kernel, names, rel):

@@ -126,14 +126,15 @@ def again_and_again(times):
     for number in range(times):
         for seen in ticks_seen():
             before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
-            alive, tick, change = seen.alive, seen.tick, seen.state.change
+            alive, tick, change = seen.state.alive, seen.tick, seen.state.change
             if number:  # nothing lasts from one to the next
                 change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.change
             yield SimpleNamespace(
-                state=seen.state._replace(change=change, outliers=0),
+                state=seen.state._replace(
+                    change=change, outliers=0, alive=alive._replace(onset=alive.onset + before)
+                ),
                 tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),
                 belief=replace(seen.belief, stamp_ns=seen.belief.stamp_ns + before_ns),
-                alive=alive._replace(onset=alive.onset + before),
             )
 
 

@@ -12,24 +12,14 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import Any
 
-from contact_tracker.forward import Alive, Seen, forward
+from contact_tracker.forward import Seen, forward
 from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from contact_tracker.segmenter import Segmenter
-from contact_tracker.state import TrackerState, start
+from contact_tracker.state import start
 from contact_tracker.telling import Told
-from contact_tracker.ticks import Tick
-
-
-class Replayed(NamedTuple):
-    """What a segmenter reads of ``Seen``."""
-
-    state: TrackerState
-    tick: Tick
-    belief: Any
-    alive: Alive
 
 
 class NoFits(Executor):
@@ -41,30 +31,30 @@ class NoFits(Executor):
         return future
 
 
-def recorded(path: str) -> list[Replayed]:
+def recorded(path: str) -> list[Seen]:
     """The online pass; of the states only what does not grow."""
     once, model = [], load_model("default")
     nothing = start(model).window
     for seen in forward(open_log(path), model):
         state = seen.state._replace(banks=(), window=nothing)
-        once.append(Replayed(state, seen.tick, seen.belief, seen.alive))
+        once.append(seen._replace(state=state))
     return once
 
 
-def repeated(once: list[Replayed], ticks: int) -> Iterator[Seen]:
+def repeated(once: list[Seen], ticks: int) -> Iterator[Seen]:
     """``once`` over and over, each time later."""
     tick_ns = once[0].state.model.tick_ns
     for number in range(ticks):
         row = number % len(once)
         seen, later = once[row], number - row
         later_ns = later * tick_ns
-        state = seen.state._replace(change=once[max(row, 1)].state.change)
+        alive = seen.state.alive._replace(onset=seen.state.alive.onset + later)
+        state = seen.state._replace(change=once[max(row, 1)].state.change, alive=alive)
         start_ns, stamp_ns = seen.tick.start_ns + later_ns, seen.tick.stamp_ns + later_ns
         onset_ns = seen.belief.onset_ns + later_ns
         belief = replace(seen.belief, stamp_ns=stamp_ns, onset_ns=onset_ns)
         tick = replace(seen.tick, start_ns=start_ns, stamp_ns=stamp_ns)
-        alive = seen.alive._replace(onset=seen.alive.onset + later)
-        yield cast(Seen, Replayed(state, tick, belief, alive))
+        yield Seen(state, tick, belief)
 
 
 def main() -> None:

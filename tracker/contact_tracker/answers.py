@@ -63,8 +63,7 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     label = STATES[int(np.argmax(probability))]
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
-        living = state.banks[label.column]
-        onset_ns = int(living.onset_ns[np.argmax(living.joint)])
+        onset_ns = int(state.banks[label.column].onset_ns[state.leaders[label.column]])
     return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 
@@ -74,8 +73,7 @@ def weighed_up(state: TrackerState, belief: Belief) -> Belief:
     if label is Contact.FREE:
         onset = state.ticks - 1 - (belief.stamp_ns - belief.onset_ns) // tick_ns
     else:
-        living = state.banks[label.column]
-        onset = int(living.onset[np.argmax(living.joint)])
+        onset = int(state.banks[label.column].onset[state.leaders[label.column]])
     rivals = separability.rivals_since(state.banks, label, belief.onset_ns, belief.stamp_ns, tick_ns)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     idle = separability.is_idle(label, since, onset < state.window.index[0])
@@ -91,9 +89,9 @@ def touching(state: TrackerState, label: Contact) -> ContactGeometry | None:
     if label is Contact.FREE:
         return None
     living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
-    row = int(np.argmax(living.joint))
+    row = int(state.leaders[label.column])
     assert state.averaging is not None
     scales, origin_m = scales_of(state.model), state.averaging.origin_m
     pair = assumptions(state.knowledge, contact)[living.pair[row]]
-    window = state.window.with_error(state.model.noise.beyond_floor(label.column))
+    window = state.window.with_error(state.model.noise.beyond_floor[label.column])
     return named(geometry_of(living, row, contact, scales, window, origin_m), pair)

@@ -37,6 +37,29 @@ class Birth(NamedTuple):
     turn: Array
 
 
+class Births(NamedTuple):
+    """A ``Birth`` of each contact, numbered one contact after the other; ``entry`` (7,) and ``past``
+    (7, L, 7) are those of all states."""
+
+    begins: tuple[Begins, ...]
+    onset: int
+    onset_ns: int
+    number: int
+    entry: Array
+    past: Array
+    turn: Array
+
+    @property
+    def many(self) -> int:
+        return sum(begins.many for begins in self.begins)
+
+    def of(self, column: int) -> Birth:
+        """Those of one contact."""
+        number = self.number + sum(begins.many for begins in self.begins[:column])
+        when, own = (self.onset, self.onset_ns, number), (float(self.entry[column]), self.past[column])
+        return Birth(self.begins[column], *when, *own, self.turn)
+
+
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
     """Where each hypothesis has its lines: through known points, or nearest to where the body was on average
     over its window; (H, 6) as in ``contacts.base``."""
@@ -69,7 +92,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
         return bank
     born, told = assuming(model, begins)
     words = np.concatenate([bank.words, born])
-    both = Bank(words, bank.layout, joined(bank, birth, np.arange(len(words))))
+    both = Bank(words, bank.layout, joined(bank.past, birth.past, begins.many, np.arange(len(words))))
     new = Bank(both.words[old:], bank.layout, both.past[old:])
     if old:
         best = int(bank.joint.argmax())
@@ -83,11 +106,12 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     return both
 
 
-def joined(bank: Bank, birth: Birth, rows: Index) -> Array:
-    """Past (R, L, 7) of some ``rows`` of the bank with what begins."""
-    if not bank.past.shape[1]:
-        return np.empty((len(rows), *bank.past.shape[1:]))
-    return np.concatenate([bank.past, birth.past[None].repeat(birth.begins.many, axis=0)])[rows]
+def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
+    """Past (R, L, 7) of some ``rows``: of hypotheses with a ``past`` (H, L, 7), and of so ``many`` new ones,
+    which all have the same (L, 7)."""
+    if not past.shape[1]:
+        return np.empty((len(rows), *past.shape[1:]))
+    return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
 
 
 @lru_cache(maxsize=32)  # where the user knows nothing the same may begin until something is learnt

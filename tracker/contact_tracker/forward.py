@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker import hmm, ticks, tracker
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.evidence import Window
+from contact_tracker.hypotheses import Alive
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose, Poses, batches
@@ -22,29 +23,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-class Alive(NamedTuple):
-    """The hypotheses (A,) that are alive after a tick, free motion last."""
-
-    state: Index
-    onset: Index
-    log_likelihood: Array
-
-
 class Seen(NamedTuple):
     """One tick of the pass: the ``state`` that it led to, the ``tick``, and the ``belief`` right after it."""
 
     state: TrackerState
     tick: Tick
     belief: Belief
-
-    @property
-    def alive(self) -> Alive:
-        banks, now = self.state.banks, self.state.ticks - 1
-        return Alive(
-            np.arange(FREE + 1).repeat([*map(len, banks), 1]),
-            np.append(Bank.of_all(banks, "onset"), now),
-            np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
-        )
 
     @property
     def numbers(self) -> Index:
@@ -127,7 +111,7 @@ class Pass:
         self.exposures.append(seen.state.exposure)
         self.change.append(seen.state.change)
         self.entry.append(seen.state.entry)
-        self.alive.append(seen.alive)
+        self.alive.append(seen.state.alive)
         self.numbers.append(seen.numbers)
 
     @property

@@ -1,13 +1,13 @@
 """How the hypotheses of all contacts live: each has its own onset, its own window and its own geometry."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.bank import Birth, add, assuming, blank, joined, prune, residual
+from contact_tracker.bank import Birth, Births, add, assuming, blank, joined, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales, Window
@@ -19,55 +19,92 @@ from contact_tracker.summed import summed
 from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Alive(NamedTuple):
+    """The hypotheses (A,) that are alive after a tick, free motion last."""
+
+    state: Index
+    onset: Index
+    log_likelihood: Array
+
+    @classmethod
+    def of(cls, banks: Sequence[Bank], now: int) -> Self:
+        """Those of all banks, and free motion in the tick ``now``."""
+        return cls(
+            np.arange(len(banks) + 1).repeat([*map(len, banks), 1]),
+            np.append(Bank.of_all(banks, "onset"), now),
+            np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
+        )
+
+    def waiting(self, now: int) -> Self:
+        """The same after the tick ``now``, which says nothing."""
+        return self._replace(onset=np.append(self.onset[:-1], now))
 
 
 class Living(NamedTuple):
-    """What lives on after a tick: a bank of each contact, its ``log_weight``, -inf of an empty one, and its
-    ``residual``; and the ``best`` log weight, against which all are."""
+    """What lives on after a tick: a bank of each contact, the ``log_left`` weight (7,) of each state against
+    the best hypothesis, -inf of an empty one; the ``residual`` (6,) of each contact, and which hypothesis
+    ``leaders`` (6,) are, -1 of an empty bank; all that is ``alive``."""
 
     banks: list[Bank]
-    log_weight: list[float]
-    residual: list[float]
-    best: float
+    log_left: Array
+    residual: Array
+    leaders: Index
+    alive: Alive
 
 
 def advance(
     banks: Sequence[Bank],
-    births: Sequence[Birth],
-    windows: Sequence[Window],
+    births: Births,
+    window: Window,
+    before: Window,
+    beyond: Sequence[tuple[float, float]],
     scales: Scales,
     log_stay: Array,
     margin: float,
-    rival: float,
 ) -> Living:
-    """Take in the newest tick of the windows, one for each contact, and what begins with it, and drop what is
-    hopeless beside the best of all or the ``rival``; ``log_stay`` (6,) is the price of not having changed.
+    """Take in the newest tick of the ``window`` and what begins with it, and drop what is hopeless beside the
+    best of all, free motion included; ``log_stay`` (7,) is the price of not having changed.
 
     What is further behind the best than the ``margin`` (nats) waits for another geometry, and what is behind
-    at all may wait for some ticks: its moments grow.
+    at all may wait for some ticks: its moments grow. What the window ``before`` had more is summed up. Each
+    contact has noise ``beyond`` (m^2, rad^2) that of the windows.
     """
-    now = births[0].onset
+    now = births.onset
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        born = [assuming(model, birth.begins) for model, birth in zip(CONTACT_MODELS, births, strict=True)]
+        born = [assuming(model, begins) for model, begins in zip(CONTACT_MODELS, births.begins, strict=True)]
         drawn = [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
-        words = [bank.words for bank in banks]
-        left, best = calls.advance(words, births, born, windows, scales, log_stay, margin, drawn, rival)
-        kept = [
-            Bank(rows, bank.layout, joined(bank, birth, which))
-            for bank, birth, (which, rows, _, _) in zip(banks, births, left, strict=True)
+        words, seen = [bank.words for bank in banks], (window, before, beyond)
+        left = calls.advance(words, births, born, *seen, scales, log_stay, margin, drawn)
+        pasts = [
+            joined(bank.past, past, begins.many, rows)
+            for bank, past, begins, rows in zip(
+                banks, births.past[: len(banks)], births.begins, left.rows, strict=True
+            )
         ]
-        return Living(kept, [row[2] for row in left], [row[3] for row in left], best)
-    grown = [
-        _advanced(bank, model, birth, window, scales, float(price), margin)
-        for bank, model, birth, window, price in zip(
-            banks, CONTACT_MODELS, births, windows, log_stay, strict=True
-        )
-    ]
-    best = max(rival, *(bank.best for bank in grown))
+        kept = [
+            Bank(rows, bank.layout, past) for rows, bank, past in zip(left.words, banks, pasts, strict=True)
+        ]
+        return Living(kept, left.log_left, left.residual, left.leaders, Alive(*left.alive))
+    grown = []
+    for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
+        settled = settle(bank, model, before, window, scales, beyond[column])
+        own, price = window.with_error(beyond[column]), float(log_stay[column])
+        grown.append(_advanced(settled, model, births.of(column), own, scales, price, margin))
+    free = float(births.entry[-1])
+    best = max(free, *(bank.best for bank in grown))
     kept = [prune(b, model, now, best, margin) for b, model in zip(grown, CONTACT_MODELS, strict=True)]
-    return Living(kept, [bank.log_weight for bank in kept], [residual(bank) for bank in kept], best)
+    return Living(
+        kept,
+        np.array([*(bank.log_weight for bank in kept), free - best]),
+        np.array([residual(bank) for bank in kept]),
+        np.array([bank.leader for bank in kept]),
+        Alive.of(kept, now),
+    )
 
 
 def _advanced(
@@ -95,11 +132,19 @@ def _advanced(
     return bank
 
 
-def settle(bank: Bank, model: ContactModel, oldest: Window, scales: Scales) -> Bank:
-    """Sum up the ``oldest`` ticks, which the window is about to lose."""
-    if not len(bank) or bank.onset[0] > oldest.index[-1]:  # they are in order
+def settle(
+    bank: Bank,
+    model: ContactModel,
+    before: Window,
+    window: Window,
+    scales: Scales,
+    beyond: tuple[float, float],
+) -> Bank:
+    """Sum up the oldest ticks of the window ``before``, which the ``window`` one tick on has lost."""
+    oldest = before.cut(0, max(len(before) + 1 - len(window), 0))
+    if not len(bank) or not len(oldest) or bank.onset[0] > oldest.index[-1]:  # they are in order
         return bank
-    seen = summed(model, bank.x, bank.onset, oldest, scales, bank.certain)
+    seen = summed(model, bank.x, bank.onset, oldest.with_error(beyond), scales, bank.certain)
     return bank.having(settled=bank.settled + seen.log_ratio, earned=bank.earned + seen.gain.sum(axis=1))
 
 

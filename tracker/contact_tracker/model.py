@@ -1,9 +1,10 @@
 """All parameters of the tracker, by what they are about (docs/models.md)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
-from contact_tracker.labels import STATES
+from contact_tracker.labels import CONTACTS, STATES
 
 ByState = tuple[float, ...]
 """A number for each of the seven states; in the file a table of their names, without those that are zero."""
@@ -26,9 +27,11 @@ class Noise:
     """Of each contact, beyond the floor of all."""
     contact_rotation_rad: ByState = ZERO
 
-    def beyond_floor(self, column: int) -> tuple[float, float]:
-        """Variances (m^2, rad^2) that a contact has beyond the floor."""
-        return self.contact_position_m[column] ** 2, self.contact_rotation_rad[column] ** 2
+    @cached_property
+    def beyond_floor(self) -> tuple[tuple[float, float], ...]:
+        """Variances (m^2, rad^2) that each contact has beyond the floor."""
+        deviations = zip(self.contact_position_m, self.contact_rotation_rad, strict=True)
+        return tuple((m**2, rad**2) for m, rad in deviations)[: len(CONTACTS)]
 
 
 @dataclass(frozen=True)

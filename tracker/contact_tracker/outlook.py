@@ -55,7 +55,7 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     exposed = max(exposed, window.unrest)
     scales, newest = scales_of(model), window.cut(-1, None)
     met = [
-        meeting(contact, some, newest.with_error(model.noise.beyond_floor(column)), scales)
+        meeting(contact, some, newest.with_error(model.noise.beyond_floor[column]), scales)
         for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))
     ]
     begins = tuple(m.of(b) for m, b in zip(met, begins, strict=True))

@@ -18,7 +18,8 @@ from contact_tracker.belief import Belief, Detail
 from contact_tracker.closed import Closed
 from contact_tracker.columns import Columns
 from contact_tracker.evidence import Window
-from contact_tracker.forward import Alive, Seen, forward
+from contact_tracker.forward import Seen, forward
+from contact_tracker.hypotheses import Alive
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import CONTACTS, STATES
 from contact_tracker.model import Model
@@ -131,7 +132,7 @@ class Segmenter:
         if self._forward is None:
             self._forward = hmm.begin(state.entry)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, belief.residual)
-        self._waiting.append((seen.alive, state.change, row))
+        self._waiting.append((state.alive, state.change, row))
         if len(self._waiting) == _TOGETHER:
             self._followed()
         if self._keeps_online:

@@ -9,6 +9,7 @@ from contact_tracker import bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales, Window
+from contact_tracker.hypotheses import Alive
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.memory import NOTHING_MET, Memory
@@ -26,12 +27,12 @@ class TrackerState(NamedTuple):
     ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
     ``banks`` of hypotheses by contact; the ``memory`` of elements met, and what of it each contact
     has been ``reminded`` of; ``log_left`` (7,) weights of the states at the last boundary, up to a
-    constant, and the ``residual`` (6,) of each contact (see ``Belief``); ``ticks`` seen, ``numbers`` of
-    hypotheses given out, ``outliers`` among the poses; the label and since when it has been free;
-    ``exposure`` to change at the last boundary, ``change`` (7, 7) and ``entry`` (7,), the log chances of
-    change there and the log weights with which states began; the exposure that is ``withheld`` while ticks
-    say nothing; ``past`` (7, L, 7) of each state and ``recent`` beliefs, where answers lag; the last
-    ``belief``.
+    constant, the ``residual`` (6,) of each contact (see ``Belief``), the rows of their best hypotheses, the
+    ``leaders`` (6,), and all that is ``alive``; ``ticks`` seen, ``numbers`` of hypotheses given out,
+    ``outliers`` among the poses; the label and since when it has been free; ``exposure`` to change at the
+    last boundary, ``change`` (7, 7) and ``entry`` (7,), the log chances of change there and the log weights
+    with which states began; the exposure that is ``withheld`` while ticks say nothing; ``past`` (7, L, 7) of
+    each state and ``recent`` beliefs, where answers lag; the last ``belief``.
     """
 
     model: Model
@@ -44,6 +45,8 @@ class TrackerState(NamedTuple):
     reminded: tuple[Memory, ...]
     log_left: Array
     residual: Array
+    leaders: NDArray[np.int64]
+    alive: Alive
     ticks: int
     numbers: int
     outliers: int
@@ -80,6 +83,8 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         reminded=(NOTHING_MET,) * len(CONTACT_MODELS),
         log_left=initial,
         residual=np.full(len(CONTACT_MODELS), np.nan),
+        leaders=np.full(len(CONTACT_MODELS), -1),
+        alive=Alive.of(banks, -1),
         ticks=0,
         numbers=0,
         outliers=0,

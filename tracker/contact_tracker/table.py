@@ -194,6 +194,11 @@ class Bank:
         return top + float(np.log(np.exp(joint - top).sum())) if len(self) else -np.inf
 
     @property
+    def leader(self) -> int:
+        """The row of the best hypothesis; -1 without any."""
+        return int(self.joint.argmax()) if len(self) else -1
+
+    @property
     def best(self) -> float:
         """Log weight of the best hypothesis; -inf without any."""
         return float(self.joint.max()) if len(self) else -np.inf

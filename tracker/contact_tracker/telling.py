@@ -67,7 +67,7 @@ def tell(stretch: Stretch) -> Told:
     if label is Contact.FREE:
         return Told(None, inseparable, restricted)
     contact = CONTACT_MODELS[label.column]
-    window = window.with_error(model.noise.beyond_floor(label.column))
+    window = window.with_error(model.noise.beyond_floor[label.column])
     fitted = polish(fits[label.column], contact, window, scales)
     pair = assumptions(knowledge, contact)[fitted.pair[0]]
     geometry = named(geometry_of(fitted, 0, contact, scales, window, origin_m), pair)
@@ -79,7 +79,7 @@ def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
     place_m = window.zeta[:, T].mean(axis=0)
     frame = Frame.around(stretch.origin_m, place_m)
     begins = beginnings(contact, stretch.knowledge, NOTHING_MET, 0.0, frame)
-    own = window.with_error(stretch.model.noise.beyond_floor(contact.contact.column))
+    own = window.with_error(stretch.model.noise.beyond_floor[contact.contact.column])
     return hypotheses.fit_stretch(contact, own, scales_of(stretch.model), begins)
 
 

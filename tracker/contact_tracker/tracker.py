@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from contact_tracker import fixed_lag, hmm, hypotheses, ticks
 from contact_tracker.answers import answer, believe, remaining, touching, weighed_up
-from contact_tracker.bank import Birth
+from contact_tracker.bank import Births
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Window
 from contact_tracker.free_motion import NO_EXCESS
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import R, T
@@ -149,13 +149,20 @@ def _is_mute(state: TrackerState, tick: Tick) -> bool:
 
 def _wait(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
-    banks = _settle_oldest(state, scales_of(state.model))
     window, frames = _append(state, tick)
+    seen = state.window, window, scales_of(state.model)
+    settled = [
+        hypotheses.settle(bank, contact, *seen, beyond)
+        for bank, contact, beyond in zip(
+            state.banks, CONTACT_MODELS, state.model.noise.beyond_floor, strict=True
+        )
+    ]
     change = chances(state.model, 0.0).change
     return state._replace(
         window=window,
         frames=frames,
-        banks=tuple(_older(b, column) for column, b in enumerate(banks)),
+        banks=tuple(_older(b, column) for column, b in enumerate(settled)),
+        alive=state.alive.waiting(state.ticks),
         ticks=state.ticks + 1,
         numbers=state.numbers + 1,
         outliers=state.outliers + tick.outliers,
@@ -170,30 +177,26 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
 def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, hypotheses begin, grow and are weighed."""
     model, scales = state.model, scales_of(state.model)
-    banks = _settle_oldest(state, scales)
     window, frames = _append(state, tick)
     begins, reminded, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
-    births, numbers, turn = [], state.numbers, tick.zeta[R].reshape(3, 3)
-    for column, begun in enumerate(begins):
-        when = state.ticks, tick.start_ns
-        births.append(Birth(begun, *when, numbers, float(entry[column]), past[column], turn))
-        numbers += begun.many
-    windows = [window.with_error(model.noise.beyond_floor(column)) for column in range(len(banks))]
-    rival, margin = float(entry[FREE]), model.search.margin_nats
-    living = hypotheses.advance(banks, births, windows, scales, stay[:FREE], margin, rival)
+    turn = tick.zeta[R].reshape(3, 3)
+    births = Births(begins, state.ticks, tick.start_ns, state.numbers, entry, past, turn)
+    seen, margin = (window, state.window, model.noise.beyond_floor), model.search.margin_nats
+    living = hypotheses.advance(state.banks, births, *seen, scales, stay, margin)
     kept = tuple(_older(b, column) for column, b in enumerate(living.banks))
-    log_left = np.array([*living.log_weight, rival - living.best])
-    label = STATES[int(np.argmax(log_left))]
+    label = STATES[int(np.argmax(living.log_left))]
     return state._replace(
         window=window,
         frames=frames,
         banks=kept,
         reminded=reminded,
-        log_left=log_left,
-        residual=np.array(living.residual),
+        log_left=living.log_left,
+        residual=living.residual,
+        leaders=living.leaders,
+        alive=living.alive,
         ticks=state.ticks + 1,
-        numbers=numbers + 1,
+        numbers=state.numbers + births.many + 1,
         outliers=state.outliers + tick.outliers,
         label=label,
         free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
@@ -219,18 +222,6 @@ def _pasts(banks: Sequence[Bank], free: Array) -> Array:
 
 def _window_ticks(model: Model) -> int:
     return round(model.search.window_s / model.tick_s)
-
-
-def _settle_oldest(state: TrackerState, scales: Scales) -> tuple[Bank, ...]:
-    """Sum up what the window is about to lose, and forget hypotheses' share in it."""
-    surplus = len(state.window) + 1 - _window_ticks(state.model)
-    if surplus <= 0:
-        return state.banks
-    noise, oldest = state.model.noise, state.window.cut(0, surplus)
-    return tuple(
-        hypotheses.settle(b, contact, oldest.with_error(noise.beyond_floor(column)), scales)
-        for column, (b, contact) in enumerate(zip(state.banks, CONTACT_MODELS, strict=True))
-    )
 
 
 def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:

@@ -91,15 +91,17 @@ inline std::vector<int> lost(const Kind& kind, const Table& table) {
     return best;
 }
 
-// `table` (H + n, words) of the `old` hypotheses and those of a `birth`; with `directions` they search as
-// well.
+// `table` (H + n, words) of the `old` hypotheses and those of a `birth`, whose window has lost some that are
+// `gone`; with `directions` they search as well.
 template <class F>
 void advance(const Kind& kind, const Table& old, const Birth& birth, const Table& table, const Ticks& ticks,
-             double heard, const Weights& weights, double log_stay, double margin,
+             const Ticks& gone, const Weights& weights, double log_stay, double margin,
              const Directions* directions) {
     Work<F> work;
     Learners learners;
+    const double heard = ticks.heard();
     join<F>(kind, old, birth, table);
+    settle<F>(kind, table, old.count, gone, weights.lengths);
     for (int b = 0; b < table.count; ++b) {
         double* row = table.row(b);
         const bool begins = b >= old.count;

@@ -40,8 +40,8 @@ void weigh(const Kind& kind, const Rows& rows, const Lanes* x, const Weights& we
 template <class F>
 WIDE void grow(const Kind& kind, double* row, const Ticks& ticks, double heard, double log_stay) {
     const Where& where = kind.where;
-    const double *pose = ticks.newest(), precision = 1.0 / ticks.variance[2 * (ticks.count - 1)];
-    const bool begins = whole(row, where.onset) == ticks.number[ticks.count - 1];
+    const double *pose = ticks.newest_pose(), precision = 1.0 / ticks.noise(ticks.count - 1, 0);
+    const bool begins = whole(row, where.onset) == ticks.newest();
     const double weight = precision * (begins ? 1.0 : std::max(heard, settings.at_rest));
     double lifted[F::C], *moments = row + where.moments, anchors[6];
     for (int c = 0; c < F::C; ++c) lifted[c] = pose[kind.lifted[c]];
@@ -58,6 +58,40 @@ WIDE void grow(const Kind& kind, double* row, const Ticks& ticks, double heard, 
     normalise<F>(row + where.x, anchors);
 }
 
+// When hypotheses began, and of which ones both elements are known.
+struct Begun {
+    std::int64_t onset[lanes];
+    Mask certain;
+
+    Begun(const Kind& kind, const Rows& rows) {
+        for (int i = 0; i < lanes; ++i) {
+            onset[i] = whole(rows[i], kind.where.onset);
+            certain.put(i, whole(rows[i], kind.where.certain) != 0);
+        }
+    }
+};
+
+// As `hypotheses.settle` of the first `count` hypotheses, by the ticks that the window has lost: they are
+// `gone`.
+template <class F>
+void settle(const Kind& kind, const Table& table, int count, const Ticks& gone, const Lengths& lengths) {
+    const Where& where = kind.where;
+    if (!gone.count) return;
+    for (int first = 0; first < count; first += lanes) {  // they are in order of onset
+        if (whole(table.row(first), where.onset) > gone.newest()) return;
+        Rows rows;
+        for (int i = 0; i < lanes; ++i) rows[i] = table.row(std::min(first + i, count - 1));
+        Lanes x[F::S];
+        read(rows, where.x, F::S, x);
+        const Begun begun(kind, rows);
+        const Sums<F> sums = add_up<F>(kind, x, begun.onset, begun.certain, gone, lengths);
+        Lanes earned = read(rows, where.earned);
+        for (int k = 0; k < F::K; ++k) earned += sums.gain[k];
+        write(rows, where.settled, read(rows, where.settled) + sums.log_ratio);
+        write(rows, where.earned, earned);
+    }
+}
+
 // How many steps a hypothesis takes in every tick.
 inline int steps_of(const Kind& kind, const double* row) {
     return row[kind.where.told] < settings.first_ticks ? settings.first_steps : settings.refine_steps;
@@ -69,17 +103,13 @@ WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int step
                 Work<F>& work) {
     const Where& where = kind.where;
     const Moments<F> window(kind, rows);
+    const Begun begun(kind, rows);
     Lanes x[F::S];
-    std::int64_t onset[lanes];
-    Mask certain;
     read(rows, where.x, F::S, x);
-    for (int i = 0; i < lanes; ++i) {
-        onset[i] = whole(rows[i], where.onset);
-        certain.put(i, whole(rows[i], where.certain) != 0);
-    }
     know<F>(kind, rows, work.prior);
     descend<F>(window, x, steps, work);
-    weigh<F>(kind, rows, x, weights, add_up<F>(kind, x, onset, certain, ticks, weights.lengths), work);
+    weigh<F>(kind, rows, x, weights, add_up<F>(kind, x, begun.onset, begun.certain, ticks, weights.lengths),
+             work);
 }
 
 // Hypotheses that are to learn, until as many stand side by side: those that take as many steps, and of which

@@ -2,6 +2,7 @@
 #include "averaging.hpp"
 #include "bindings.hpp"
 #include "inference.hpp"
+#include "living.hpp"
 #include "parts.hpp"
 #include "products.hpp"
 #include "reading.hpp"
@@ -58,7 +59,8 @@ py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const B
                 sure.put(i, certain.at(own(i)));
                 for (int s = 0; s < F::S; ++s) geometry[s].put(i, x.data()[own(i) * F::S + s]);
             }
-            const Sums<F> sums = add_up<F>(model.kind, geometry, begun, sure, seen.ticks(), weights.lengths);
+            const Sums<F> sums =
+                add_up<F>(model.kind, geometry, begun, sure, seen.ticks(model), weights.lengths);
             for (int i = 0; i < lanes; ++i) {
                 const double total[] = {sums.log_ratio[i], sums.chi_sq[i], sums.ticks[i], sums.after[i]};
                 std::copy_n(total, 4, totals.mutable_data() + 4 * own(i));
@@ -72,63 +74,6 @@ py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const B
     });
 }
 
-// What is told of a contact's hypotheses when a tick begins.
-struct Begun {
-    const Model& model;
-    Table old;     // before the tick
-    Floats words;  // in it
-    Birth birth;
-    Ticks ticks;
-    double heard, log_stay;
-    std::optional<Directions> directions;
-};
-
-// All contacts through a tick, and what is kept against the best of all and of a `rival`.
-py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Floats>& words,
-                   const std::vector<std::pair<Floats, Bools>>& assumed, const Floats& turn,
-                   std::int64_t onset, std::int64_t onset_ns, const std::vector<std::int64_t>& numbers,
-                   const std::vector<double>& entries, const std::vector<const Seeable*>& seen,
-                   const std::vector<double>& heard, const Weights& weights,
-                   const std::vector<double>& log_stay, double margin,
-                   const std::vector<std::optional<Floats>>& directions, double rival) {
-    const std::size_t contacts = models.size();
-    for (std::size_t size : {words.size(), assumed.size(), numbers.size(), entries.size(), seen.size(),
-                             heard.size(), log_stay.size(), directions.size()}) {
-        require(size == contacts, "something is not told of each contact");
-    }
-    require(
-        std::count(models.begin(), models.end(), nullptr) + std::count(seen.begin(), seen.end(), nullptr) ==
-            0,
-        "a contact is None");
-    require_shape(turn, {3, 3}, "a turn is a matrix");
-    std::vector<Begun> all;
-    for (std::size_t i = 0; i < contacts; ++i) {
-        const auto& [born, told] = assumed[i];
-        const Table old = table_of(*models[i], words[i]), fresh = table_of(*models[i], born);
-        const int size = visit(*models[i], [](auto family) { return decltype(family)::S; });
-        require_shape(told, {fresh.count, size}, "what is told is not of these births");
-        const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, numbers[i], entries[i]};
-        all.push_back({*models[i], old, Floats({old.count + fresh.count, old.words}), birth, seen[i]->ticks(),
-                       heard[i], log_stay[i], std::nullopt});
-        if (directions[i]) all[i].directions = directions_of(*models[i], *directions[i], turn);
-    }
-    double best = rival;
-    for (Begun& one : all) {
-        const Table table = changing(one.model, one.words);
-        visit(one.model, [&](auto family) {
-            py::gil_scoped_release release;
-            advance<decltype(family)>(one.model.kind, one.old, one.birth, table, one.ticks, one.heard,
-                                      weights, one.log_stay, margin,
-                                      one.directions ? &*one.directions : nullptr);
-        });
-        for (int b = 0; b < table.count; ++b)
-            best = std::max(best, joint(one.model.kind.where, table.row(b)));
-    }
-    py::list left;
-    for (Begun& one : all) left.append(left_of(one.model, one.words, onset, best, margin));
-    return py::make_tuple(left, best);
-}
-
 void learned(const Model& model, Floats words, const Seeable& seen, const Ints& steps,
              const Weights& weights) {
     const Table table = changing(model, words);
@@ -139,7 +84,7 @@ void learned(const Model& model, Floats words, const Seeable& seen, const Ints& 
             const int own = static_cast<int>(steps.at(b));
             if (own >= 0) learners.add(model.kind, table.row(b), own);
         }
-        learners.learn<decltype(family)>(model.kind, seen.ticks(), weights, work);
+        learners.learn<decltype(family)>(model.kind, seen.ticks(model), weights, work);
     });
 }
 
@@ -151,8 +96,8 @@ void searched(const Model& model, Floats words, const Seeable& seen, const Ints&
         Work<decltype(family)> work;
         for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
             require(rows.at(i) >= 0 && rows.at(i) < table.count, "no such row");
-            search<decltype(family)>(model.kind, table, static_cast<int>(rows.at(i)), drawn, seen.ticks(),
-                                     weights, work);
+            search<decltype(family)>(model.kind, table, static_cast<int>(rows.at(i)), drawn,
+                                     seen.ticks(model), weights, work);
         }
     });
 }
@@ -211,7 +156,8 @@ PYBIND11_MODULE(kernels, module) {
             require(lifted.size() == static_cast<std::size_t>(sizes[1]), "not a column of each of the lift");
             return Model{{body_in_1, needed, patience, lifted, pull, relaxed, where_of(where)}, which, words};
         }));
-    py::class_<Seeable>(module, "Ticks").def(py::init<Ints, Floats, Floats, Floats, std::optional<Floats>>());
+    py::class_<Seeable>(module, "Ticks")
+        .def(py::init<Ints, Floats, Floats, Floats, Floats, std::optional<Floats>>());
     py::class_<Weights>(module, "Weights")
         .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
             return Weights{{radius_sq, pull}, foreknowledge, independence};

@@ -1,7 +1,7 @@
 // Parts of the kernels by themselves, for tests: as the functions are that they stand for.
 #pragma once
 
-#include "bindings.hpp"
+#include "living.hpp"
 
 namespace kernels::parts {
 
@@ -93,11 +93,12 @@ inline py::tuple completed(const Model& model, const Floats& words, const Floats
     });
 }
 
-inline void grown(const Model& model, Floats words, const Seeable& seen, double heard, double log_stay) {
+inline void grown(const Model& model, Floats words, const Seeable& seen, double log_stay) {
     const Table table = changing(model, words);
+    const Ticks ticks = seen.ticks(model);
     visit(model, [&](auto family) {
         for (int b = 0; b < table.count; ++b) {
-            grow<decltype(family)>(model.kind, table.row(b), seen.ticks(), heard, log_stay);
+            grow<decltype(family)>(model.kind, table.row(b), ticks, ticks.heard(), log_stay);
         }
     });
 }
@@ -114,7 +115,8 @@ inline std::vector<int> searching(const Model& model, const Floats& words) {
 inline py::tuple dropped(const Model& model, const Floats& words, std::int64_t now, double best,
                          double margin) {
     Floats own({words.shape(0), words.shape(1)}, words.data());
-    return left_of(model, own, now, best, margin);
+    const Left left = left_of(model, own, now, best, margin);
+    return py::make_tuple(left.rows, left.words, left.log_weight, left.residual, left.leader);
 }
 
 inline py::tuple relaxed(const Model& model, const Floats& moments) {
@@ -136,7 +138,7 @@ inline void add(py::module_ module) {
     module.def("minimised", &minimised);
     module.def("completed", &completed);
     module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
-               py::arg("heard"), py::arg("log_stay"));
+               py::arg("log_stay"));
     module.def("offered", &offered);
     module.def("searching", &searching);
     module.def("dropped", &dropped);

@@ -5,16 +5,31 @@
 
 namespace kernels {
 
-// W ticks: `number` (W,) as `Window.index`; `pose` (W, 25) lifted, of frame 1 in frame 2; `free` (2, W, 2)
-// variances of free motion, of fitted and of certain hypotheses; `uneven` (W, 3, 3), or nothing.
+// W ticks: `number` (W,) as `Window.index`; `pose` (W, 25) lifted, of frame 1 in frame 2; `variance` (W, 2)
+// of the noise, which a contact has so much `beyond`; (W, 2) of free motion, of `fitted` and of `known`
+// elements; `uneven` (W, 3, 3), or nothing.
 struct Ticks {
     const std::int64_t* number;
-    const double *pose, *variance, *free, *uneven;
+    const double *pose, *variance, *fitted, *known, *uneven;
     int count;
+    std::array<double, 2> beyond;
 
     static constexpr int entries = 25;
 
-    const double* newest() const { return pose + (count - 1) * entries; }
+    double noise(int w, int i) const { return variance[2 * w + i] + beyond[i]; }
+
+    std::int64_t newest() const { return number[count - 1]; }
+
+    const double* newest_pose() const { return pose + (count - 1) * entries; }
+
+    // As `Window.latest_activity`.
+    double heard() const {
+        const auto share = [&](int i) {
+            const double excess = fitted[2 * (count - 1) + i];
+            return excess / (excess + noise(count - 1, i));
+        };
+        return std::max(share(0), share(1));
+    }
 };
 
 constexpr int T = 9, U = 12, TXR = 15;  // where the lifted pose has them; R comes first
@@ -99,8 +114,8 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
     } else {
         faced<F>(kind.body_in_1, x, pose, seen);
     }
-    const double position = ticks.variance[2 * w], rotation = ticks.variance[2 * w + 1];
-    const double *fitted = ticks.free + 2 * w, *known = fitted + 2 * ticks.count, *uneven = ticks.uneven;
+    const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
+    const double *fitted = ticks.fitted + 2 * w, *known = ticks.known + 2 * w, *uneven = ticks.uneven;
     const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
                           where(certain, known[1], Lanes(fitted[1]))};
     for (int k = 0; k < F::K; ++k) {

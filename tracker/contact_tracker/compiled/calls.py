@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,8 @@ class Scales(Protocol):
     def independence(self) -> float: ...
 
 
-class Birth(Protocol):
-    """What is read of ``bank.Birth``."""
+class Births(Protocol):
+    """What is read of ``bank.Births``."""
 
     @property
     def turn(self) -> Array: ...
@@ -68,7 +68,19 @@ class Birth(Protocol):
     @property
     def number(self) -> int: ...
     @property
-    def entry(self) -> float: ...
+    def entry(self) -> Array: ...
+
+
+class Advanced(NamedTuple):
+    """Of each contact the ``words`` of the hypotheses that are kept and which ``rows`` they had, of all that
+    there were and then began; the rest as in ``hypotheses.Living``."""
+
+    words: list[Array]
+    rows: list[Index]
+    log_left: Array
+    residual: Array
+    leaders: Index
+    alive: tuple[Index, Index, Array]
 
 
 def summed(
@@ -82,56 +94,58 @@ def summed(
     """Totals (B, 4), that is log ratio, chi squared, ticks and ticks after the first, and ``gain`` and
     ``precision`` (B, K), as in ``summed.Sums``."""
     return kernels.summed(
-        model_of(model, scales.reach_m), x, onset, certain, ticks_of(window, model), _weights(scales)
+        model_of(model, scales.reach_m), x, onset, certain, ticks_of(window), _weights(scales)
     )
 
 
 def advance(
     words: Sequence[Array],
-    births: Sequence[Birth],
+    births: Births,
     assumed: Sequence[tuple[Array, NDArray[np.bool_]]],
-    windows: Sequence[Window],
+    window: Window,
+    before: Window,
+    beyond: Sequence[tuple[float, float]],
     scales: Scales,
     log_stay: Array,
     margin: float,
     directions: Sequence[Array | None],
-    rival: float,
-) -> tuple[list[tuple[Index, Array, float, float]], float]:
+) -> Advanced:
     """The rows of all banks and those of ``births`` of one tick, which ``bank.assuming`` gives, a tick on;
     with random ``directions`` of the body's frame they search from scratch as well.
 
-    Of each contact which rows are kept, and these, their weights against the best, the log of their sum and
-    ``bank.residual``; and the best log weight of all and the ``rival``.
+    The rest as in ``hypotheses.advance``.
     """
-    return kernels.advanced(
-        [model_of(model, scales.reach_m) for model in CONTACT_MODELS],
-        words,
-        assumed,
-        births[0].turn,
-        births[0].onset,
-        births[0].onset_ns,
-        [birth.number for birth in births],
-        [birth.entry for birth in births],
-        [ticks_of(window, model) for window, model in zip(windows, CONTACT_MODELS, strict=True)],
-        [window.latest_activity for window in windows],
-        _weights(scales),
-        log_stay.tolist(),
-        float(margin),
-        directions,
-        rival,
+    return Advanced(
+        *kernels.advanced(
+            _models(scales.reach_m),
+            words,
+            assumed,
+            births.turn,
+            births.onset,
+            births.onset_ns,
+            births.number,
+            births.entry,
+            ticks_of(window),
+            ticks_of(before) if len(before.index) else None,
+            beyond,
+            _weights(scales),
+            log_stay,
+            margin,
+            directions,
+        )
     )
 
 
 def learn(model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index) -> None:
     """A bank, in place."""
-    kernels.learned(model_of(model, scales.reach_m), words, ticks_of(window, model), steps, _weights(scales))
+    kernels.learned(model_of(model, scales.reach_m), words, ticks_of(window), steps, _weights(scales))
 
 
 def searched(
     model: ContactModel, words: Array, window: Window, scales: Scales, rows: Index, directions: Array
 ) -> None:
     """A bank, in place, of which ``rows`` search, from random ``directions`` of the body's frame as well."""
-    kind, ticks = model_of(model, scales.reach_m), ticks_of(window, model)
+    kind, ticks = model_of(model, scales.reach_m), ticks_of(window)
     turn = window.zeta[-1, R].reshape(3, 3)
     kernels.searched(kind, words, ticks, rows, directions, turn, _weights(scales))
 
@@ -161,15 +175,17 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
     )
 
 
-def ticks_of(window: Window, model: ContactModel) -> kernels.Ticks:
-    """What kernels see of a window: the body's pose, or what stands around it as seen from there."""
-    return _ticks(window, model.body_in_1)
+@cache
+def _models(reach_m: float) -> list[kernels.Model]:
+    return [model_of(model, reach_m) for model in CONTACT_MODELS]
 
 
-@lru_cache(maxsize=4)  # all contacts see the same
-def _ticks(window: Window, body_in_1: bool) -> kernels.Ticks:
-    pose = window.zeta if body_in_1 else window.inverse
-    return kernels.Ticks(window.index, pose, window.variance, window.free, window.uneven)
+@lru_cache(maxsize=2)  # of a tick and of the one before
+def ticks_of(window: Window) -> kernels.Ticks:
+    """What kernels see of a window."""
+    return kernels.Ticks(
+        window.index, window.zeta, window.inverse, window.variance, window.free, window.uneven
+    )
 
 
 @cache

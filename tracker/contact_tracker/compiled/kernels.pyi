@@ -37,10 +37,16 @@ class Model:
     ) -> None: ...
 
 class Ticks:
-    """As ``evidence.Window``; ``pose`` (W, 25) is that of frame 1 in frame 2."""
+    """As ``evidence.Window``."""
 
     def __init__(
-        self, number: Index, pose: Numbers, variance: Numbers, free: Numbers, uneven: Numbers | None
+        self,
+        number: Index,
+        pose: Numbers,
+        inverse: Numbers,
+        variance: Numbers,
+        free: Numbers,
+        uneven: Numbers | None,
     ) -> None: ...
 
 class Weights:
@@ -58,16 +64,16 @@ def advanced(
     turn: Numbers,
     onset: int,
     onset_ns: int,
-    numbers: Sequence[int],
-    entries: Sequence[float],
-    seen: Sequence[Ticks],
-    heard: Sequence[float],
+    number: int,
+    entry: Numbers,
+    window: Ticks,
+    before: Ticks | None,
+    beyond: Sequence[tuple[float, float]],
     weights: Weights,
-    log_stay: Sequence[float],
+    log_stay: Numbers,
     margin: float,
     directions: Sequence[Numbers | None],
-    rival: float,
-) -> tuple[list[tuple[Index, Numbers, float, float]], float]: ...
+) -> tuple[list[Numbers], list[Index], Numbers, Numbers, Index, tuple[Index, Index, Numbers]]: ...
 def learned(model: Model, words: Numbers, ticks: Ticks, steps: Index, weights: Weights) -> None: ...
 def searched(
     model: Model,
