@@ -13,11 +13,11 @@ from contact_tracker.calibration.observed import Observed
 from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
 from contact_tracker.calibration.stretches import SHORTEST_TICKS, find_stretches, refined
 from contact_tracker.errors import UsageError
-from contact_tracker.evidence import Window
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
 from contact_tracker.model import Model, Seen
 from contact_tracker.presets import limits, load_model
+from contact_tracker.window import Window
 from touching import touching
 
 MODEL = load_model()

@@ -14,7 +14,7 @@ from contact_tracker.bank import Births, blank, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
-from contact_tracker.evidence import Scales, Window, weak_prior
+from contact_tracker.evidence import Scales, weak_prior
 from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
@@ -22,6 +22,7 @@ from contact_tracker.lift import lift
 from contact_tracker.pace import AT_THE_NOISE, FAR_NATS, LEAST_GAIN, patience
 from contact_tracker.summed import summed
 from contact_tracker.table import FOUND
+from contact_tracker.window import Window
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import free_motion, noise, ticks
 from contact_tracker.poses import Poses
 from contact_tracker.presets import load_model
+from contact_tracker.sliding import slid
+from contact_tracker.state import start
 from moving import moving
 
 both = pytest.importorskip("kernels").both
@@ -150,3 +152,34 @@ def test_what_is_no_state_is_refused():
         kernels.third_differences(np.zeros(4, int), np.zeros((4, 3)), np.zeros((4, 3)))
     with pytest.raises(ValueError, match="no differences"):
         kernels.told(np.eye(3), np.eye(3), np.eye(6), np.zeros((14, 5)), np.ones(2), np.ones(2))
+
+
+@given(seed=seeds, most_s=st.floats(0.1, 1.0))
+@settings(max_examples=15, deadline=None)
+def test_the_window_slides_on_alike(seed, most_s):
+    closed, states = averaged(streamed(seed, 100.0))
+    model = replace(MODEL, search=replace(MODEL.search, window_s=most_s))
+
+    def windows():
+        window, frames = start(model).window, np.zeros(0)
+        for number, (tick, state) in enumerate(zip(closed, states, strict=True)):
+            window, frames = slid(window, frames, number, tick, state.noise, model)
+            yield window, frames
+
+    for (expected, counts), (found, frames) in zip(*both(lambda: list(windows())), strict=True):
+        np.testing.assert_array_equal(frames, counts)
+        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "free", "before"):
+            one, other = getattr(found, name), getattr(expected, name)
+            assert (one is None) == (other is None)
+            if one is not None:
+                assert_close(one, other, 1e-14)
+
+
+def test_a_window_that_does_not_fit_its_ticks_is_refused():
+    (tick, *_), (state, *_) = averaged(streamed(1, 100.0))
+    window, frames = slid(start(MODEL).window, np.zeros(0), 0, tick, state.noise, MODEL)
+    with pytest.raises(ValueError, match="number of frames"):
+        slid(window, np.zeros(3), 1, tick, state.noise, MODEL)
+    nothing = replace(MODEL, search=replace(MODEL.search, window_s=0.0))
+    with pytest.raises(ValueError, match="no room"):
+        slid(window, frames, 1, tick, state.noise, nothing)

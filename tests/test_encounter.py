@@ -11,7 +11,7 @@ from contact_tracker.assumptions import assumptions
 from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import FREE, foreseen, meeting
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.knowledge import NOTHING
 from contact_tracker.known import knowledge_from
@@ -22,6 +22,7 @@ from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose
 from contact_tracker.presets import load_model
 from contact_tracker.transitions import chances
+from contact_tracker.window import Window
 
 MODEL = load_model()
 SCALES = Scales(0.3, 0.1, 0.03, 1.0, 0.1)

@@ -12,8 +12,9 @@ from scipy.stats import norm
 
 from contact_tracker import evidence, fit
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.lift import lift
+from contact_tracker.window import Window
 from touching import touching, x_of
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)

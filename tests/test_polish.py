@@ -15,7 +15,6 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.echoes import Errors, learnt, new_in
 from contact_tracker.evaluation.bound import cramer_rao
 from contact_tracker.evaluation.elements import angle_rad, deviation
-from contact_tracker.evidence import Window
 from contact_tracker.geometry import Plane
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift
@@ -24,6 +23,7 @@ from contact_tracker.presets import load_model
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.state import scales_of
+from contact_tracker.window import Window
 from moving import moving
 
 SEEDS = 6

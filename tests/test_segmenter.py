@@ -12,13 +12,13 @@ import pytest
 
 from contact_tracker.belief import Detail
 from contact_tracker.evaluation.geometry_errors import geometry_errors
-from contact_tracker.evidence import Window
 from contact_tracker.forward import Pass, forward
 from contact_tracker.knowledge import NOTHING
 from contact_tracker.labels import Contact
 from contact_tracker.segmentation import Segmentation
 from contact_tracker.segmenter import Segmenter, pieces, segment
 from contact_tracker.telling import Stretch, tell
+from contact_tracker.window import Window
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])

@@ -22,7 +22,7 @@ from contact_tracker import evidence, hmm, hypotheses
 from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.given import given
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.geometry import ContactGeometry
 from contact_tracker.knowledge import Accuracy, known_to
 from contact_tracker.labels import STATES, Contact
@@ -33,6 +33,7 @@ from contact_tracker.state import scales_of
 from contact_tracker.table import Bank
 from contact_tracker.transitions import chances, exposure, log_initial
 from contact_tracker.truth import Truth, TruthInterval
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -23,11 +23,12 @@ from tracking import Tracked
 from contact_tracker import hypotheses
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.scoring import UNSCORED, Scoring, tick_in_force
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import Model
 from contact_tracker.poses import Poses
 from contact_tracker.tracker import scales_of
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,7 +13,6 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao, errors
 from contact_tracker.evaluation.elements import Deviation
 from contact_tracker.evaluation.geometry_errors import geometry_errors
-from contact_tracker.evidence import Window
 from contact_tracker.geometry import ContactGeometry, Line, Plane
 from contact_tracker.labels import Contact
 from contact_tracker.polish import polish
@@ -22,6 +21,7 @@ from contact_tracker.presets import load_model
 from contact_tracker.readout import geometry_of
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ from scores import LAGS_S, OFFLINE, Answer, Method
 from contact_tracker import tracker
 from contact_tracker.answers import looking_back
 from contact_tracker.evaluation.scoring import tick_containing, tick_in_force
-from contact_tracker.evidence import Window
 from contact_tracker.forward import Pass, Seen
 from contact_tracker.model import Model
 from contact_tracker.poses import Poses
@@ -18,6 +17,7 @@ from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.segmenter import Segmenter
 from contact_tracker.state import TrackerState
 from contact_tracker.ticks import Tick
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,9 +13,10 @@ import numpy as np
 from contact_tracker import hmm
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window, residual_noise
+from contact_tracker.evidence import Scales, residual_noise
 from contact_tracker.geometry import Array
 from contact_tracker.labels import STATES, Contact
+from contact_tracker.window import Window
 
 ANY_DIRECTION: Final = 1.0 / 3.0
 """Variance of the cosine of the angle between directions that have nothing to do with each other."""

@@ -9,140 +9,20 @@ is the gain minus the misfit: zero at rest, where S = V. What is left is the pri
 window: the Laplace approximation of the integral over it.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Family, Measurement, dot, lift_of_inverse
+from contact_tracker.contacts.base import Family, Measurement, dot
 from contact_tracker.fit import Prior
-from contact_tracker.travel import free_of, travel_of, travel_to
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 
 _I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...
 _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
-
-
-@dataclass(frozen=True, eq=False)
-class Window:
-    """The last W ticks, oldest first: what evidence is computed on.
-
-    ``index`` (W,) of the ticks, ``zeta`` (W, 25), ``variance`` (W, 2) noise of position (m^2) and rotation
-    (rad^2), mean over the axes; ``excess`` (W, 2) of free motion, zero where the tick has no frames;
-    ``uneven`` (W, 3, 3) what the covariance of the position (m^2, in the world's axes) is beyond its mean,
-    None where noise is the same in all directions; ``before`` (25,) is the zeta of the tick before the first,
-    None where nothing came before.
-    """
-
-    index: NDArray[np.int64]
-    zeta: Array
-    variance: Array
-    excess: Array
-    uneven: Array | None = None
-    before: Array | None = None
-
-    def __len__(self) -> int:
-        return len(self.index)
-
-    @cached_property
-    def inverse(self) -> Array:
-        """Lifts (W, 25) of the inverse poses."""
-        return lift_of_inverse(self.zeta)
-
-    @cached_property
-    def free(self) -> Array:
-        """Variances (2, W, 2) of free motion: what is unpredictable in it, which is all that tells of
-        elements that are fitted; and of known ones, that nothing but touching keeps in place."""
-        return free_of(self.excess, self.travel)
-
-    @property
-    def travel(self) -> Array:
-        """How far the object moved since the tick before, (W, 2) variances per axis as in ``excess``.
-
-        Zero where the tick before is not in the window.
-        """
-        return travel_of(self.zeta, self.index, self.before)
-
-    @property
-    def usual_variance(self) -> Array:
-        """Median (2,) over the ticks; ``np.median`` takes several times as long for few of them."""
-        middle = np.array([(len(self) - 1) // 2, len(self) // 2])
-        return np.asarray(np.sort(self.variance, axis=0)[middle].mean(axis=0))
-
-    @property
-    def unrest(self) -> float:
-        """As ``activity``, of how far the object moved in the newest tick, however smoothly."""
-        moved = self.cut(-1, None).travel[-1]
-        return float(np.max(moved / (moved + self.variance[-1])))
-
-    @cached_property
-    def activity(self) -> Array:
-        """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
-        return np.asarray(np.max(self.excess / (self.excess + self.variance), axis=1, initial=0.0))
-
-    @cached_property
-    def latest_activity(self) -> float:
-        """That of the newest tick; the others' may not be asked for."""
-        excess, variance = self.excess[-1].tolist(), self.variance[-1].tolist()
-        return float(max(e / (e + v) for e, v in zip(excess, variance, strict=True)))
-
-    def then(self, index: int, zeta: Array, excess: Array, variance: Array, uneven: Array) -> "Window":
-        """One tick on: the newest ticks and the one right after, as many as ``variance`` (W, 2) has rows.
-
-        What does not change with the noise is carried along: it is worked out of the new tick alone.
-        """
-        first = len(self) + 1 - len(variance)
-        newest = free_of(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
-        free = np.concatenate([self.free[:, first:], newest[:, None]], axis=1)
-        moved_on = Window(
-            np.concatenate([self.index[first:], [index]]),
-            np.concatenate([self.zeta[first:], zeta[None]]),
-            variance,
-            free[0],
-            uneven,
-            self.zeta[first - 1] if first else self.before,
-        )
-        inverse = np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]])
-        vars(moved_on).update(inverse=inverse, free=free)
-        return moved_on
-
-    def cut(self, first: int, end: int | None) -> "Window":
-        """The ticks in rows ``first`` to ``end``."""
-        rows = slice(*slice(first, end).indices(len(self)))
-        return self.pick(rows, self.zeta[rows.start - 1] if rows.start else self.before)
-
-    def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
-        """Some ticks by themselves, whatever came before if it is not said."""
-        uneven = None if self.uneven is None else self.uneven[rows]
-        return Window(
-            self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], uneven, before
-        )
-
-    def with_error(self, beyond: tuple[float, float]) -> "Window":
-        """The window with noise variances (m^2, rad^2) larger by ``beyond`` in all ticks."""
-        if not any(beyond):
-            return self
-        noisier = replace(self, variance=self.variance + beyond)
-        vars(noisier).update(inverse=self.inverse, free=self.free)
-        return noisier
-
-    @classmethod
-    def join(cls, parts: Sequence["Window"]) -> "Window":
-        """Windows one after the other."""
-        known = any(p.uneven is not None for p in parts)
-        uneven = [np.zeros((len(p), 3, 3)) if p.uneven is None else p.uneven for p in parts]
-        return cls(
-            np.concatenate([p.index for p in parts]),
-            np.concatenate([p.zeta for p in parts]),
-            np.concatenate([p.variance for p in parts]),
-            np.concatenate([p.excess for p in parts]),
-            np.concatenate(uneven) if known else None,
-            parts[0].before,
-        )
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from contact_tracker import compiled, fit
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window, complexity
+from contact_tracker.evidence import Scales, complexity
 from contact_tracker.pace import AT_REST, FIRST_STEPS, FIRST_TICKS, REFINE_STEPS
 from contact_tracker.summed import Sums, summed
 from contact_tracker.table import Bank
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

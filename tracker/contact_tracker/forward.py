@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm, ticks, tracker
 from contact_tracker.belief import Belief, Detail
-from contact_tracker.evidence import Window
 from contact_tracker.hypotheses import Alive
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
@@ -18,6 +17,7 @@ from contact_tracker.state import TrackerState
 from contact_tracker.table import Bank
 from contact_tracker.ticks import Tick, TickState
 from contact_tracker.tracker import FREE
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

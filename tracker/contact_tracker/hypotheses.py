@@ -10,13 +10,14 @@ from contact_tracker import compiled
 from contact_tracker.bank import Birth, Births, add, assuming, blank, joined, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.following import follow, grow, grow_whole
 from contact_tracker.lift import R
 from contact_tracker.pace import AT_REST, FAR_NATS, FIRST_TICKS
 from contact_tracker.search import adopted, directions, is_due, lost, searched
 from contact_tracker.summed import summed
 from contact_tracker.table import Bank
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -9,13 +9,13 @@ from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.encounter import foreseen, meeting
-from contact_tracker.evidence import Window
 from contact_tracker.geometry import Array
 from contact_tracker.lift import T
 from contact_tracker.memory import Memory
 from contact_tracker.search import is_due
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.transitions import chances, exposure
+from contact_tracker.window import Window
 
 
 class Outlook(NamedTuple):

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.echoes import LEAST_SCALE, Errors, learnt, new_in
-from contact_tracker.evidence import Scales, Window, residual_noise
+from contact_tracker.evidence import Scales, residual_noise
 from contact_tracker.fit import Prior
 from contact_tracker.table import Bank
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, by_foot
 from contact_tracker.observability import observed_geometry
 from contact_tracker.table import Bank
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from contact_tracker import compiled, fit
 from contact_tracker.bank import best_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.following import before, follow
 from contact_tracker.lift import R
 from contact_tracker.pace import (
@@ -27,6 +27,7 @@ from contact_tracker.pace import (
     patience,
 )
 from contact_tracker.table import Bank
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

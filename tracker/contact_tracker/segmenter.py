@@ -17,7 +17,6 @@ from contact_tracker import hmm, separability, ticks
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.closed import Closed
 from contact_tracker.columns import Columns
-from contact_tracker.evidence import Window
 from contact_tracker.forward import Seen, forward
 from contact_tracker.hypotheses import Alive
 from contact_tracker.knowledge import NOTHING, Knowledge
@@ -28,6 +27,7 @@ from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.state import TrackerState
 from contact_tracker.telling import Stretch, Told, tell
 from contact_tracker.tracker import FREE
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from contact_tracker import bank
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evidence import Scales, Window
+from contact_tracker.evidence import Scales
 from contact_tracker.hypotheses import Alive
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
@@ -17,6 +17,7 @@ from contact_tracker.model import Model
 from contact_tracker.table import Bank
 from contact_tracker.ticks import TickState
 from contact_tracker.transitions import log_initial
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from contact_tracker import compiled
 from contact_tracker.contacts import ContactModel
-from contact_tracker.evidence import Scales, Window, log_ratio
+from contact_tracker.evidence import Scales, log_ratio
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -10,7 +10,6 @@ from contact_tracker import hypotheses, separability
 from contact_tracker.assumptions import assumptions
 from contact_tracker.beginnings import Frame, beginnings, named
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.evidence import Window
 from contact_tracker.geometry import ContactGeometry
 from contact_tracker.knowledge import Knowledge
 from contact_tracker.labels import Contact
@@ -21,6 +20,7 @@ from contact_tracker.polish import polish
 from contact_tracker.readout import geometry_of
 from contact_tracker.state import scales_of
 from contact_tracker.table import Bank
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 

@@ -132,14 +132,18 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
     return state._replace(frames=(), last=tick, noise=estimate, heard=heard, motion=motion), tick
 
 
+def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Noise per axis (m^2, rad^2) of one frame, which averaging lowers, and the floor, which it does not."""
+    sensor = estimate.sigma_position_m**2, estimate.sigma_rotation_rad**2
+    return sensor, (model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2)
+
+
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
     """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames."""
-    sensor = estimate.sigma_position_m**2, estimate.sigma_rotation_rad**2
-    floor = model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2
     parts = np.empty((*count.shape, 2))
     parts[..., 0], parts[..., 1] = 1.0 / np.maximum(count, 1.0), 1.0
     # for so few columns this takes less than sums of arrays, and than ``@``
-    return np.asarray(np.dot(parts, np.array([sensor, floor])))
+    return np.asarray(np.dot(parts, np.array(variances(estimate, model))))
 
 
 def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:

@@ -15,18 +15,18 @@ from contact_tracker.answers import answer, believe, remaining, touching, weighe
 from contact_tracker.bank import Births
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evidence import Window
 from contact_tracker.free_motion import NO_EXCESS
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import R, T
 from contact_tracker.memory import SURE
-from contact_tracker.model import Model
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose, Poses
+from contact_tracker.sliding import slid
 from contact_tracker.state import TrackerState, scales_of, start
 from contact_tracker.table import Bank
 from contact_tracker.ticks import Tick
 from contact_tracker.transitions import chances, exposure
+from contact_tracker.window import Window
 
 __all__ = [
     "TrackerState",
@@ -149,7 +149,7 @@ def _is_mute(state: TrackerState, tick: Tick) -> bool:
 
 def _wait(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
-    window, frames = _append(state, tick)
+    window, frames = _slid(state, tick)
     seen = state.window, window, scales_of(state.model)
     settled = [
         hypotheses.settle(bank, contact, *seen, beyond)
@@ -177,7 +177,7 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
 def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, hypotheses begin, grow and are weighed."""
     model, scales = state.model, scales_of(state.model)
-    window, frames = _append(state, tick)
+    window, frames = _slid(state, tick)
     begins, reminded, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
     turn = tick.zeta[R].reshape(3, 3)
@@ -220,14 +220,7 @@ def _pasts(banks: Sequence[Bank], free: Array) -> Array:
     return np.array([*(fixed_lag.mixed(b.past, b.joint) for b in banks), fixed_lag.grown(free, FREE)])
 
 
-def _window_ticks(model: Model) -> int:
-    return round(model.search.window_s / model.tick_s)
-
-
-def _append(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
-    """The window with the tick, with the variances that today's noise estimate gives all its ticks."""
+def _slid(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
+    """The window with the tick, and how many frames its ticks have."""
     assert state.averaging is not None
-    frames = np.concatenate([state.frames, [tick.count]])[-_window_ticks(state.model) :]
-    noise = state.averaging.noise
-    variance, uneven = ticks.tick_variances(noise, frames, state.model), ticks.tick_unevenness(noise, frames)
-    return state.window.then(state.ticks, tick.zeta, np.array(tick.excess), variance, uneven), frames
+    return slid(state.window, state.frames, state.ticks, tick, state.averaging.noise, state.model)

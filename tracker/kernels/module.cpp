@@ -6,6 +6,7 @@
 #include "parts.hpp"
 #include "products.hpp"
 #include "reading.hpp"
+#include "sliding.hpp"
 
 #define QUOTED(text) #text
 #define AS_TEXT(text) QUOTED(text)
@@ -169,6 +170,7 @@ PYBIND11_MODULE(kernels, module) {
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
                py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
     module.def("minimised", &minimised);
+    module.def("slid", &slid);
     add_averaging(module);
     add_inference(module);
     parts::add(module.def_submodule("parts"));

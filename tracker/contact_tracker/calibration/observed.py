@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import ticks
-from contact_tracker.evidence import Window
 from contact_tracker.labels import STATES
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose, batches
 from contact_tracker.ticks import Tick, TickState
 from contact_tracker.truth import Truth
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

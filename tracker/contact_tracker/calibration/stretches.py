@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from contact_tracker import hypotheses
 from contact_tracker.calibration.observed import MOVING, Observed, runs
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evidence import Window, residual_noise
+from contact_tracker.evidence import residual_noise
 from contact_tracker.labels import CONTACTS
 from contact_tracker.model import Model
 from contact_tracker.state import scales_of
+from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -16,28 +16,9 @@ from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
 from contact_tracker.table import layout
+from contact_tracker.window import Window
 
 Index = NDArray[np.int64]
-
-
-class Window(Protocol):
-    """What is read of ``evidence.Window``."""
-
-    def __hash__(self) -> int: ...
-    @property
-    def index(self) -> Index: ...
-    @property
-    def zeta(self) -> Array: ...
-    @property
-    def inverse(self) -> Array: ...
-    @property
-    def variance(self) -> Array: ...
-    @property
-    def uneven(self) -> Array | None: ...
-    @property
-    def free(self) -> Array: ...
-    @property
-    def latest_activity(self) -> float: ...
 
 
 class Scales(Protocol):

@@ -37,7 +37,7 @@ class Model:
     ) -> None: ...
 
 class Ticks:
-    """As ``evidence.Window``."""
+    """As ``window.Window``."""
 
     def __init__(
         self,
@@ -126,6 +126,23 @@ def in_common(
     tolerance: float,
     checked: int,
 ) -> int: ...
+def slid(
+    index: Index,
+    zeta: Numbers,
+    inverse: Numbers,
+    free: Numbers,
+    frames: Numbers,
+    number: int,
+    newest: Numbers,
+    excess: tuple[float, float],
+    count: float,
+    most: int,
+    sensor: tuple[float, float],
+    floor: tuple[float, float],
+    position_m2: Numbers,
+) -> tuple[Index, Numbers, Numbers, Numbers, Numbers, Numbers, Numbers]:
+    """What ``window.Window.carried`` takes, and the frames."""
+
 def third_differences(stamp_ns: Index, position_m: Numbers, quat_xyzw: Numbers) -> Numbers:
     """One a row (n, 15)."""
 
