@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import free_motion, noise, ticks
 from contact_tracker.poses import Poses
 from contact_tracker.presets import load_model
-from contact_tracker.sliding import slid
-from contact_tracker.state import start
+from contact_tracker.sliding import NOTHING_SEEN, slid
 from moving import moving
 
 both = pytest.importorskip("kernels").both
@@ -161,15 +160,16 @@ def test_the_window_slides_on_alike(seed, most_s):
     model = replace(MODEL, search=replace(MODEL.search, window_s=most_s))
 
     def windows():
-        window, frames = start(model).window, np.zeros(0)
+        sliding = NOTHING_SEEN
         for number, (tick, state) in enumerate(zip(closed, states, strict=True)):
-            window, frames = slid(window, frames, number, tick, state.noise, model)
-            yield window, frames
+            slid(sliding, number, closed[0], states[0].noise, model)  # which leads nowhere
+            sliding = slid(sliding, number, tick, state.noise, model)
+            yield sliding
 
-    for (expected, counts), (found, frames) in zip(*both(lambda: list(windows())), strict=True):
-        np.testing.assert_array_equal(frames, counts)
-        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "free", "before"):
-            one, other = getattr(found, name), getattr(expected, name)
+    for expected, found in zip(*both(lambda: list(windows())), strict=True):
+        np.testing.assert_array_equal(found.frames, expected.frames)
+        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "unheld", "before"):
+            one, other = getattr(found.window, name), getattr(expected.window, name)
             assert (one is None) == (other is None)
             if one is not None:
                 assert_close(one, other, 1e-14)
@@ -177,9 +177,8 @@ def test_the_window_slides_on_alike(seed, most_s):
 
 def test_a_window_that_does_not_fit_its_ticks_is_refused():
     (tick, *_), (state, *_) = averaged(streamed(1, 100.0))
-    window, frames = slid(start(MODEL).window, np.zeros(0), 0, tick, state.noise, MODEL)
+    sliding = slid(NOTHING_SEEN, 0, tick, state.noise, MODEL)
     with pytest.raises(ValueError, match="number of frames"):
-        slid(window, np.zeros(3), 1, tick, state.noise, MODEL)
-    nothing = replace(MODEL, search=replace(MODEL.search, window_s=0.0))
-    with pytest.raises(ValueError, match="no room"):
-        slid(window, frames, 1, tick, state.noise, nothing)
+        slid(sliding._replace(trail=None, frames=np.zeros((1, 3))), 1, tick, state.noise, MODEL)
+    with pytest.raises(ValueError, match="one lifted pose"):
+        slid(sliding, 1, replace(tick, zeta=tick.zeta[1:]), state.noise, MODEL)

@@ -57,12 +57,12 @@ def test_a_window_that_grows_tick_by_tick_is_the_one_of_all_ticks(model, seed, m
         variance = seen.variance[rows] * (row + 1)  # of all ticks anew
         grown = grown.then(row, seen.zeta[row], seen.excess[row], variance, uneven[rows])
         known = replace(seen, variance=seen.variance * (row + 1), uneven=uneven).cut(rows.start, rows.stop)
-        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "free", "travel"):
-            rounding = 1e-14 if name in ("free", "travel") else 0.0
+        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "unheld", "travel"):
+            rounding = 1e-14 if name in ("unheld", "travel") else 0.0
             np.testing.assert_allclose(getattr(grown, name), getattr(known, name), rounding, err_msg=name)
         assert grown.latest_activity == known.activity[-1]
         assert (grown.before is None) == (known.before is None)
-    for name in ("inverse", "free"):
+    for name in ("inverse", "unheld"):
         noisier = grown.with_error((1e-9, 1e-9))
         np.testing.assert_array_equal(getattr(noisier, name), getattr(grown, name))
 

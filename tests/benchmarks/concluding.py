@@ -18,7 +18,7 @@ from contact_tracker.forward import Seen, forward
 from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from contact_tracker.segmenter import Segmenter
-from contact_tracker.state import start
+from contact_tracker.sliding import NOTHING_SEEN
 from contact_tracker.telling import Told
 
 
@@ -34,9 +34,8 @@ class NoFits(Executor):
 def recorded(path: str) -> list[Seen]:
     """The online pass; of the states only what does not grow."""
     once, model = [], load_model("default")
-    nothing = start(model).window
     for seen in forward(open_log(path), model):
-        state = seen.state._replace(banks=(), window=nothing)
+        state = seen.state._replace(banks=(), sliding=NOTHING_SEEN)
         once.append(seen._replace(state=state))
     return once
 

@@ -64,7 +64,7 @@ def log_ratio(
     noise = residual_noise(seen, window)
     excess = np.empty_like(noise)
     known = np.zeros(len(x), bool) if certain is None else certain
-    for rows, free in zip((~known, known), window.free, strict=True):
+    for rows, free in zip((~known, known), (window.excess, window.unheld), strict=True):
         free_position, free_rotation = free.T
         excess[rows, :-1] = free_rotation
         lever_sq = seen.lever_sq[rows] + scales.body_radius_m**2

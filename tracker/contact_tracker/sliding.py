@@ -1,5 +1,7 @@
 """The window of the last ticks slides on with each tick, and sees all of them with today's noise."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,27 +9,85 @@ from contact_tracker import compiled
 from contact_tracker.model import Model
 from contact_tracker.noise import NoiseEstimate
 from contact_tracker.ticks import Tick, tick_unevenness, tick_variances, variances
-from contact_tracker.window import Window
+from contact_tracker.window import Index, Window
 
 Array = NDArray[np.float64]
 
 
-def slid(
-    window: Window, frames: Array, number: int, tick: Tick, noise: NoiseEstimate, model: Model
-) -> tuple[Window, Array]:
-    """The ``window`` with a ``tick`` of this ``number``, at most ``Search.window_s`` long.
+class _Rows(NamedTuple):
+    """Of N ticks what does not change with the noise, as in ``Window``, and how many frames each has."""
 
-    And how many frames its ticks have; ``frames`` (W,) are those of the ticks before.
-    """
-    most = round(model.search.window_s / model.tick_s)
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
+    number: Index
+    zeta: Array
+    inverse: Array
+    excess: Array
+    unheld: Array
+    frames: Array
 
-        ticks = window.index, window.zeta, window.inverse, window.free, frames
-        newest = number, tick.zeta, tick.excess, float(tick.count)
-        known = *variances(noise, model), noise.position_m2
-        index, *columns, counts = kernels.slid(*ticks, *newest, most, *known)
-        return window.carried(index, *columns), counts
-    frames = np.concatenate([frames, [tick.count]])[-most:]
-    variance, uneven = tick_variances(noise, frames, model), tick_unevenness(noise, frames)
-    return window.then(number, tick.zeta, np.array(tick.excess), variance, uneven), frames
+    def cut(self, first: int, end: int) -> "_Rows":
+        """The ticks in rows ``first`` to ``end``."""
+        number, *columns = self
+        return _Rows(number[first:end], *(column[first:end] for column in columns))
+
+
+class _Trail:
+    """Ticks one after the other, of which windows see parts: each row is written once, and none is copied as
+    windows slide on, until there is no room."""
+
+    def __init__(self, room: int, window: Window, frames: Array) -> None:
+        seen = _Rows(window.index, window.zeta, window.inverse, window.excess, window.unheld, frames)
+        number, *columns = seen
+        empty = (np.empty((room, *column.shape[1:])) for column in columns)
+        self.rows = _Rows(np.empty_like(number, shape=room), *empty)
+        self.written = len(window)
+        for column, known in zip(self.rows, seen, strict=True):
+            column[: self.written] = known
+
+
+class Sliding(NamedTuple):
+    """The ``window`` of the last ticks and the ``frames`` (W,) in each; where kernels are in use, the
+    ``trail`` of which they are rows, up to the row ``end``."""
+
+    window: Window
+    frames: Array
+    trail: _Trail | None = None
+    end: int = 0
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Sliding, (self.window, self.frames)  # others may have gone on along the trail
+
+
+NOTHING_SEEN = Sliding(
+    Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)
+)
+
+
+def slid(sliding: Sliding, number: int, tick: Tick, noise: NoiseEstimate, model: Model) -> Sliding:
+    """On to a ``tick`` of this ``number``; the window stays as short as the model says."""
+    window, most = sliding.window, round(model.search.window_s / model.tick_s)
+    if not compiled.in_use():
+        frames = np.concatenate([sliding.frames, [tick.count]])[-most:]
+        variance, uneven = tick_variances(noise, frames, model), tick_unevenness(noise, frames)
+        return Sliding(window.then(number, tick.zeta, np.array(tick.excess), variance, uneven), frames)
+    from contact_tracker.compiled import kernels
+
+    trail, end = _with_room(sliding, most)
+    lost = max(len(window) + 1 - most, 0)
+    first, newest = end - len(window) + lost, (number, tick.zeta, tick.excess, float(tick.count))
+    known = *variances(noise, model), noise.position_m2
+    variance, uneven = kernels.slid(trail.rows, first, end, *newest, *known)
+    trail.written = end + 1
+    seen = trail.rows.cut(first, end + 1)
+    before = window.zeta[lost - 1] if lost else window.before
+    moved_on = Window(seen.number, seen.zeta, variance, seen.excess, uneven, before)
+    return Sliding(moved_on.knowing(seen.inverse, seen.unheld), seen.frames, trail, end + 1)
+
+
+def _with_room(sliding: Sliding, most: int) -> tuple[_Trail, int]:
+    """A trail with room for a row right after those that the window sees, and where that is."""
+    trail, end = sliding.trail, sliding.end
+    if trail is not None and trail.written == end < len(trail.rows.number):
+        return trail, end
+    # another one: there is no room, or what came next was something else before
+    count = len(sliding.window)
+    return _Trail(max(2 * most, count + 1), sliding.window, sliding.frames), count

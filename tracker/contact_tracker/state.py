@@ -14,6 +14,7 @@ from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.memory import NOTHING_MET, Memory
 from contact_tracker.model import Model
+from contact_tracker.sliding import NOTHING_SEEN, Sliding
 from contact_tracker.table import Bank
 from contact_tracker.ticks import TickState
 from contact_tracker.transitions import log_initial
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 class TrackerState(NamedTuple):
     """Everything the tracker knows; bounded in size however long the stream.
 
-    ``averaging`` of poses into ticks; ``window`` of the last ticks and the ``frames`` (W,) in each;
+    ``averaging`` of poses into ticks; the window of the last ticks, ``sliding`` on;
     ``banks`` of hypotheses by contact; the ``memory`` of elements met, and what of it each contact
     has been ``reminded`` of; ``log_left`` (7,) weights of the states at the last boundary, up to a
     constant, the ``residual`` (6,) of each contact (see ``Belief``), the rows of their best hypotheses, the
@@ -39,8 +40,7 @@ class TrackerState(NamedTuple):
     model: Model
     knowledge: Knowledge
     averaging: TickState | None
-    window: Window
-    frames: Array
+    sliding: Sliding
     banks: tuple[Bank, ...]
     memory: Memory
     reminded: tuple[Memory, ...]
@@ -61,13 +61,17 @@ class TrackerState(NamedTuple):
     recent: tuple[Belief, ...]
     belief: Belief | None
 
+    @property
+    def window(self) -> Window:
+        """The last ticks."""
+        return self.sliding.window
+
 
 def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> TrackerState:
     """A tracker that has seen nothing, but may know something.
 
     With ``lag_s`` it speaks of that long ago, and knows better.
     """
-    nothing = Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2)))
     lag = round(lag_s / model.tick_s)
     length = lag + 1 if lag else 0
     banks = tuple(bank.blank(contact, 0, length) for contact in CONTACT_MODELS)
@@ -77,8 +81,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         model=model,
         knowledge=knowledge,
         averaging=None,
-        window=nothing,
-        frames=np.zeros(0),
+        sliding=NOTHING_SEEN,
         banks=banks,
         memory=NOTHING_MET,
         reminded=(NOTHING_MET,) * len(CONTACT_MODELS),

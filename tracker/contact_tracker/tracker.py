@@ -21,12 +21,11 @@ from contact_tracker.lift import R, T
 from contact_tracker.memory import SURE
 from contact_tracker.outlook import outlook
 from contact_tracker.poses import Pose, Poses
-from contact_tracker.sliding import slid
+from contact_tracker.sliding import Sliding, slid
 from contact_tracker.state import TrackerState, scales_of, start
 from contact_tracker.table import Bank
 from contact_tracker.ticks import Tick
 from contact_tracker.transitions import chances, exposure
-from contact_tracker.window import Window
 
 __all__ = [
     "TrackerState",
@@ -149,8 +148,8 @@ def _is_mute(state: TrackerState, tick: Tick) -> bool:
 
 def _wait(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
-    window, frames = _slid(state, tick)
-    seen = state.window, window, scales_of(state.model)
+    sliding = _slid(state, tick)
+    seen = state.window, sliding.window, scales_of(state.model)
     settled = [
         hypotheses.settle(bank, contact, *seen, beyond)
         for bank, contact, beyond in zip(
@@ -159,8 +158,7 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
     ]
     change = chances(state.model, 0.0).change
     return state._replace(
-        window=window,
-        frames=frames,
+        sliding=sliding,
         banks=tuple(_older(b, column) for column, b in enumerate(settled)),
         alive=state.alive.waiting(state.ticks),
         ticks=state.ticks + 1,
@@ -177,7 +175,8 @@ def _wait(state: TrackerState, tick: Tick) -> TrackerState:
 def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, hypotheses begin, grow and are weighed."""
     model, scales = state.model, scales_of(state.model)
-    window, frames = _slid(state, tick)
+    sliding = _slid(state, tick)
+    window = sliding.window
     begins, reminded, exposed, change, stay, entry = outlook(state, window)
     past = fixed_lag.inherited(state.past, state.log_left, change)
     turn = tick.zeta[R].reshape(3, 3)
@@ -187,8 +186,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
     kept = tuple(_older(b, column) for column, b in enumerate(living.banks))
     label = STATES[int(np.argmax(living.log_left))]
     return state._replace(
-        window=window,
-        frames=frames,
+        sliding=sliding,
         banks=kept,
         reminded=reminded,
         log_left=living.log_left,
@@ -220,7 +218,7 @@ def _pasts(banks: Sequence[Bank], free: Array) -> Array:
     return np.array([*(fixed_lag.mixed(b.past, b.joint) for b in banks), fixed_lag.grown(free, FREE)])
 
 
-def _slid(state: TrackerState, tick: Tick) -> tuple[Window, Array]:
-    """The window with the tick, and how many frames its ticks have."""
+def _slid(state: TrackerState, tick: Tick) -> Sliding:
+    """The window with the tick."""
     assert state.averaging is not None
-    return slid(state.window, state.frames, state.ticks, tick, state.averaging.noise, state.model)
+    return slid(state.sliding, state.ticks, tick, state.averaging.noise, state.model)

@@ -34,11 +34,5 @@ def travel_to(zeta: Array, before: Array | None) -> Array:
     return np.zeros(2) if before is None else _per_axis(zeta[_POSE] - before[_POSE])
 
 
-def free_of(excess: Array, travel: Array) -> Array:
-    """Variances (2, ..., 2) of free motion in ticks with ``excess`` (..., 2) and ``travel`` (..., 2): what is
-    unpredictable in it; and what nothing but touching would have kept from moving."""
-    return np.array([excess, np.maximum(excess, travel)])
-
-
 def _per_axis(apart: Array) -> Array:
     return np.asarray((apart * apart) @ _PER_AXIS)

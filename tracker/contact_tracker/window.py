@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts.base import lift_of_inverse
-from contact_tracker.travel import free_of, travel_of, travel_to
+from contact_tracker.travel import travel_of, travel_to
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -41,10 +41,10 @@ class Window:
         return lift_of_inverse(self.zeta)
 
     @cached_property
-    def free(self) -> Array:
-        """Variances (2, W, 2) of free motion: what is unpredictable in it, which is all that tells of
-        elements that are fitted; and of known ones, that nothing but touching keeps in place."""
-        return free_of(self.excess, self.travel)
+    def unheld(self) -> Array:
+        """Variances (W, 2) as in ``excess``, of what nothing but touching would keep from moving: where
+        elements are known, free motion is more than what is unpredictable in it."""
+        return np.maximum(self.excess, self.travel)
 
     @property
     def travel(self) -> Array:
@@ -83,33 +83,22 @@ class Window:
         What does not change with the noise is carried along: it is worked out of the new tick alone.
         """
         first = len(self) + 1 - len(variance)
-        newest = free_of(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
-        return self.carried(
+        unheld = np.maximum(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
+        moved_on = Window(
             np.concatenate([self.index[first:], [index]]),
             np.concatenate([self.zeta[first:], zeta[None]]),
-            np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]]),
-            np.concatenate([self.free[:, first:], newest[:, None]], axis=1),
             variance,
+            np.concatenate([self.excess[first:], excess[None]]),
             uneven,
+            self.zeta[first - 1] if first else self.before,
         )
+        inverse = np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]])
+        return moved_on.knowing(inverse, np.concatenate([self.unheld[first:], unheld[None]]))
 
-    def carried(
-        self,
-        index: Index,
-        zeta: Array,
-        inverse: Array,
-        free: Array,
-        variance: Array,
-        uneven: Array,
-    ) -> "Window":
-        """These ticks, whose ``inverse`` and ``free`` are known: one more than this window's, but for the
-        oldest."""
-        first = len(self) + 1 - len(index)
-        moved_on = Window(
-            index, zeta, variance, free[0], uneven, self.zeta[first - 1] if first else self.before
-        )
-        vars(moved_on).update(inverse=inverse, free=free)
-        return moved_on
+    def knowing(self, inverse: Array, unheld: Array) -> "Window":
+        """The same window, told what is ``inverse`` and ``unheld``."""
+        vars(self).update(inverse=inverse, unheld=unheld)
+        return self
 
     def cut(self, first: int, end: int | None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
@@ -127,9 +116,7 @@ class Window:
         """The window with noise variances (m^2, rad^2) larger by ``beyond`` in all ticks."""
         if not any(beyond):
             return self
-        noisier = replace(self, variance=self.variance + beyond)
-        vars(noisier).update(inverse=self.inverse, free=self.free)
-        return noisier
+        return replace(self, variance=self.variance + beyond).knowing(self.inverse, self.unheld)
 
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":

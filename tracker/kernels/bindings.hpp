@@ -51,28 +51,34 @@ inline Table changing(const Model& model, Floats& words) {
 // Some ticks, with the arrays that they look into: of the body's `pose` in the world, and its `inverse`.
 struct Seeable {
     Ints number;
-    Floats pose, inverse, variance, free;
+    Floats pose, inverse, variance, excess, unheld;
     std::optional<Floats> uneven;
 
-    Seeable(Ints number, Floats pose, Floats inverse, Floats variance, Floats free,
+    Seeable(Ints number, Floats pose, Floats inverse, Floats variance, Floats excess, Floats unheld,
             std::optional<Floats> uneven)
-        : number(number), pose(pose), inverse(inverse), variance(variance), free(free), uneven(uneven) {
+        : number(number),
+          pose(pose),
+          inverse(inverse),
+          variance(variance),
+          excess(excess),
+          unheld(unheld),
+          uneven(uneven) {
         require(number.ndim() == 1 && number.shape(0) > 0, "there are no ticks");
         const py::ssize_t count = number.shape(0);
-        require_shape(pose, {count, Ticks::entries}, "a tick has one lifted pose");
-        require_shape(inverse, {count, Ticks::entries}, "a tick has one lifted pose");
-        require_shape(variance, {count, 2}, "a tick has two variances");
-        require_shape(free, {2, count, 2}, "a tick has two pairs of variances of free motion");
+        for (const Floats& one : {pose, inverse})
+            require_shape(one, {count, Ticks::entries}, "a tick has one lifted pose");
+        for (const Floats& two : {variance, excess, unheld})
+            require_shape(two, {count, 2}, "a tick has two variances of each sort");
         if (uneven) require_shape(*uneven, {count, 3, 3}, "a tick has one covariance");
     }
 
     // What a contact sees of them, with its noise `beyond` theirs.
-    Ticks ticks(const Model& model, const std::array<double, 2>& beyond = {}) const {
+    Ticks ticks(const Model& model, const Two& beyond = {}) const {
         return {number.data(),
                 (model.kind.body_in_1 ? pose : inverse).data(),
                 variance.data(),
-                free.data(),
-                free.data() + 2 * number.shape(0),
+                excess.data(),
+                unheld.data(),
                 uneven ? uneven->data() : nullptr,
                 static_cast<int>(number.shape(0)),
                 beyond};

@@ -1,7 +1,6 @@
 // What lives on after a tick: as `hypotheses.advance`.
 #pragma once
 
-#include <array>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -83,9 +82,8 @@ inline py::tuple alive_of(const std::vector<const Model*>& models, const std::ve
 inline py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Floats>& words,
                           const std::vector<std::pair<Floats, Bools>>& assumed, const Floats& turn,
                           std::int64_t onset, std::int64_t onset_ns, std::int64_t number, const Floats& entry,
-                          const Seeable& window, const Seeable* before,
-                          const std::vector<std::array<double, 2>>& beyond, const Weights& weights,
-                          const Floats& log_stay, double margin,
+                          const Seeable& window, const Seeable* before, const std::vector<Two>& beyond,
+                          const Weights& weights, const Floats& log_stay, double margin,
                           const std::vector<std::optional<Floats>>& directions) {
     const std::size_t contacts = models.size();
     for (std::size_t size : {words.size(), assumed.size(), beyond.size(), directions.size()})

@@ -158,7 +158,7 @@ PYBIND11_MODULE(kernels, module) {
             return Model{{body_in_1, needed, patience, lifted, pull, relaxed, where_of(where)}, which, words};
         }));
     py::class_<Seeable>(module, "Ticks")
-        .def(py::init<Ints, Floats, Floats, Floats, Floats, std::optional<Floats>>());
+        .def(py::init<Ints, Floats, Floats, Floats, Floats, Floats, std::optional<Floats>>());
     py::class_<Weights>(module, "Weights")
         .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
             return Weights{{radius_sq, pull}, foreknowledge, independence};
@@ -170,7 +170,9 @@ PYBIND11_MODULE(kernels, module) {
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
                py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
     module.def("minimised", &minimised);
-    module.def("slid", &slid);
+    module.def("slid", &slid, py::arg("trail").noconvert(), py::arg("first"), py::arg("end"),
+               py::arg("number"), py::arg("newest"), py::arg("excess"), py::arg("count"), py::arg("sensor"),
+               py::arg("floor"), py::arg("position_m2"));
     add_averaging(module);
     add_inference(module);
     parts::add(module.def_submodule("parts"));

@@ -5,14 +5,16 @@
 
 namespace kernels {
 
+using Two = std::array<double, 2>;
+
 // W ticks: `number` (W,) as `Window.index`; `pose` (W, 25) lifted, of frame 1 in frame 2; `variance` (W, 2)
 // of the noise, which a contact has so much `beyond`; (W, 2) of free motion, of `fitted` and of `known`
 // elements; `uneven` (W, 3, 3), or nothing.
 struct Ticks {
     const std::int64_t* number;
-    const double *pose, *variance, *fitted, *known, *uneven;
+    const double *pose, *variance, *excess, *unheld, *uneven;
     int count;
-    std::array<double, 2> beyond;
+    Two beyond;
 
     static constexpr int entries = 25;
 
@@ -25,8 +27,8 @@ struct Ticks {
     // As `Window.latest_activity`.
     double heard() const {
         const auto share = [&](int i) {
-            const double excess = fitted[2 * (count - 1) + i];
-            return excess / (excess + noise(count - 1, i));
+            const double free = excess[2 * (count - 1) + i];
+            return free / (free + noise(count - 1, i));
         };
         return std::max(share(0), share(1));
     }
@@ -115,7 +117,7 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
         faced<F>(kind.body_in_1, x, pose, seen);
     }
     const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
-    const double *fitted = ticks.fitted + 2 * w, *known = ticks.known + 2 * w, *uneven = ticks.uneven;
+    const double *fitted = ticks.excess + 2 * w, *known = ticks.unheld + 2 * w, *uneven = ticks.uneven;
     const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
                           where(certain, known[1], Lanes(fitted[1]))};
     for (int k = 0; k < F::K; ++k) {

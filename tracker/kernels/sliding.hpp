@@ -2,13 +2,11 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
+#include <tuple>
 
 #include "bindings.hpp"
 
 namespace kernels {
-
-using Two = std::array<double, 2>;
 
 // As `contacts.base.lift_of_inverse`.
 inline void invert_lift(const double* zeta, double* out) {
@@ -30,52 +28,44 @@ inline Two travel(const double* zeta, const double* before) {
     return {squares[0] / 3.0, squares[1] / 6.0};
 }
 
-// The newest entries of `old`, which has so many `words` for a tick, and room for that of one more, which is
-// returned.
-inline double* carry_on(const Floats& old, int words, py::ssize_t first, py::ssize_t count, double* out) {
-    return std::copy_n(old.data() + first * words, (count - 1) * words, out);
-}
+// As `sliding._Rows`.
+using Trail = std::tuple<Ints, Floats, Floats, Floats, Floats, Floats>;
 
-inline py::tuple slid(const Ints& index, const Floats& zeta, const Floats& inverse, const Floats& free,
-                      const Floats& frames, std::int64_t number, const Floats& newest, const Two& excess,
-                      double count, py::ssize_t most, const Two& sensor, const Two& floor,
-                      const Floats& position) {
-    const py::ssize_t before = index.size(), first = std::max<py::ssize_t>(before + 1 - most, 0);
-    const py::ssize_t now = before + 1 - first;
-    require(now > 0, "no room for a tick");
-    require_shape(zeta, {before, Ticks::entries}, "a tick has one lifted pose");
-    require_shape(inverse, {before, Ticks::entries}, "a tick has one lifted pose");
-    require_shape(free, {2, before, 2}, "a tick has two pairs of variances of free motion");
-    require_shape(frames, {before}, "a tick has a number of frames");
+// Write the row `end` of the trail; variance and unevenness of the rows from `first` to that.
+inline py::tuple slid(Trail trail, py::ssize_t first, py::ssize_t end, std::int64_t number,
+                      const Floats& newest, const Two& excess, double count, const Two& sensor,
+                      const Two& floor, const Floats& position) {
+    auto& [numbers, zeta, inverse, excesses, unheld, frames] = trail;
+    const py::ssize_t room = numbers.size(), now = end + 1 - first;
+    require(0 <= first && first <= end && end < room, "no room for a tick");
+    for (const Floats& poses : {zeta, inverse})
+        require_shape(poses, {room, Ticks::entries}, "a tick has one lifted pose");
+    for (const Floats& two : {excesses, unheld})
+        require_shape(two, {room, 2}, "a tick has two variances of each sort");
+    require_shape(frames, {room}, "a tick has a number of frames");
     require_shape(newest, {Ticks::entries}, "a tick has one lifted pose");
     require_shape(position, {3, 3}, "a covariance is a matrix");
-    Ints indices(now);
-    Floats poses({now, py::ssize_t(Ticks::entries)}), inverses({now, py::ssize_t(Ticks::entries)}),
-        counts(now);
-    Floats frees({py::ssize_t(2), now, py::ssize_t(2)}), variance({now, py::ssize_t(2)});
-    Floats uneven({now, py::ssize_t(3), py::ssize_t(3)});
-    *std::copy_n(index.data() + first, now - 1, indices.mutable_data()) = number;
-    *carry_on(frames, 1, first, now, counts.mutable_data()) = count;
-    std::copy_n(newest.data(), Ticks::entries,
-                carry_on(zeta, Ticks::entries, first, now, poses.mutable_data()));
-    invert_lift(newest.data(), carry_on(inverse, Ticks::entries, first, now, inverses.mutable_data()));
-    const double* last = zeta.data() + (before - 1) * Ticks::entries;
-    const Two way = before ? travel(newest.data(), last) : Two{};
-    for (int which = 0; which < 2; ++which) {
-        double* out = std::copy_n(free.data() + 2 * (which * before + first), 2 * (now - 1),
-                                  frees.mutable_data() + 2 * which * now);
-        for (int i = 0; i < 2; ++i) out[i] = which ? std::max(excess[i], way[i]) : excess[i];
+    double* pose = zeta.mutable_data() + end * Ticks::entries;
+    const Two way = end > 0 ? travel(newest.data(), pose - Ticks::entries) : Two{};
+    std::copy_n(newest.data(), Ticks::entries, pose);
+    invert_lift(pose, inverse.mutable_data() + end * Ticks::entries);
+    for (int i = 0; i < 2; ++i) {
+        excesses.mutable_data()[2 * end + i] = excess[i];
+        unheld.mutable_data()[2 * end + i] = std::max(excess[i], way[i]);
     }
-    const double mean = (position.at(0, 0) + position.at(1, 1) + position.at(2, 2)) / 3.0;
-    for (py::ssize_t w = 0; w < now; ++w) {
-        const double share = 1.0 / std::max(counts.at(w), 1.0);
-        for (int i = 0; i < 2; ++i) variance.mutable_at(w, i) = share * sensor[i] + floor[i];
-        for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j)
-                uneven.mutable_at(w, i, j) = share * (position.at(i, j) - (i == j ? mean : 0.0));
-        }
+    numbers.mutable_data()[end] = number;
+    frames.mutable_data()[end] = count;
+    Floats variance({now, py::ssize_t(2)}), uneven({now, py::ssize_t(3), py::ssize_t(3)});
+    double beyond[9], *spread = variance.mutable_data(), *out = uneven.mutable_data();
+    std::copy_n(position.data(), 9, beyond);
+    const double mean = (beyond[0] + beyond[4] + beyond[8]) / 3.0;
+    for (int i = 0; i < 9; i += 4) beyond[i] -= mean;
+    for (py::ssize_t w = first; w <= end; ++w) {
+        const double share = 1.0 / std::max(frames.data()[w], 1.0);
+        for (int i = 0; i < 2; ++i) *spread++ = share * sensor[i] + floor[i];
+        for (int i = 0; i < 9; ++i) *out++ = share * beyond[i];
     }
-    return py::make_tuple(indices, poses, inverses, frees, variance, uneven, counts);
+    return py::make_tuple(variance, uneven);
 }
 
 }  // namespace kernels

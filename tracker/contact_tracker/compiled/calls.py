@@ -165,7 +165,13 @@ def _models(reach_m: float) -> list[kernels.Model]:
 def ticks_of(window: Window) -> kernels.Ticks:
     """What kernels see of a window."""
     return kernels.Ticks(
-        window.index, window.zeta, window.inverse, window.variance, window.free, window.uneven
+        window.index,
+        window.zeta,
+        window.inverse,
+        window.variance,
+        window.excess,
+        window.unheld,
+        window.uneven,
     )
 
 

@@ -45,7 +45,8 @@ class Ticks:
         pose: Numbers,
         inverse: Numbers,
         variance: Numbers,
-        free: Numbers,
+        excess: Numbers,
+        unheld: Numbers,
         uneven: Numbers | None,
     ) -> None: ...
 
@@ -127,21 +128,18 @@ def in_common(
     checked: int,
 ) -> int: ...
 def slid(
-    index: Index,
-    zeta: Numbers,
-    inverse: Numbers,
-    free: Numbers,
-    frames: Numbers,
+    trail: tuple[Index, Numbers, Numbers, Numbers, Numbers, Numbers],
+    first: int,
+    end: int,
     number: int,
     newest: Numbers,
     excess: tuple[float, float],
     count: float,
-    most: int,
     sensor: tuple[float, float],
     floor: tuple[float, float],
     position_m2: Numbers,
-) -> tuple[Index, Numbers, Numbers, Numbers, Numbers, Numbers, Numbers]:
-    """What ``window.Window.carried`` takes, and the frames."""
+) -> tuple[Numbers, Numbers]:
+    """Variances and unevenness of the ticks in rows ``first`` to ``end``, which is written."""
 
 def third_differences(stamp_ns: Index, position_m: Numbers, quat_xyzw: Numbers) -> Numbers:
     """One a row (n, 15)."""
