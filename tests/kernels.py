@@ -7,7 +7,7 @@ from contact_tracker import compiled, fit
 from contact_tracker.bank import blank
 from contact_tracker.compiled.calls import model_of, ticks_of
 from contact_tracker.compiled.kernels import parts
-from contact_tracker.table import layout
+from contact_tracker.table import entries
 
 
 def both(function, *args, **options):
@@ -27,8 +27,8 @@ def minimise(model, moments, row_weight, prior, anchors, x, iterations):
         rows = np.flatnonzero(steps == count)
         part = _problem(model, moments[rows], row_weight[rows], prior.pick(rows), anchors[rows])
         x_, cost, upper, converged = parts.minimised(*part, count, x[rows])
-        hessian = layout(model).fields["hessian"].column(upper)
-        found |= zip(rows, zip(x_, cost, hessian, converged, strict=True), strict=True)
+        hessian = upper[..., entries(model.family.PARAMETERS)]
+        found |= zip(rows, zip(x_, cost, hessian, x_, converged, strict=True), strict=True)
     return fit.Fit(*map(np.array, zip(*(found[row] for row in range(len(x))), strict=True)))
 
 

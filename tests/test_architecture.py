@@ -20,7 +20,7 @@ LAYERS = (
     ("knowledge",),
     ("lift",),
     ("contacts", "paper"),
-    ("fit", "pace"),
+    ("fit", "pace", "prior"),
     ("table", "travel", "window"),
     ("compiled",),
     ("noise", "free_motion"),

@@ -20,6 +20,7 @@ from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
 from contact_tracker.pace import AT_THE_NOISE, FAR_NATS, LEAST_GAIN, patience
+from contact_tracker.prior import Prior
 from contact_tracker.summed import summed
 from contact_tracker.table import FOUND
 from contact_tracker.window import Window
@@ -59,7 +60,7 @@ def strange(kind, rng, family, moments, weight, prior, anchors, x):
         root = rng.normal(size=(COUNT, 4, size)) * 1e3
         if family.FORM.q1 >= 0:  # what is known of one element tells nothing of the other
             root[:, :2, family.FORM.d2 :] = root[:, 2:, : family.FORM.d2] = 0.0
-        prior = prior + fit.Prior.around(x, np.swapaxes(root, 1, 2) @ root, prior.flat)
+        prior = prior + Prior.around(x, np.swapaxes(root, 1, 2) @ root, prior.flat)
     elif kind == "empty":
         moments = moments * 0.0
     elif kind == "one tick":

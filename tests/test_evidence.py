@@ -183,7 +183,8 @@ class Fitted:
     def price(self, hessian, given, foretold=0.0):
         """Of rows' information (1, K, P, P), of which a share was foretold."""
         unit = np.full((1, self.family.ROWS), foretold)
-        return evidence.complexity(self.family, self.x, self.anchors, hessian, given, unit, self.prior)[0]
+        fitted = self.family, self.x, self.x, self.anchors
+        return evidence.complexity(*fitted, hessian, given, unit, self.prior)[0]
 
 
 @each_model

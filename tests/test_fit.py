@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import lift
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.fit import Prior, every_cost, minimise
+from contact_tracker.fit import every_cost, hessians, minimise
 from contact_tracker.labels import Contact
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
+from contact_tracker.prior import Prior
 from touching import touching
 
 seeds = st.integers(0, 2**32 - 1)
@@ -180,6 +181,26 @@ def test_hessian_is_the_curvature_of_the_cost(model):
         curvature = (ahead + behind - 2.0 * found.cost[best]) / step**2
         information = found.hessian[best].sum(axis=0)
         assert direction @ information @ direction == pytest.approx(curvature, rel=1e-3, abs=1e-6)
+
+
+@each_model
+@pytest.mark.parametrize("steps", [0, 1, 4])
+def test_a_hessian_need_not_be_that_at_the_minimum(model, steps):
+    """It is then that where the last step began, and the minimum is the same."""
+    rotation, position = window(model.contact, 11)
+    moments = moments_of(model, rotation, position)[None]
+    x = model.family.normalise(np.random.default_rng(11).normal(size=(1, model.family.SIZE)), ANCHORS)
+    weight, anchors = np.full((1, model.family.ROWS), 1e6), ANCHORS[None]
+    given_ = model.family, moments, weight, no_prior(model, 1), anchors, x, steps
+    exact, found = minimise(*given_), minimise(*given_, exact=False)
+    np.testing.assert_array_equal(found.x, exact.x)
+    np.testing.assert_array_equal(exact.at, exact.x)
+    assert bool((found.at == found.x).all()) == (steps == 0)
+    before = minimise(*given_[:-1], max(steps - 1, 0))
+    np.testing.assert_array_equal(found.at, before.at)
+    for one in (exact, found):
+        there = hessians(model.family, moments, weight, anchors, one.at)
+        np.testing.assert_allclose(one.hessian, there, rtol=1e-12, atol=1e-12 * np.abs(there).max())
 
 
 # --- status, not exception --------------------------------------------------------------------------------

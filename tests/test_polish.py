@@ -184,5 +184,5 @@ def test_poses_that_are_held_exactly_leave_a_finite_geometry(contact):
     zeta = np.tile(lift(np.eye(3), np.zeros(3)), (count, 1))
     rest = Window(np.arange(count), zeta, np.tile([1e-9, 1e-8], (count, 1)), np.zeros((count, 2)))
     polished = polish(hypotheses.fit_stretch(model, rest, scales), model, rest, scales)
-    assert np.isfinite(polished.x).all()
-    assert np.isfinite(polished.hessian).all()
+    assert np.isfinite(polished.bank.x).all()
+    assert np.isfinite(polished.information).all()

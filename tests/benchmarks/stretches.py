@@ -121,5 +121,5 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
         ticks.tick_unevenness(state.averaging.noise, counts),
     )
     model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
-    fitted = polish(hypotheses.fit_stretch(model, window, scales), model, window, scales)
-    return geometry_of(fitted, 0, model, scales, window, state.averaging.origin_m)
+    fitted, information = polish(hypotheses.fit_stretch(model, window, scales), model, window, scales)
+    return geometry_of(fitted, 0, model, scales, window, state.averaging.origin_m, information)

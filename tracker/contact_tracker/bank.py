@@ -10,9 +10,9 @@ from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
-from contact_tracker.fit import Prior
 from contact_tracker.labels import STATES
 from contact_tracker.pace import MET_SHARE, RESIDUAL_TICKS, YOUNG, patience
+from contact_tracker.prior import Prior
 from contact_tracker.table import Bank, layout
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import Family, Measurement, dot
-from contact_tracker.fit import Prior
+from contact_tracker.prior import Prior
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
@@ -108,6 +108,7 @@ def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:
 def complexity(
     family: Family,
     x: Array,
+    at: Array,
     anchors: Array,
     hessian: Array,
     given: Array,
@@ -118,9 +119,10 @@ def complexity(
 
     What is not paid for: ``given`` (B, P, P), the information of the first tick (that a contact begins now
     says that its elements touch now); and ``foretold`` (B, K), the share of each row's information
-    ``hessian`` (B, K, P, P) that free motion itself would have given of where the object will be.
+    ``hessian`` (B, K, P, P) that free motion itself would have given of where the object will be. All that is
+    told ``at`` (B, S), which is x (B, S) or near it.
     """
-    tangent = family.tangent(x, anchors)
+    tangent = family.tangent(at, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
     before = before + np.einsum("bk,bkpq->bpq", foretold, hessian)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts.base import Family, dot
 from contact_tracker.contacts.form import directions, shifts, turns
+from contact_tracker.prior import Prior
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -32,54 +33,16 @@ LEAST_SHARE: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Prior:
-    """What is known of x before the window: ``1/2 x P x - information x + constant``, in nats.
-
-    ``precision`` P (B, S, S), ``information`` (B, S), ``constant`` (B,); priors add up. ``flat`` (S,) is the
-    precision that an otherwise unknown direction has by living on a sphere: it counts in volumes but pulls
-    nowhere.
-    """
-
-    precision: Array
-    information: Array
-    constant: Array
-    flat: Array
-
-    @classmethod
-    def around(cls, mean: Array, precision: Array, flat: Array) -> "Prior":
-        """Gaussians around ``mean`` (B, S)."""
-        information = np.einsum("bst,bt->bs", precision, mean)
-        return cls(precision, information, 0.5 * np.einsum("bs,bs->b", information, mean), flat)
-
-    def __add__(self, other: "Prior") -> "Prior":
-        """Both together; ``flat`` is that of the first."""
-        return Prior(
-            self.precision + other.precision,
-            self.information + other.information,
-            self.constant + other.constant,
-            self.flat,
-        )
-
-    def pick(self, rows: NDArray[np.generic]) -> "Prior":
-        return Prior(self.precision[rows], self.information[rows], self.constant[rows], self.flat)
-
-    def gradient(self, x: Array) -> Array:
-        """Derivative (B, S) of the cost at x (B, S)."""
-        return np.asarray((self.precision @ x[..., None])[..., 0] - self.information)
-
-    def cost(self, x: Array) -> Array:
-        """Half the squared distance (B,) of x (B, S) from the mean."""
-        half = dot(x, self.gradient(x) - self.information)
-        return np.asarray(0.5 * half + self.constant)
-
-
-@dataclass(frozen=True, eq=False)
 class Fit:
-    """Minima of B windows. ``converged`` is a status: where it is False, x is the best point met so far."""
+    """Minima of B windows. ``converged`` is a status: where it is False, x is the best point met so far.
+
+    The hessian is that ``at`` (B, S), which is x but for fits that are not ``exact``.
+    """
 
     x: Array
     cost: Array
     hessian: Array
+    at: Array
     converged: NDArray[np.bool_]
 
 
@@ -93,6 +56,7 @@ def minimise(
     iterations: int | Index,
     tolerance: float = TOLERANCE,
     of: Index | None = None,
+    exact: bool = True,
 ) -> Fit:
     """Fit one family to W windows from B starts.
 
@@ -107,6 +71,8 @@ def minimise(
     iterations : steps at most, of all or of each start (B,).
     tolerance : see ``TOLERANCE``.
     of : (B,) the window of each start; without, there is one start a window.
+    exact : whether the hessian is that at x. It is half the work of a step, and near a minimum that where the
+        last of all steps began says the same.
 
     Returns
     -------
@@ -118,6 +84,7 @@ def minimise(
     damping = np.full(len(x), FIRST_DAMPING)
     x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
     tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
+    at = x.copy()
     converged = np.zeros(len(x), bool)
     rows = np.arange(len(x))
     while True:
@@ -126,7 +93,7 @@ def minimise(
         go_on = ~converged[rows] & (left[rows] > 0)
         rows, step = rows[go_on], step[go_on]
         if not len(rows):
-            return Fit(x, cost_now, hessian, converged)
+            return Fit(x, cost_now, hessian, at, converged)
         left[rows] -= 1
         these = moments[rows], row_weight[rows], prior.pick(rows)
         moved = x[rows] + (tangent[rows] @ step[..., None])[..., 0]
@@ -135,8 +102,10 @@ def minimise(
         damping[rows] *= np.where(better, LESS, MORE)
         damping[rows] = np.clip(damping[rows], LEAST_DAMPING, MOST_DAMPING)
         won = rows[better]
+        x[won], cost_now[won] = proposal[better], proposed_cost[better]
+        won = won[exact | (left[won] > 0)]
         if len(won):
-            x[won], cost_now[won] = proposal[better], proposed_cost[better]
+            at[won] = x[won]
             tangent[won], gradient[won], hessian[won], held[won] = _normal_equations(
                 family, moments[won], row_weight[won], prior.pick(won), anchors[won], x[won]
             )
@@ -211,20 +180,34 @@ def information(
     return np.asarray((weight * (slopes @ squares[:, None]) @ np.swapaxes(slopes, -1, -2)).sum(axis=1))
 
 
+def hessians(family: Family, moments: Array, row_weight: Array, anchors: Array, x: Array) -> Array:
+    """Information (B, K, P, P) of W = B windows at x (B, S), by row; arguments as of ``minimise``."""
+    weighted, jacobian = _derivatives(family, moments, row_weight, family.tangent(x, anchors), x)
+    return np.asarray(weighted @ np.swapaxes(jacobian, -1, -2))
+
+
+def _derivatives(
+    family: Family, moments: Array, row_weight: Array, tangent: Array, x: Array
+) -> tuple[Array, Array]:
+    """How rows change along the ``tangent``, (B, K, P, C), times moments and weight, and alone."""
+    derivative = family.rows_derivative(x)
+    # of the last row per metre: the scale changes with x as well
+    log_scale = family.log_scale_sq_derivative(x, moments)
+    derivative[:, -1] -= 0.5 * log_scale[..., None] * family.rows(x)[:, -1, None, :]
+    jacobian = np.swapaxes(tangent, -1, -2)[:, None] @ derivative
+    row_weight = per_metre(family, moments, row_weight, x)
+    return row_weight[..., None, None] * (jacobian @ moments[:, None]), jacobian
+
+
 def _normal_equations(
     family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
 ) -> tuple[Array, Array, Array, Array]:
-    tangent, c = family.tangent(x, anchors), family.rows(x)
-    along, derivative = np.swapaxes(tangent, -1, -2), family.rows_derivative(x)
-    # of the last row per metre: the scale changes with x as well
-    derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
-    jacobian = along[:, None] @ derivative
-    row_weight = per_metre(family, moments, row_weight, x)
-    weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
-    hessian = weighted @ np.swapaxes(jacobian, -1, -2)
-    gradient = (weighted @ c[..., None])[..., 0].sum(axis=1) + (along @ prior.gradient(x)[..., None])[..., 0]
-    held = along @ prior.precision @ tangent
-    return tangent, gradient, hessian, held
+    tangent = family.tangent(x, anchors)
+    weighted, jacobian = _derivatives(family, moments, row_weight, tangent, x)
+    hessian, along = weighted @ np.swapaxes(jacobian, -1, -2), np.swapaxes(tangent, -1, -2)
+    gradient = (weighted @ family.rows(x)[..., None])[..., 0].sum(axis=1)
+    gradient = gradient + (along @ prior.gradient(x)[..., None])[..., 0]
+    return tangent, gradient, hessian, along @ prior.precision @ tangent
 
 
 def per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:

@@ -12,6 +12,7 @@ from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, complexity
 from contact_tracker.pace import AT_REST, FIRST_STEPS, FIRST_TICKS, REFINE_STEPS
+from contact_tracker.prior import Prior
 from contact_tracker.summed import Sums, summed
 from contact_tracker.table import Bank
 from contact_tracker.window import Window
@@ -26,7 +27,7 @@ NOT_AT_ALL: Final = -1
 class Before(NamedTuple):
     """What each hypothesis knew before its window, and where the body was: as long as that does not grow."""
 
-    prior: fit.Prior
+    prior: Prior
     anchors: Array
 
 
@@ -98,16 +99,21 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
         learned = learn(bank.pick(rows), model, window, scales, steps[rows])
         return bank.putting(rows, learned, np.arange(len(rows)))
     known = before(bank, model, scales)
-    found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps)
-    return _weighed(bank.having(x=found.x, hessian=found.hessian), model, window, scales, known)
+    found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps, exact=False)
+    return _weighed(bank.having(x=found.x), model, window, scales, known, found)
 
 
-def _weighed(bank: Bank, model: ContactModel, window: Window, scales: Scales, known: Before) -> Bank:
+def _weighed(
+    bank: Bank, model: ContactModel, window: Window, scales: Scales, known: Before, found: fit.Fit
+) -> Bank:
+    """With the evidence at their x, which was ``found``."""
     seen = summed(model, bank.x, bank.onset, window, scales, bank.certain)
     first = bank.first[:, :, None] * bank.first[:, None]
-    given = fit.information(model.family, first, bank.row_weight, bank.moments, known.anchors, bank.x)
+    given = fit.information(model.family, first, bank.row_weight, bank.moments, known.anchors, found.at)
     foretold = _foretold(bank, model, scales, seen)
-    price = complexity(model.family, bank.x, known.anchors, bank.hessian, given, foretold, known.prior)
+    price = complexity(
+        model.family, bank.x, found.at, known.anchors, found.hessian, given, foretold, known.prior
+    )
     earned = seen.gain.sum(axis=1) + bank.earned
     count = np.maximum(seen.ticks, 1)
     return bank.having(

@@ -31,13 +31,19 @@ OPEN: Final = 0.1
 
 
 def observed_geometry(
-    bank: Bank, row: int, model: ContactModel, scales: Scales, variance: Array
+    bank: Bank,
+    row: int,
+    model: ContactModel,
+    scales: Scales,
+    variance: Array,
+    information: Array | None = None,
 ) -> ContactGeometry:
     """Elements of hypothesis ``row``, with covariance, and with the directions that the motion left open.
 
     Parameters
     ----------
     variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
+    information : (P, P) of the ticks on x; by default that of the hypothesis's window.
 
     Returns
     -------
@@ -45,10 +51,13 @@ def observed_geometry(
     """
     one = bank.pick(np.array([row]))
     x = one.x[0].copy()  # it is given away
-    tangent = model.family.tangent(x, anchors_of(one, model)[0])
+    anchors = anchors_of(one, model)
+    tangent = model.family.tangent(x, anchors[0])
+    if information is None:
+        information = fit.hessians(model.family, one.moments, one.row_weight, anchors, one.x)[0].sum(axis=0)
     prior = tangent.T @ (_vague(model, scales.reach_m) + one.known[0]) @ tangent
     known = prior + feigned_information(one, model, tangent, variance)
-    told, ways = small.eigenvectors(one.hessian[0].sum(axis=0), known)
+    told, ways = small.eigenvectors(information, known)
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
     found = model.geometry(x, covariance, scales.reach_m)
     left = ways[:, : told.searchsorted(SHOWN)]

@@ -7,7 +7,7 @@ geometry, and how large each row's noise is, and how long it lasts, is told by i
 T26).
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.echoes import LEAST_SCALE, Errors, learnt, new_in
 from contact_tracker.evidence import Scales, residual_noise
-from contact_tracker.fit import Prior
+from contact_tracker.prior import Prior
 from contact_tracker.table import Bank
 from contact_tracker.window import Window
 
@@ -36,7 +36,15 @@ _STEP: Final = 1e-6
 """Of finite differences, in radians and metres."""
 
 
-def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+class Polished(NamedTuple):
+    """A ``bank`` with x (1, S) of the greatest posterior density, and with ``moments`` and ``row_weight`` of
+    the weights that the ticks have there; and the ``information`` (P, P) of all ticks on x."""
+
+    bank: Bank
+    information: Array
+
+
+def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Polished:
     """Bring the one hypothesis of ``bank`` from near the minimum to it; ``window`` is its whole stretch.
 
     The first and the last tick are left out where they do not fit the others: they may hold frames of what
@@ -44,19 +52,17 @@ def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> B
 
     Returns
     -------
-    Bank with ``x`` (1, S) of the greatest posterior density, its information ``hessian`` (1, K, P, P) by row,
-    and with ``moments`` and ``row_weight`` of the weights that the ticks have here. Where no step improves on
-    it, x stays what it was.
+    Polished, where no step improves on it with the x that was.
     """
     polished, errors = _settle(bank, model, window, scales)
     if len(window) < FEW_TICKS:
         return polished
     begins, ends = _belong(polished, errors, model, window, scales)[[0, -1]]
     inner = window.cut(0 if begins else 1, None if ends else -1)
-    return polished if begins and ends else _settle(polished, model, inner, scales)[0]
+    return polished if begins and ends else _settle(polished.bank, model, inner, scales)[0]
 
 
-def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> tuple[Bank, Errors]:
+def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> tuple[Polished, Errors]:
     """``polish`` with all ticks of the window, and what is left."""
     family = model.family
     anchors = anchors_of(bank, model)
@@ -73,22 +79,22 @@ def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
     alone = (1.0 + errors.echo**2) / (1.0 - errors.echo**2)
     polished = bank.having(
         x=x,
-        hessian=np.einsum("ktp,k,ktq->kpq", jacobian, errors.weight, jacobian)[None],
         moments=np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)[None],
         row_weight=errors.weight * alone * np.mean(position / _noise(model, x, window)[1], axis=2),
     )
-    return polished, errors
+    return Polished(polished, np.einsum("ktp,k,ktq->pq", jacobian, errors.weight, jacobian)), errors
 
 
 def _belong(
-    polished: Bank, errors: Errors, model: ContactModel, window: Window, scales: Scales
+    polished: Polished, errors: Errors, model: ContactModel, window: Window, scales: Scales
 ) -> NDArray[np.bool_]:
     """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
-    anchors, weight = anchors_of(polished, model), errors.weight
-    whitened, jacobian, tangent = _linearised(model, polished.x, anchors, window)
-    held = tangent.T @ prior_of(polished, model, anchors, scales.reach_m).precision[0] @ tangent
+    bank, information = polished
+    anchors, weight = anchors_of(bank, model), errors.weight
+    whitened, jacobian, tangent = _linearised(model, bank.x, anchors, window)
+    held = tangent.T @ prior_of(bank, model, anchors, scales.reach_m).precision[0] @ tangent
     # what the stretch has not shown at all has no leverage
-    covariance = np.linalg.pinv(polished.hessian[0].sum(axis=0) + held, hermitian=True)
+    covariance = np.linalg.pinv(information + held, hermitian=True)
     leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, covariance, jacobian)
     square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
     return np.asarray(np.all(square < STRANGE_SIGMAS**2, axis=0))

@@ -16,13 +16,20 @@ Array = NDArray[np.float64]
 
 
 def geometry_of(
-    bank: Bank, row: int, model: ContactModel, scales: Scales, window: Window, origin_m: Array
+    bank: Bank,
+    row: int,
+    model: ContactModel,
+    scales: Scales,
+    window: Window,
+    origin_m: Array,
+    information: Array | None = None,
 ) -> ContactGeometry:
     """Elements of hypothesis ``row``, with covariance and what the motion left open.
 
-    ``window`` gives the noise of the ticks, ``origin_m`` is the world's origin in which the bank works.
+    ``window`` gives the noise of the ticks, ``origin_m`` is the world's origin in which the bank works;
+    ``information`` as in ``observability``.
     """
-    found = observed_geometry(bank, row, model, scales, window.usual_variance)
+    found = observed_geometry(bank, row, model, scales, window.usual_variance, information)
     if not np.isnan(bank.pivot[row]).all():  # else lines are given by the feet that are asked for
         body_m = bank.place_sum[row] / bank.weight[row]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))

@@ -38,7 +38,7 @@ class Field(NamedTuple):
 
     def column(self, kept: NDArray[Any]) -> NDArray[Any]:
         """The column of which that is kept."""
-        return kept[..., _entries(self.side)] if self.side else kept
+        return kept[..., entries(self.side)] if self.side else kept
 
 
 @cache
@@ -49,10 +49,10 @@ def _upper(side: int) -> tuple[Index, Index]:
 
 
 @cache
-def _entries(side: int) -> Index:
+def entries(side: int) -> Index:
     """Where in what is kept of a symmetric matrix its entries (side, side) are."""
-    where, upper = np.zeros((side, side), np.int64), _upper(side)
-    where[upper] = np.arange(len(upper[0]))
+    where, kept = np.zeros((side, side), np.int64), _upper(side)
+    where[kept] = np.arange(len(kept[0]))
     return np.maximum(where, where.T)
 
 
@@ -71,7 +71,7 @@ class _Column(Generic[Entry]):
         self._is_flag, self._whole, self._shape = kind is np.bool_, kind is not np.float64, shape
 
     def field(self, first: int, sizes: Mapping[str, int]) -> Field:
-        """With the ``sizes`` of C, S, K and P."""
+        """With the ``sizes`` of C, S and K."""
         shape = tuple(size if isinstance(size, int) else sizes[size] for size in self._shape)
         return Field(first, first + math.prod(shape), shape, self._whole)
 
@@ -87,21 +87,21 @@ class _Column(Generic[Entry]):
 
 
 class _Symmetric(_Column[np.float64]):
-    """A column of symmetric matrices, one in a row or ``many``."""
+    """A column of symmetric matrices."""
 
-    def __init__(self, size: str, many: str | None = None) -> None:
+    def __init__(self, size: str) -> None:
         super().__init__(np.float64)
-        self._size, self._many = size, many
+        self._size = size
 
     def field(self, first: int, sizes: Mapping[str, int]) -> Field:
         side = sizes[self._size]
-        shape = (() if self._many is None else (sizes[self._many],)) + (side * (side + 1) // 2,)
-        return Field(first, first + math.prod(shape), shape, False, side)
+        kept = side * (side + 1) // 2
+        return Field(first, first + kept, (kept,), False, side)
 
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """H hypotheses of one contact, in order of onset; C, S, K, P as in ``contacts.base``.
+    """H hypotheses of one contact, in order of onset; C, S, K as in ``contacts.base``.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Bank:
     first : (H, C) lifted first tick over its noise: what was given at the onset.
     moments, place_sum, weight : (H, C, C), (H, 3), (H,) weighted sums over the window.
     told : (H,) how many ticks with motion it has seen.
-    x, hessian : (H, S), (H, K, P, P) geometry that fits the window best, and its information by row.
+    x : (H, S) geometry that fits the window best.
     row_weight : (H, K) precision of the residuals relative to that of the position.
     lasted : (H,) log prior probability of what it assumes and of having lasted so long.
     settled, earned : (H,) of the log-likelihood ratio and of its gain, those of the ticks that have left the
@@ -154,7 +154,6 @@ class Bank:
     weight = _Column(np.float64)
     told = _Column(np.float64)
     x = _Column(np.float64, "S")
-    hessian = _Symmetric("P", "K")
     row_weight = _Column(np.float64, "K")
     lasted = _Column(np.float64)
     settled = _Column(np.float64)
@@ -226,7 +225,7 @@ class Bank:
         return other
 
 
-FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
+FOUND: Final = ("x", "row_weight", "log_likelihood", "rms")
 """Columns that change when a hypothesis learns."""
 
 
@@ -234,7 +233,7 @@ FOUND: Final = ("x", "hessian", "row_weight", "log_likelihood", "rms")
 def layout(model: ContactModel) -> Layout:
     """Of the rows of the contact's ``Bank``."""
     family, fields, end = model.family, dict[str, Field](), 0
-    sizes = {"C": len(family.COLUMNS), "S": family.SIZE, "K": family.ROWS, "P": family.PARAMETERS}
+    sizes = {"C": len(family.COLUMNS), "S": family.SIZE, "K": family.ROWS}
     for name, column in vars(Bank).items():
         if isinstance(column, _Column):
             fields[name] = column.field(end, sizes)

@@ -68,9 +68,9 @@ def tell(stretch: Stretch) -> Told:
         return Told(None, inseparable, restricted)
     contact = CONTACT_MODELS[label.column]
     window = window.with_error(model.noise.beyond_floor[label.column])
-    fitted = polish(fits[label.column], contact, window, scales)
+    fitted, information = polish(fits[label.column], contact, window, scales)
     pair = assumptions(knowledge, contact)[fitted.pair[0]]
-    geometry = named(geometry_of(fitted, 0, contact, scales, window, origin_m), pair)
+    geometry = named(geometry_of(fitted, 0, contact, scales, window, origin_m, information), pair)
     return Told(geometry, inseparable, restricted)
 
 

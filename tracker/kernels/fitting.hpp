@@ -85,6 +85,7 @@ template <class F>
 WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
     Near<F>& near = work.near;
     free<F>(x, work.prior.anchors, near.free);
+    std::copy_n(x, F::S, near.at);
     std::fill_n(near.hessian[0], F::last * F::U, Lanes(0.0));
     std::copy_n(work.weight, F::K, near.weight);
     for (int s = 0; s < F::S; ++s) work.pull[s] -= work.prior.information[s];
@@ -153,7 +154,7 @@ WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>&
 // As `fit.minimise` of some windows, from x (S,), in place. Those that are there already stay until all are,
 // up to rounding: last digits depend on who stands beside whom.
 template <class F>
-Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
+Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work, bool exact = true) {
     const Damping& fits = settings.fits;
     std::copy_n(x, F::S, work.trial);
     Descent now{complete<F>(window, work.trial, work), fits.first, true};
@@ -165,7 +166,11 @@ Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
         for (int s = 0; s < F::S; ++s) work.trial[s] = x[s] + where(now.left, work.trial[s], Lanes(0.0));
         const Lanes proposed = complete<F>(window, work.trial, work);
         const Mask better = now.left & (proposed < now.cost);
-        if (any(better)) accept<F>(window, now.left & !better, x, work);
+        if (left == 1 && !exact) {
+            for (int s = 0; s < F::S; ++s) x[s] = where(better, work.trial[s], x[s]);
+        } else if (any(better)) {
+            accept<F>(window, now.left & !better, x, work);
+        }
         now.cost = where(better, proposed, now.cost);
         const Lanes changed = now.damping * where(better, Lanes(fits.less), Lanes(fits.more));
         const Lanes within = smaller<Lanes>(larger<Lanes>(changed, fits.least), fits.most);

@@ -26,14 +26,13 @@ void weigh(const Kind& kind, const Rows& rows, const Lanes* x, const Weights& we
         write(rows, where.row_weight + k, sums.precision[k] / ticks);
     }
     read(rows, where.first, F::C, first);
-    Lanes price = volume<F>(x, first, foretold, work);
+    Lanes price = volume<F>(first, foretold, work);
     work.prior.times(x, work.pull);
     price += 0.5 * dot<F::S>(x, work.pull) - dot<F::S>(x, work.prior.information) + work.prior.constant;
     const Lanes told = sums.log_ratio + read(rows, where.settled) - smaller<Lanes>(earned, price);
     write(rows, where.log_likelihood, read(rows, where.lasted) + weights.independence * told);
     write(rows, where.rms, sqrt(sums.chi_sq / (ticks * double(F::K))));
     write(rows, where.x, F::S, x);
-    write(rows, where.hessian, F::K * F::U, work.near.hessian[0]);
 }
 
 // As `following.grow` of one hypothesis, by the newest of `ticks`, in which so much motion is `heard`.
@@ -107,7 +106,7 @@ WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int step
     Lanes x[F::S];
     read(rows, where.x, F::S, x);
     know<F>(kind, rows, work.prior);
-    descend<F>(window, x, steps, work);
+    descend<F>(window, x, steps, work, false);
     weigh<F>(kind, rows, x, weights, add_up<F>(kind, x, begun.onset, begun.certain, ticks, weights.lengths),
              work);
 }

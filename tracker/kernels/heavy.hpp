@@ -10,7 +10,7 @@ namespace kernels {
     PREFIX template void equations<F>(const Moments<F>&, const Lanes*, Work<F>&);                         \
     PREFIX template Lanes take_step<F>(const Lanes&, Work<F>&);                                           \
     PREFIX template void accept<F>(const Moments<F>&, const Mask&, Lanes*, Work<F>&);                     \
-    PREFIX template Lanes volume<F>(const Lanes*, const Lanes*, const Lanes*, Work<F>&);                  \
+    PREFIX template Lanes volume<F>(const Lanes*, const Lanes*, Work<F>&);                                \
     PREFIX template Sums<F> add_up<F>(const Kind&, const Lanes*, const std::int64_t*, const Mask&,        \
                                       const Ticks&, const Lengths&);                                      \
     PREFIX template void grow<F>(const Kind&, double*, const Ticks&, double, double);                     \

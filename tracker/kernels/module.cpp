@@ -20,11 +20,11 @@ Where where_of(const std::map<std::string, int>& fields) {
         if (found == fields.end()) throw std::invalid_argument("a table without " + name);
         return found->second;
     };
-    return {at("onset"),      at("onset_ns"), at("number"),  at("source"),         at("certain"),
-            at("searched"),   at("met"),      at("entry"),   at("lasted"),         at("settled"),
-            at("earned"),     at("weight"),   at("told"),    at("log_likelihood"), at("rms"),
-            at("known_mean"), at("known"),    at("pivot"),   at("first"),          at("moments"),
-            at("place_sum"),  at("x"),        at("hessian"), at("row_weight")};
+    return {at("onset"),      at("onset_ns"), at("number"),    at("source"),         at("certain"),
+            at("searched"),   at("met"),      at("entry"),     at("lasted"),         at("settled"),
+            at("earned"),     at("weight"),   at("told"),      at("log_likelihood"), at("rms"),
+            at("known_mean"), at("known"),    at("pivot"),     at("first"),          at("moments"),
+            at("place_sum"),  at("x"),        at("row_weight")};
 }
 
 using Form = std::array<int, 5>;

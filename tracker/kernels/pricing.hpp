@@ -8,9 +8,9 @@ namespace kernels {
 // Half the logarithm of how many times the windows have narrowed the geometry down.
 //
 // `foretold` (K,) and the hessian as in `evidence.complexity`, where `given` is `fit.information` of the
-// `first` lifted tick (C,). `work` is at x (S,).
+// `first` lifted tick (C,). `work` is near x.
 template <class F>
-WIDE Lanes volume(const Lanes* x, const Lanes* first, const Lanes* foretold, Work<F>& work) {
+WIDE Lanes volume(const Lanes* first, const Lanes* foretold, Work<F>& work) {
     const Near<F>& near = work.near;
     Lanes before[F::P][F::P], after[F::P][F::P], told[F::P];
     for (int p = 0; p < F::P; ++p) {
@@ -25,7 +25,7 @@ WIDE Lanes volume(const Lanes* x, const Lanes* first, const Lanes* foretold, Wor
             after[p][q] = held + gained;
         }
     }
-    rows<F>(x, work.rows);
+    rows<F>(near.at, work.rows);
     each_row<F>([&](auto k) {
         const Lanes off = k == F::last ? pair<F, k>(work.rows[k], first) : Lanes(0.0);
         for (int p = 0; p < F::P; ++p) {

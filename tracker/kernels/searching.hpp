@@ -97,7 +97,6 @@ template <class F>
 void take(const Where& where, const double* found, double* row) {
     if (!(found[where.log_likelihood] > row[where.log_likelihood])) return;
     std::copy_n(found + where.x, F::S, row + where.x);
-    std::copy_n(found + where.hessian, F::K * F::U, row + where.hessian);
     std::copy_n(found + where.row_weight, F::K, row + where.row_weight);
     row[where.log_likelihood] = found[where.log_likelihood];
     row[where.rms] = found[where.rms];

@@ -15,7 +15,7 @@ namespace kernels {
 // At which word of a row the columns of `table.Bank` begin.
 struct Where {
     int onset, onset_ns, number, source, certain, searched, met, entry, lasted, settled, earned, weight, told,
-        log_likelihood, rms, known_mean, known, pivot, first, moments, place_sum, x, hessian, row_weight;
+        log_likelihood, rms, known_mean, known, pivot, first, moments, place_sum, x, row_weight;
 };
 
 // What sort of contact it is, see `contacts`: where its body is, how many poses are `needed` and the
@@ -94,7 +94,7 @@ inline bool is_nothing_known(const Kind& kind, const Rows& rows) {
                        [&](const double* row) { return is_nothing_known(kind, row); });
 }
 
-// As `fit.Prior` of hypotheses, and their `anchors`.
+// As `prior.Prior` of hypotheses, and their `anchors`.
 //
 // The `precision` has a block of each element where these are `apart`; where nothing is known of them, it is
 // diagonal, and only the diagonal is there.

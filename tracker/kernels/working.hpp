@@ -42,11 +42,11 @@ Lanes pair(const Lanes* row, const Lanes* carried) {
 
 // What a fit is near some x: `weight` (K,) of the rows, `slopes` (P, K, C) along the `free` directions (P,
 // S), the share of the last row that is taken out of its own, since its scale changes, too, `leans` (P,), the
-// `gradient` (P,) and the `hessian` (K, U), and what is `held` (U,) by the prior.
+// `gradient` (P,) and the `hessian` (K, U), and what is `held` (U,) by the prior; all that `at` (S,).
 template <class F>
 struct Near {
     Lanes weight[F::K], slopes[F::P][F::K][F::C], free[F::P][F::S], leans[F::P];
-    Lanes gradient[F::P], hessian[F::K][F::U], held[F::U];
+    Lanes gradient[F::P], hessian[F::K][F::U], held[F::U], at[F::S];
 
     // What was there `before`, of some.
     void keep(const Mask& some, const Near& before) {
@@ -60,6 +60,7 @@ struct Near {
         restore(gradient, before.gradient, F::P);
         restore(hessian[0], before.hessian[0], F::K * F::U);
         restore(held, before.held, F::U);
+        restore(at, before.at, F::S);
     }
 };
 
