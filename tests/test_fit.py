@@ -195,7 +195,8 @@ def test_a_hessian_need_not_be_that_at_the_minimum(model, steps):
     exact, found = minimise(*given_), minimise(*given_, exact=False)
     np.testing.assert_array_equal(found.x, exact.x)
     np.testing.assert_array_equal(exact.at, exact.x)
-    assert bool((found.at == found.x).all()) == (steps == 0)
+    if steps < 2:  # more may be more than it takes
+        assert bool((found.at == found.x).all()) == (steps == 0)
     before = minimise(*given_[:-1], max(steps - 1, 0))
     np.testing.assert_array_equal(found.at, before.at)
     for one in (exact, found):
