@@ -15,7 +15,7 @@ from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, weak_prior
-from contact_tracker.following import NOT_AT_ALL, before, grow, learn
+from contact_tracker.following import NOT_AT_ALL, before, grow, information, learn
 from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
@@ -323,6 +323,17 @@ def test_what_begins_joins_alike(model, old, many):
     assert_same_columns(numpy, kernel, ("x", "row_weight"), 1e-3)
     np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
     np.testing.assert_array_equal(kernel.past, numpy.past)
+
+
+@each_model
+@pytest.mark.parametrize("k", [14, 29])
+def test_information_is_alike(model, k):
+    bank = passed()[k].state.banks[model.contact.column]
+    bank = bank.pick(np.flatnonzero(bank.told > 4.0))  # else lines may be anywhere
+    numpy, kernel = both(information, bank, model, SCALES)
+    size = np.sqrt(np.einsum("hpp->hp", numpy))
+    scale = size[:, None] * size[:, :, None]
+    np.testing.assert_allclose(kernel / scale, numpy / scale, atol=1e-6)
 
 
 @settings(max_examples=30, deadline=None)

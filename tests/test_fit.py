@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import lift
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.fit import every_cost, hessians, minimise
+from contact_tracker.fit import every_cost, minimise
 from contact_tracker.labels import Contact
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from contact_tracker.prior import Prior
@@ -199,9 +199,7 @@ def test_a_hessian_need_not_be_that_at_the_minimum(model, steps):
         assert bool((found.at == found.x).all()) == (steps == 0)
     before = minimise(*given_[:-1], max(steps - 1, 0))
     np.testing.assert_array_equal(found.at, before.at)
-    for one in (exact, found):
-        there = hessians(model.family, moments, weight, anchors, one.at)
-        np.testing.assert_allclose(one.hessian, there, rtol=1e-12, atol=1e-12 * np.abs(there).max())
+    np.testing.assert_array_equal(found.hessian, before.hessian)
 
 
 # --- status, not exception --------------------------------------------------------------------------------

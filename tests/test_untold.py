@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from contact_tracker import fit, hypotheses, lift, observability, separability, tracker
+from contact_tracker import following, hypotheses, lift, observability, separability, tracker
 from contact_tracker.belief import Segment
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import ContactGeometry, Line, Plane, Point, Unobserved
@@ -108,10 +108,10 @@ def test_noise_feigns_as_much_as_is_said(contact):
     bank = hypotheses.fit_stretch(model, window, SCALES)
     anchors = model.anchors(bank.place_sum / bank.weight[:, None])
     tangent = model.family.tangent(bank.x, anchors)[0]
-    hessian = fit.hessians(model.family, bank.moments, bank.row_weight, anchors, bank.x)[0]
+    information = following.information(bank, model, SCALES)[0]
     feigned = observability.feigned_information(bank, model, tangent, window.variance[0])
     some = 1e-6 * np.trace(feigned) * np.eye(len(feigned))
-    told = eigh(hessian.sum(axis=0), feigned + some, eigvals_only=True)
+    told = eigh(information, feigned + some, eigvals_only=True)
     jittering = told[: -model.family.ROWS]
     assert (jittering < 1.5).all()
     assert jittering.max() > 0.6

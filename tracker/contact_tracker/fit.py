@@ -181,34 +181,20 @@ def information(
     return np.asarray((weight * (slopes @ squares[:, None]) @ np.swapaxes(slopes, -1, -2)).sum(axis=1))
 
 
-def hessians(family: Family, moments: Array, row_weight: Array, anchors: Array, x: Array) -> Array:
-    """Information (B, K, P, P) of W = B windows at x (B, S), by row; arguments as of ``minimise``."""
-    weighted, jacobian = _derivatives(family, moments, row_weight, family.tangent(x, anchors), x)
-    return np.asarray(weighted @ np.swapaxes(jacobian, -1, -2))
-
-
-def _derivatives(
-    family: Family, moments: Array, row_weight: Array, tangent: Array, x: Array
-) -> tuple[Array, Array]:
-    """How rows change along the ``tangent``, (B, K, P, C), times moments and weight, and alone."""
-    derivative = family.rows_derivative(x)
-    # of the last row per metre: the scale changes with x as well
-    log_scale = family.log_scale_sq_derivative(x, moments)
-    derivative[:, -1] -= 0.5 * log_scale[..., None] * family.rows(x)[:, -1, None, :]
-    jacobian = np.swapaxes(tangent, -1, -2)[:, None] @ derivative
-    row_weight = per_metre(family, moments, row_weight, x)
-    return row_weight[..., None, None] * (jacobian @ moments[:, None]), jacobian
-
-
 def _normal_equations(
     family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
 ) -> tuple[Array, Array, Array, Array]:
-    tangent = family.tangent(x, anchors)
-    weighted, jacobian = _derivatives(family, moments, row_weight, tangent, x)
-    hessian, along = weighted @ np.swapaxes(jacobian, -1, -2), np.swapaxes(tangent, -1, -2)
-    gradient = (weighted @ family.rows(x)[..., None])[..., 0].sum(axis=1)
-    gradient = gradient + (along @ prior.gradient(x)[..., None])[..., 0]
-    return tangent, gradient, hessian, along @ prior.precision @ tangent
+    tangent, c = family.tangent(x, anchors), family.rows(x)
+    along, derivative = np.swapaxes(tangent, -1, -2), family.rows_derivative(x)
+    # of the last row per metre: the scale changes with x as well
+    derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
+    jacobian = along[:, None] @ derivative
+    row_weight = per_metre(family, moments, row_weight, x)
+    weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
+    hessian = weighted @ np.swapaxes(jacobian, -1, -2)
+    gradient = (weighted @ c[..., None])[..., 0].sum(axis=1) + (along @ prior.gradient(x)[..., None])[..., 0]
+    held = along @ prior.precision @ tangent
+    return tangent, gradient, hessian, held
 
 
 def per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:

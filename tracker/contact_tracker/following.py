@@ -104,6 +104,17 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
     return _weighed(bank.having(x=found.x), model, window, scales, known, found)
 
 
+def information(bank: Bank, model: ContactModel, scales: Scales) -> Array:
+    """What the moments of each hypothesis tell of its x (H, P, P), along the tangent there."""
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        return calls.information(model, bank.words, scales.reach_m)
+    known = before(bank, model, scales)
+    found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, 0)
+    return np.asarray(found.hessian.sum(axis=1))
+
+
 def _weighed(
     bank: Bank, model: ContactModel, window: Window, scales: Scales, known: Before, found: fit.Fit
 ) -> Bank:

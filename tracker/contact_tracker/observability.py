@@ -11,7 +11,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import fit, lift, small
+from contact_tracker import fit, following, lift, small
 from contact_tracker.bank import anchors_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import cross
@@ -51,10 +51,9 @@ def observed_geometry(
     """
     one = bank.pick(np.array([row]))
     x = one.x[0].copy()  # it is given away
-    anchors = anchors_of(one, model)
-    tangent = model.family.tangent(x, anchors[0])
+    tangent = model.family.tangent(x, anchors_of(one, model)[0])
     if information is None:
-        information = fit.hessians(model.family, one.moments, one.row_weight, anchors, one.x)[0].sum(axis=0)
+        information = following.information(one, model, scales)[0]
     prior = tangent.T @ (_vague(model, scales.reach_m) + one.known[0]) @ tangent
     known = prior + feigned_information(one, model, tangent, variance)
     told, ways = small.eigenvectors(information, known)

@@ -89,6 +89,31 @@ void learned(const Model& model, Floats words, const Seeable& seen, const Ints& 
     });
 }
 
+// As `following.information` of a table (H, words): upper triangles (H, U).
+Floats information(const Model& model, const Floats& words) {
+    const Table table = table_of(model, words);
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        Floats out({table.count, F::U});
+        Work<F> work;
+        for (int first = 0; first < table.count; first += lanes) {
+            const auto own = [&](int i) { return std::min(first + i, table.count - 1); };
+            Rows rows;
+            for (int i = 0; i < lanes; ++i) rows[i] = table.row(own(i));
+            Lanes x[F::S];
+            read(rows, model.kind.where.x, F::S, x);
+            know<F>(model.kind, rows, work.prior);
+            descend<F>(Moments<F>(model.kind, rows), x, 0, work);
+            for (int u = 0; u < F::U; ++u) {
+                Lanes sum = 0.0;
+                for (int k = 0; k < F::K; ++k) sum += work.near.hessian[k][u];
+                for (int i = 0; i < lanes; ++i) out.mutable_at(own(i), u) = sum[i];
+            }
+        }
+        return out;
+    });
+}
+
 void searched(const Model& model, Floats words, const Seeable& seen, const Ints& rows,
               const Floats& directions, const Floats& turn, const Weights& weights) {
     const Table table = changing(model, words);
@@ -169,6 +194,7 @@ PYBIND11_MODULE(kernels, module) {
                py::arg("steps"), py::arg("weights"));
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
                py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
+    module.def("information", &information);
     module.def("minimised", &minimised);
     module.def("slid", &slid, py::arg("trail").noconvert(), py::arg("first"), py::arg("end"),
                py::arg("number"), py::arg("newest"), py::arg("excess"), py::arg("count"), py::arg("sensor"),

@@ -15,7 +15,7 @@ from contact_tracker.lift import R
 from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
-from contact_tracker.table import layout
+from contact_tracker.table import entries, layout
 from contact_tracker.window import Window
 
 Index = NDArray[np.int64]
@@ -120,6 +120,11 @@ def advance(
 def learn(model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index) -> None:
     """A bank, in place."""
     kernels.learned(model_of(model, scales.reach_m), words, ticks_of(window), steps, _weights(scales))
+
+
+def information(model: ContactModel, words: Array, reach_m: float) -> Array:
+    """As ``following.information`` of a bank."""
+    return kernels.information(model_of(model, reach_m), words)[:, entries(model.family.PARAMETERS)]
 
 
 def searched(

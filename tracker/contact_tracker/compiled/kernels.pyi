@@ -76,6 +76,9 @@ def advanced(
     directions: Sequence[Numbers | None],
 ) -> tuple[list[Numbers], list[Index], Numbers, Numbers, Index, tuple[Index, Index, Numbers]]: ...
 def learned(model: Model, words: Numbers, ticks: Ticks, steps: Index, weights: Weights) -> None: ...
+def information(model: Model, words: Numbers) -> Numbers:
+    """Upper triangles, row after row."""
+
 def searched(
     model: Model,
     words: Numbers,
