@@ -108,7 +108,7 @@ def test_a_moment_is_one_segment(count):
 def test_progress_is_the_number_of_poses_read():
     told = []
     segment(recorded(FACE_TO_EDGE).poses[:101], MODEL, told.append)
-    assert told == [21, 41, 61, 81, 101]
+    assert told == [20, 40, 60, 80, 100]
 
 
 # --- in pieces ---------------------------------------------------------------------------------------------

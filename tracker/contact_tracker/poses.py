@@ -45,7 +45,9 @@ class Poses:
 
     @classmethod
     def join(cls, parts: Sequence["Poses | Pose"]) -> "Poses":
-        """Poses one after the other, copied; single ones may be among them."""
+        """Poses one after the other; single ones may be among them."""
+        if len(parts) == 1 and isinstance(parts[0], Poses):
+            return parts[0]
         columns, single = list[Poses](), list[Pose]()
         for part in parts:
             if isinstance(part, Pose):

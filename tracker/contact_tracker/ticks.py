@@ -70,12 +70,12 @@ def _end_ns(state: TickState, model: Model) -> int:
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick], Poses]:
-    """Take in poses, of which there are some, up to the first that closes a tick.
+    """Take in poses, of which there are some, as far as the tick goes that is under way.
 
     Returns
     -------
     The ticks that are closed, usually none or one, more after a gap; and the poses that are still to be taken
-    in.
+    in, from the first on that was too late for those.
     """
     step_ns = model.tick_ns
     end_ns = _end_ns(state, model)
@@ -100,8 +100,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)
-    frames = (poses[inside : inside + 1],)
-    return state._replace(number=number, frames=frames), closed, poses[inside + 1 :]
+    return state._replace(number=number), closed, poses[inside:]
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:

@@ -82,13 +82,13 @@ def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     """
     averaging = state.averaging
     if averaging is None or not ticks.goes_on(averaging, pose, state.model):
-        state, closed, _ = gather_some(state, Poses.collect((pose,)))
-        return state, closed
+        state, closed, left = gather_some(state, Poses.collect((pose,)))
+        return (gather_some(state, left)[0] if len(left) else state), closed
     return state._replace(averaging=averaging._replace(frames=(*averaging.frames, pose))), []
 
 
 def gather_some(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick], Poses]:
-    """The same of many poses at once, up to the first that closes a tick; returns the rest of them, too."""
+    """The same of many poses at once, as far as a tick goes; returns the rest of them, too."""
     averaging = ticks.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed, left = ticks.advance(averaging, poses, state.model)
     return state._replace(averaging=averaging), closed, left
