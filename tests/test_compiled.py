@@ -286,6 +286,7 @@ def test_what_begins_joins_alike(model, old, many):
     k = next(k for k in range(9, 12) if not search.is_due(model, k))
     before_, window = passed()[k - 1].state, passed()[k].state.window
     bank = before_.banks[column] if old else blank(model, 0, 2)
+    bank = bank.having(certain=rng.random(len(bank)) > 0.5)
     bank = replace(bank, past=rng.random((len(bank), 2, 7)))
     size = model.family.SIZE
     known = np.eye(size) * (rng.random((many, 1, size)) > 0.5) * 1e4
@@ -306,10 +307,9 @@ def test_what_begins_joins_alike(model, old, many):
     banks, all_begin = zip(*args, strict=True)
     entry = np.array([-2.0, -2.0, -2.0, -2.0, -2.0, -2.0, 0.0])
     births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
-    lost = before_.window if len(before_.window) == len(window) else window.cut(0, -1)
-    advanced = both(
-        hypotheses.advance, banks, births, window, lost, BEYOND, SCALES, np.full(7, -0.1), margin=40.0
-    )
+    shorter = window.cut(3, None)  # it has lost some
+    seen = shorter, before_.window, BEYOND
+    advanced = both(hypotheses.advance, banks, births, *seen, SCALES, np.full(7, -0.1), margin=1e4)
     numpy, kernel = (living.banks[column] for living in advanced)
     for name in ("log_left", "residual"):
         np.testing.assert_allclose(*(getattr(living, name) for living in advanced), atol=5e-3)
@@ -320,6 +320,8 @@ def test_what_begins_joins_alike(model, old, many):
     for name in ("number", "onset", "onset_ns", "source", "met", "searched", "pair"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
     assert_same_columns(numpy, kernel, ("known", "known_mean", "moments", "entry", "told", "lasted"), 1e-9)
+    assert_same_columns(numpy, kernel, ("settled", "earned"), 1e-9)
+    assert kernel.earned.any() == old
     assert_same_columns(numpy, kernel, ("x", "row_weight"), 1e-3)
     np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
     np.testing.assert_array_equal(kernel.past, numpy.past)

@@ -1,5 +1,6 @@
 """What kernels average of a stream, and hear of its noise, is what the numpy code does."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -153,26 +154,45 @@ def test_what_is_no_state_is_refused():
         kernels.told(np.eye(3), np.eye(3), np.eye(6), np.zeros((14, 5)), np.ones(2), np.ones(2))
 
 
-@given(seed=seeds, most_s=st.floats(0.1, 1.0))
-@settings(max_examples=15, deadline=None)
-def test_the_window_slides_on_alike(seed, most_s):
+@given(seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_windows_slide_on_alike_whichever_ways_lead_on_from_them(seed):
+    rng = np.random.default_rng(seed)
     closed, states = averaged(streamed(seed, 100.0))
-    model = replace(MODEL, search=replace(MODEL.search, window_s=most_s))
+    before, numbers, ticks, spans = [], [], [], []
+    for i in range(120):  # mostly on from the last one, else from any
+        before.append(rng.integers(i) if i and rng.random() < 0.2 else i - 1)
+        numbers.append(i)
+        ticks.append(rng.integers(len(closed)))
+        spans.append(rng.choice([0.1, 0.5, 1.0, 1.0, 1.0, 3.0]))
 
     def windows():
-        sliding = NOTHING_SEEN
-        for number, (tick, state) in enumerate(zip(closed, states, strict=True)):
-            slid(sliding, number, closed[0], states[0].noise, model)  # which leads nowhere
-            sliding = slid(sliding, number, tick, state.noise, model)
-            yield sliding
+        made = {-1: NOTHING_SEEN}
+        for i, k in enumerate(before):
+            model = replace(MODEL, search=replace(MODEL.search, window_s=spans[i]))
+            from_ = pickle.loads(pickle.dumps(made[k])) if i % 17 == 5 else made[k]
+            made[i] = slid(from_, numbers[i], closed[ticks[i]], states[ticks[i]].noise, model)
+        return made
 
-    for expected, found in zip(*both(lambda: list(windows())), strict=True):
-        np.testing.assert_array_equal(found.frames, expected.frames)
+    expected, found = both(windows)  # all are compared when all are made: none has changed since
+    for one, other in zip(found.values(), expected.values(), strict=True):
+        np.testing.assert_array_equal(one.frames, other.frames)
         for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "unheld", "before"):
-            one, other = getattr(found.window, name), getattr(expected.window, name)
-            assert (one is None) == (other is None)
-            if one is not None:
-                assert_close(one, other, 1e-14)
+            new, reference = getattr(one.window, name), getattr(other.window, name)
+            assert (new is None) == (reference is None)
+            if new is not None:
+                assert_close(new, reference, 1e-14)
+
+
+def test_ticks_are_copied_seldom_and_room_grows_with_them():
+    closed, states = averaged(streamed(3, 100.0))
+    model = replace(MODEL, search=replace(MODEL.search, window_s=1e9))
+    sliding, trails = NOTHING_SEEN, set()
+    for number in range(500):
+        sliding = slid(sliding, number, closed[number % 30], states[number % 30].noise, model)
+        trails.add(id(sliding.trail.rows.zeta))
+    assert len(sliding.window) == 500
+    assert len(trails) < 6
 
 
 def test_a_window_that_does_not_fit_its_ticks_is_refused():

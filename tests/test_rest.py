@@ -5,6 +5,7 @@ import pytest
 
 from contact_tracker import hmm, tracker
 from contact_tracker.forward import Pass, Seen, forward
+from contact_tracker.hypotheses import Alive
 from contact_tracker.labels import STATES
 from contact_tracker.poses import Poses
 from contact_tracker.presets import load_model
@@ -118,3 +119,13 @@ def test_what_is_withheld_at_the_end_says_nothing_of_what_was_before():
     assert same == pytest.approx(evidence, abs=1e-9)
     np.testing.assert_allclose(loosened[:-1], posterior[:-1], atol=1e-9)
     assert np.abs(loosened[-1] - posterior[-1]).max() > 0.1
+
+
+def test_it_is_known_after_every_tick_what_lives_and_leads():
+    ticks = seen(5.0)
+    assert still(ticks)
+    for one in ticks:
+        state = one.state
+        for told, expected in zip(state.alive, Alive.of(state.banks, state.ticks - 1), strict=True):
+            np.testing.assert_array_equal(told, expected)
+        np.testing.assert_array_equal(state.leaders, [bank.leader for bank in state.banks])

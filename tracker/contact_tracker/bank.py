@@ -95,7 +95,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     both = Bank(words, bank.layout, joined(bank.past, birth.past, begins.many, np.arange(len(words))))
     new = Bank(both.words[old:], bank.layout, both.past[old:])
     if old:
-        best = int(bank.joint.argmax())
+        best = bank.leader
         x, new.cells("row_weight")[:] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new.cells("x"), birth.turn)

@@ -76,7 +76,8 @@ def minimise(
 
     Returns
     -------
-    Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, converged (B,).
+    Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, at which x (B, S) it
+    is, and converged (B,), of a fit that is not exact before its last step.
     """
     left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
     exact = np.broadcast_to(exact, len(x))

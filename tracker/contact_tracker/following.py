@@ -105,7 +105,10 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
 
 
 def information(bank: Bank, model: ContactModel, scales: Scales) -> Array:
-    """What the moments of each hypothesis tell of its x (H, P, P), along the tangent there."""
+    """What the moments of each hypothesis tell of its geometry (H, P, P), along the tangent at x.
+
+    Its coordinates are taken where they cost least.
+    """
     if compiled.in_use():
         from contact_tracker.compiled import calls
 

@@ -52,7 +52,7 @@ def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> P
 
     Returns
     -------
-    Polished, where no step improves on it with the x that was.
+    Polished; its x is that of ``bank`` if no step improves on it.
     """
     polished, errors = _settle(bank, model, window, scales)
     if len(window) < FEW_TICKS:

@@ -1,6 +1,7 @@
 """The window of the last ticks slides on with each tick, and sees all of them with today's noise."""
 
-from typing import Any, NamedTuple
+from threading import Lock
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from contact_tracker.ticks import Tick, tick_unevenness, tick_variances, varianc
 from contact_tracker.window import Index, Window
 
 Array = NDArray[np.float64]
+
+LEAST_ROOM: Final = 64
+"""So many rows of a trail are free at first, and as many more as the window has."""
 
 
 class _Rows(NamedTuple):
@@ -35,6 +39,7 @@ class _Trail:
     windows slide on, until there is no room."""
 
     def __init__(self, room: int, window: Window, frames: Array) -> None:
+        self._one_by_one = Lock()  # a window is a value: several may go on from it
         seen = _Rows(window.index, window.zeta, window.inverse, window.excess, window.unheld, frames)
         number, *columns = seen
         empty = (np.empty((room, *column.shape[1:])) for column in columns)
@@ -43,10 +48,17 @@ class _Trail:
         for column, known in zip(self.rows, seen, strict=True):
             column[: self.written] = known
 
+    def claim(self, row: int) -> bool:
+        """Whether a row is free, for who asks to write it."""
+        with self._one_by_one:
+            is_free = self.written == row < len(self.rows.number)
+            self.written += is_free
+        return is_free
+
 
 class Sliding(NamedTuple):
     """The ``window`` of the last ticks and the ``frames`` (W,) in each; where kernels are in use, the
-    ``trail`` of which they are rows, up to the row ``end``."""
+    ``trail`` of which they are the rows before ``end``."""
 
     window: Window
     frames: Array
@@ -71,23 +83,22 @@ def slid(sliding: Sliding, number: int, tick: Tick, noise: NoiseEstimate, model:
         return Sliding(window.then(number, tick.zeta, np.array(tick.excess), variance, uneven), frames)
     from contact_tracker.compiled import kernels
 
-    trail, end = _with_room(sliding, most)
+    trail, end = _with_room(sliding)
     lost = max(len(window) + 1 - most, 0)
     first, newest = end - len(window) + lost, (number, tick.zeta, tick.excess, float(tick.count))
     known = *variances(noise, model), noise.position_m2
     variance, uneven = kernels.slid(trail.rows, first, end, *newest, *known)
-    trail.written = end + 1
     seen = trail.rows.cut(first, end + 1)
     before = window.zeta[lost - 1] if lost else window.before
     moved_on = Window(seen.number, seen.zeta, variance, seen.excess, uneven, before)
     return Sliding(moved_on.knowing(seen.inverse, seen.unheld), seen.frames, trail, end + 1)
 
 
-def _with_room(sliding: Sliding, most: int) -> tuple[_Trail, int]:
-    """A trail with room for a row right after those that the window sees, and where that is."""
+def _with_room(sliding: Sliding) -> tuple[_Trail, int]:
+    """A trail with a row of one's own right after those that the window sees, and which that is."""
     trail, end = sliding.trail, sliding.end
-    if trail is not None and trail.written == end < len(trail.rows.number):
-        return trail, end
-    # another one: there is no room, or what came next was something else before
-    count = len(sliding.window)
-    return _Trail(max(2 * most, count + 1), sliding.window, sliding.frames), count
+    if trail is None or not trail.claim(end):  # no room, or what came next was something else before
+        end = len(sliding.window)
+        trail = _Trail(2 * end + LEAST_ROOM, sliding.window, sliding.frames)
+        trail.claim(end)
+    return trail, end

@@ -103,8 +103,8 @@ inline py::tuple advanced(const std::vector<const Model*>& models, const std::ve
         const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, number, entry.at(i)};
         number += fresh.count;
         const Ticks ticks = window.ticks(model, beyond[i]);
-        Ticks gone = before ? before->ticks(model, beyond[i]) : ticks;
-        gone.count = before ? std::min(gone.count, std::max(gone.count + 1 - ticks.count, 0)) : 0;
+        Ticks gone = (before ? *before : window).ticks(model, beyond[i]);
+        gone.count = before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
         all.push_back({model, old, Floats({old.count + fresh.count, old.words}), birth, ticks, gone,
                        log_stay.at(i), std::nullopt});
         if (directions[i]) all[i].directions = directions_of(model, *directions[i], turn);

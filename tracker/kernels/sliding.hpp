@@ -38,6 +38,7 @@ inline py::tuple slid(Trail trail, py::ssize_t first, py::ssize_t end, std::int6
     auto& [numbers, zeta, inverse, excesses, unheld, frames] = trail;
     const py::ssize_t room = numbers.size(), now = end + 1 - first;
     require(0 <= first && first <= end && end < room, "no room for a tick");
+    require_shape(numbers, {room}, "a tick has a number");
     for (const Floats& poses : {zeta, inverse})
         require_shape(poses, {room, Ticks::entries}, "a tick has one lifted pose");
     for (const Floats& two : {excesses, unheld})

@@ -1,4 +1,4 @@
-"""Kernels for what every tick does, averaging, ``hypotheses`` and ``hmm``, and for ``paper.batched``.
+"""Kernels for what every tick does, averaging, ``sliding``, ``hypotheses``, ``hmm``; and ``paper.batched``.
 
 They are C++ (``tracker/kernels``), which is built when the package is installed. The numpy code is the
 reference, and what runs where there was no compiler. They are imported when the first tick needs them.

@@ -161,7 +161,7 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
     )
 
 
-@cache
+@lru_cache(maxsize=8)
 def _models(reach_m: float) -> list[kernels.Model]:
     return [model_of(model, reach_m) for model in CONTACT_MODELS]
 
