@@ -17,7 +17,7 @@ from contact_tracker import __version__
 from contact_tracker.calibration.calibrate import Plan, calibrate
 from contact_tracker.calibration.learned import How, select
 from contact_tracker.calibration.processes import Runner
-from contact_tracker.calibration.study import Source, judge, look, need_truth
+from contact_tracker.calibration.study import Source, judge, look
 from contact_tracker.calibration.writing import model_text
 from contact_tracker.cli.main import run
 from contact_tracker.errors import ContactTrackerError, InputError, NoTruth
@@ -25,7 +25,7 @@ from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.labels import Contact
 from contact_tracker.poses import Poses
 from contact_tracker.presets import load_model
-from contact_tracker.recording import open_log, read_truth, write_recording
+from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.truth import Truth
@@ -245,7 +245,7 @@ def test_of_a_damaged_recording_what_is_readable_is_learned_from(
 def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_path: Path) -> None:
     (tmp_path / "text.mcap").write_text("no recording at all")
     with pytest.raises(InputError, match=r"text\.mcap"):
-        Runner(2)(need_truth, [(Source(str(tmp_path / "text.mcap")),)] * 4)
+        Runner(2)(need_truth, [(str(tmp_path / "text.mcap"),)] * 4)
     assert not active_children()
 
 

@@ -25,6 +25,7 @@ from contact_tracker.poses import Poses
 from contact_tracker.recording import (
     Follow,
     list_sources,
+    need_truth,
     open_log,
     read_metadata,
     read_truth,
@@ -102,6 +103,17 @@ def test_truth_and_metadata_of_a_cut_recording(tmp_path: Path) -> None:
     assert "cut off" in damage
     assert read_truth(str(path)) == truth
     assert read_metadata(str(path)) == {"recording": {"object": "box"}}
+
+
+@pytest.mark.parametrize("size", [100, 1500])
+def test_a_recording_cut_before_its_poses_is_not_said_to_lack_truth(tmp_path: Path, size: int) -> None:
+    whole = write_log(tmp_path / "whole.mcap", [poses_topic(smooth_poses(20))])
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:size])
+    with pytest.raises(UnreadableRecording, match="cut off"):
+        need_truth(str(cut))
+    with pytest.raises(NoTruth, match="no truth in it"):
+        need_truth(str(whole))
 
 
 def test_a_cut_recording_without_attachment_has_the_truth_of_its_messages(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from contact_tracker import hmm
 from contact_tracker.calibration.chains import BelievedStates, KnownStates
 from contact_tracker.calibration.observed import UNKNOWN, Observed, labels, observe
 from contact_tracker.calibration.stretches import Stretch, find_stretches
-from contact_tracker.errors import NoPoses, NoTruth
+from contact_tracker.errors import NoPoses
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.forward import Pass
 from contact_tracker.labels import STATES
@@ -142,9 +142,3 @@ def _confident(found: Segmentation, observed: Observed) -> Ints:
             first, end = np.searchsorted(observed.middle_ns, [one.start_ns, one.end_ns])
             label[first:end] = STATES.index(one.contact)
     return label
-
-
-def need_truth(source: Source) -> None:
-    """Raise NoTruth where a recording carries none."""
-    if read_truth(source.name) is None:
-        raise NoTruth(f"{source.name}: no truth in it, neither truth.json nor /contact/truth")

@@ -125,12 +125,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
-    from contact_tracker.calibration.study import Source, need_truth
+    from contact_tracker.calibration.study import Source
+    from contact_tracker.recording import need_truth
 
     names = recordings(args.logs, "calibrate")
     sources = tuple(Source(name, args.topic, args.frame, not args.unlabelled) for name in names)
     for source in sources if args.labelled else ():
-        need_truth(source)
+        need_truth(source.name, source.topic, source.frame)
     return sources
 
 

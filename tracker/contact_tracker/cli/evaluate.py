@@ -12,7 +12,6 @@ from contact_tracker.errors import (
     AmbiguousSource,
     InputError,
     NoPoses,
-    NoTruth,
 )
 
 if TYPE_CHECKING:
@@ -63,13 +62,11 @@ def _evaluate(
 ) -> "tuple[Evaluation, str | None]":
     from contact_tracker.evaluation.evaluate import Judge
     from contact_tracker.passing import watched
-    from contact_tracker.recording import open_log, read_truth
+    from contact_tracker.recording import need_truth, open_log
     from contact_tracker.segmenter import pieces
 
-    truth = read_truth(name)
-    if truth is None:
-        raise NoTruth(f"{name}: no truth in it, neither truth.json nor /contact/truth")
-    log, judge = open_log(name, args.topic, args.frame), Judge(truth)
+    judge = Judge(need_truth(name, args.topic, args.frame))
+    log = open_log(name, args.topic, args.frame)
     with progress(name, "poses") as set_done:
         for piece in watched(log, lambda poses: pieces(poses, model, set_done, knowledge), judge.poses):
             judge.piece(piece)

@@ -1,6 +1,6 @@
 """Recordings: MCAP logs in and out. The only part of the package that knows mcap."""
 
-from contact_tracker.recording.annotations import read_metadata, read_truth
+from contact_tracker.recording.annotations import need_truth, read_metadata, read_truth
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.log import PoseLog, list_sources, open_log
 from contact_tracker.recording.sources import PoseSource
@@ -14,6 +14,7 @@ __all__ = [
     "RecordingSummary",
     "SourceSummary",
     "list_sources",
+    "need_truth",
     "open_log",
     "read_metadata",
     "read_truth",

@@ -9,6 +9,7 @@ from contact_tracker.errors import NoTruth
 from contact_tracker.recording.bytestream import is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
+from contact_tracker.recording.log import open_log
 from contact_tracker.recording.reading import Reading, parts_of, summary_of
 from contact_tracker.recording.ros import RosDecoder, Undecodable
 from contact_tracker.truth import Truth
@@ -37,6 +38,23 @@ def read_truth(path: str) -> Truth | None:
     if attached:
         return Truth(tuple(i for text in attached for i in Truth.from_json(text).intervals))
     return _from_messages(path)
+
+
+def need_truth(path: str, topic: str | None = None, frame: str | None = None) -> Truth:
+    """The truth of a recording that is nothing without; ``topic`` and ``frame`` as of ``open_log``.
+
+    Raises
+    ------
+    NoTruth
+        There is none.
+    UnreadableRecording
+        Nor can a pose be read; why, matters more.
+    """
+    truth = read_truth(path)
+    if truth is None:
+        next(iter(open_log(path, topic, frame)), None)
+        raise NoTruth(f"{path}: no truth in it, neither {TRUTH_ATTACHMENT} nor {TRUTH_TOPIC}")
+    return truth
 
 
 def read_metadata(path: str) -> dict[str, dict[str, str]]:
