@@ -8,6 +8,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -345,6 +346,27 @@ def test_ctrl_c_is_130_with_a_summary(log: Path) -> None:
     assert process.returncode == 130
     assert "poses" in messages
     assert "Traceback" not in messages
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_nothing_half_written(log: Path, tmp_path: Path, number: signal.Signals) -> None:
+    command = [*PROGRAM, "segment", "-", "-o", str(tmp_path / "out.csv")]
+    with subprocess.Popen(
+        command,
+        env=ENVIRONMENT,
+        stdin=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    ) as process:
+        assert process.stdin is not None
+        process.stdin.write(log.read_bytes())  # and there may be more
+        process.stdin.flush()
+        while not any(tmp_path.iterdir()):
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(number)
+        process.wait(timeout=30)
+    assert process.returncode == 128 + number
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_status_line_shows_on_a_terminal(log: Path) -> None:

@@ -174,11 +174,11 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
         ("fast", "must be a number, not str"),
         (True, "must be a number, not bool"),
         ([1.0], "must be a number, not list"),
-        (0.0, "must lie between"),
-        (-1.0, "must lie between"),
-        (float("nan"), "must lie between"),
-        (float("inf"), "must lie between"),
-        (10**400, "must lie between"),
+        (0.0, "must be more than"),
+        (-1.0, "must be more than"),
+        (float("nan"), "must be more than"),
+        (float("inf"), "must be more than"),
+        (10**400, "must be more than"),
     ):
         error = refused(tmp_path, toml(changed(section, key, value)))
         assert error.key == name

@@ -109,7 +109,7 @@ def _value(wanted: Any, value: Any, key: str) -> Any:
         low, high = limits(key)
         number = _number(value, key)
         if not low < number < high:
-            raise ModelError(key, f"must lie between {low:g} and {high:g}")
+            raise ModelError(key, f"must be more than {low:g} and less than {high:g}")
         return number
     if wanted == ByState:
         return _by_state(value, key, _count, 0.0)

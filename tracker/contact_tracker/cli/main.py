@@ -78,8 +78,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     if threading.current_thread() is threading.main_thread():
-        # what was begun is cleared away
-        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+        _end_in_order("SIGTERM", "SIGHUP")
     code = _run(argv)
     try:
         sys.stdout.flush()
@@ -97,7 +96,7 @@ def _run(argv: Sequence[str] | None) -> int:
         args = build_parser().parse_args(argv)
         code: int = args.run(args)
         return code
-    except SystemExit as leave:  # argparse after --help or --version; SIGTERM
+    except SystemExit as leave:  # argparse after --help or --version; a signal
         return int(leave.code or DONE)
     except BrokenPipeError:  # the reader has what it wanted
         return DONE
@@ -112,6 +111,13 @@ def _run(argv: Sequence[str] | None) -> int:
     except OSError as error:
         fail(f"{error.filename or 'cannot write'}: {error.strerror or error}")
         return INPUT
+
+
+def _end_in_order(*names: str) -> None:
+    """Have these signals, as far as there are such and nobody ignores them, clear away what was begun."""
+    for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup does
+            signal.signal(number, lambda number, _: sys.exit(128 + number))
 
 
 def _prepare_streams() -> None:
