@@ -39,10 +39,6 @@ class Alive(NamedTuple):
             np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
         )
 
-    def waiting(self, now: int) -> Self:
-        """The same after the tick ``now``, which says nothing."""
-        return self._replace(onset=np.append(self.onset[:-1], now))
-
 
 class Living(NamedTuple):
     """What lives on after a tick: a bank of each contact, the ``log_left`` weight (7,) of each state against
@@ -81,19 +77,15 @@ def advance(
         drawn = [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
         words, seen = [bank.words for bank in banks], (window, before, beyond)
         left = calls.advance(words, births, born, *seen, scales, log_stay, margin, drawn)
-        pasts = [
-            joined(bank.past, past, begins.many, rows)
-            for bank, past, begins, rows in zip(
-                banks, births.past[: len(banks)], births.begins, left.rows, strict=True
-            )
-        ]
+        each = zip(banks, births.begins, births.past[:-1], left.rows, left.words, strict=True)
         kept = [
-            Bank(rows, bank.layout, past) for rows, bank, past in zip(left.words, banks, pasts, strict=True)
+            Bank(words, bank.layout, joined(bank.past, past, begins.many, rows))
+            for bank, begins, past, rows, words in each
         ]
         return Living(kept, left.log_left, left.residual, left.leaders, Alive(*left.alive))
-    grown = []
+    grown, oldest = [], before.lost_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
-        settled = settle(bank, model, before, window, scales, beyond[column])
+        settled = settle(bank, model, oldest.with_error(beyond[column]), scales)
         own, price = window.with_error(beyond[column]), float(log_stay[column])
         grown.append(_advanced(settled, model, births.of(column), own, scales, price, margin))
     free = float(births.entry[-1])
@@ -133,19 +125,11 @@ def _advanced(
     return bank
 
 
-def settle(
-    bank: Bank,
-    model: ContactModel,
-    before: Window,
-    window: Window,
-    scales: Scales,
-    beyond: tuple[float, float],
-) -> Bank:
-    """Sum up the oldest ticks of the window ``before``, which the ``window`` one tick on has lost."""
-    oldest = before.cut(0, max(len(before) + 1 - len(window), 0))
+def settle(bank: Bank, model: ContactModel, oldest: Window, scales: Scales) -> Bank:
+    """Sum up the ``oldest`` ticks, which the window has lost."""
     if not len(bank) or not len(oldest) or bank.onset[0] > oldest.index[-1]:  # they are in order
         return bank
-    seen = summed(model, bank.x, bank.onset, oldest.with_error(beyond), scales, bank.certain)
+    seen = summed(model, bank.x, bank.onset, oldest, scales, bank.certain)
     return bank.having(settled=bank.settled + seen.log_ratio, earned=bank.earned + seen.gain.sum(axis=1))
 
 

@@ -149,18 +149,17 @@ def _is_mute(state: TrackerState, tick: Tick) -> bool:
 def _wait(state: TrackerState, tick: Tick) -> TrackerState:
     """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
     sliding = _slid(state, tick)
-    seen = state.window, sliding.window, scales_of(state.model)
+    oldest, scales = state.window.lost_by(sliding.window), scales_of(state.model)
+    errors = state.model.noise.beyond_floor
     settled = [
-        hypotheses.settle(bank, contact, *seen, beyond)
-        for bank, contact, beyond in zip(
-            state.banks, CONTACT_MODELS, state.model.noise.beyond_floor, strict=True
-        )
+        hypotheses.settle(bank, contact, oldest.with_error(beyond), scales)
+        for bank, contact, beyond in zip(state.banks, CONTACT_MODELS, errors, strict=True)
     ]
     change = chances(state.model, 0.0).change
     return state._replace(
         sliding=sliding,
         banks=tuple(_older(b, column) for column, b in enumerate(settled)),
-        alive=state.alive.waiting(state.ticks),
+        alive=hypotheses.Alive.of(settled, state.ticks),
         ticks=state.ticks + 1,
         numbers=state.numbers + 1,
         outliers=state.outliers + tick.outliers,

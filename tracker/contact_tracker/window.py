@@ -100,6 +100,10 @@ class Window:
         vars(self).update(inverse=inverse, unheld=unheld)
         return self
 
+    def lost_by(self, after: "Window") -> "Window":
+        """The oldest ticks, which the window ``after`` the next tick has no more."""
+        return self.cut(0, max(len(self) + 1 - len(after), 0))
+
     def cut(self, first: int, end: int | None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
         rows = slice(*slice(first, end).indices(len(self)))
