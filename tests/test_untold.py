@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import following, hypotheses, lift, observability, separability, tracker
+from contact_tracker.bank import blank
 from contact_tracker.belief import Segment
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import ContactGeometry, Line, Plane, Point, Unobserved
@@ -218,6 +219,21 @@ def test_evidence_of_twenty_to_one_separates():
     window = ticks(*kinds_of_motion()["all"][1:])
     judged = rivals(ff=50.0, ef=50.0 - 2.9, vf=50.0 - 3.1, ee=51.0)
     assert untold(Contact.FF, judged, window, older=False) == (Contact.EF, Contact.EE)
+
+
+def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
+    """Of an onset the best, and none that is hopeless, though it began when the rival did."""
+    onsets, tick_ns = np.array([0, 0, 1, 2, 2]), 50_000_000
+    banks = [blank(model, 0) for model in CONTACT_MODELS]
+    edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]
+    banks[Contact.EF.column] = blank(edge, 5).having(
+        onset=onsets, onset_ns=onsets * tick_ns, log_likelihood=[2.0, 5.0, -300.0, 4.0, -1.0]
+    )
+    banks[Contact.VF.column] = blank(vertex, 1).having(onset=1, onset_ns=tick_ns, log_likelihood=3.0)
+    judged = separability.rivals_since(banks, Contact.EF, 0, 20 * tick_ns, tick_ns)
+    assert judged.evidence[Contact.VF.column] == pytest.approx(3.0 - 0.5 * (5.0 + 4.0))
+    assert judged.evidence[-1] == pytest.approx(-5.0)
+    assert judged.evidence[Contact.FF.column] == -np.inf
 
 
 def test_freedom_that_is_not_used_separates_nothing_that_the_label_contains():

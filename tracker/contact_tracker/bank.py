@@ -122,6 +122,11 @@ def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     return new.words, Given(begins.known_mean, begins.known).told(model)
 
 
+def may_be_lost(bank: Bank, model: ContactModel) -> Bools:
+    """Of which hypotheses (H,) the geometry may not be found yet, however bad they are."""
+    return (bank.told <= patience(model.needed)) & bank.searched
+
+
 def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float) -> Bank:
     """Drop what is hopeless against ``best``, and thin out onsets the more the older they are.
 
@@ -129,7 +134,7 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
     """
     joint = bank.joint
     margins = np.where(bank.met, MET_SHARE * margin, margin)
-    keep = (joint > best - margins) | ((bank.told <= patience(model.needed)) & bank.searched)
+    keep = (joint > best - margins) | may_be_lost(bank, model)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

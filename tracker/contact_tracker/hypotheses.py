@@ -65,9 +65,10 @@ def advance(
     """Take in the newest tick of the ``window`` and what begins with it, and drop what is hopeless beside the
     best of all, free motion included; ``log_stay`` (7,) is the price of not having changed.
 
-    What is further behind the best than the ``margin`` (nats) waits for another geometry, and what is behind
-    at all may wait for some ticks: its moments grow. What the window ``before`` had more is summed up. Each
-    contact has noise ``beyond`` (m^2, rad^2) that of the windows.
+    Hopeless is what is further behind the best than the ``margin`` (nats) when its contact has just searched:
+    before that it may only have lost its minimum. What is behind at all may wait for that, while its moments
+    grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond`` (m^2, rad^2)
+    that of the windows.
     """
     now = births.onset
     if compiled.in_use():
@@ -87,10 +88,11 @@ def advance(
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         settled = settle(bank, model, oldest.with_error(beyond[column]), scales)
         own, price = window.with_error(beyond[column]), float(log_stay[column])
-        grown.append(_advanced(settled, model, births.of(column), own, scales, price, margin))
+        grown.append(_advanced(settled, model, births.of(column), own, scales, price))
     free = float(births.entry[-1])
     best = max(free, *(bank.best for bank in grown))
-    kept = [prune(b, model, now, best, margin) for b, model in zip(grown, CONTACT_MODELS, strict=True)]
+    margins = [margin if is_due(model, now) else np.inf for model in CONTACT_MODELS]
+    kept = [prune(*of, now, best, least) for *of, least in zip(grown, CONTACT_MODELS, margins, strict=True)]
     return Living(
         kept,
         np.array([*(bank.log_weight for bank in kept), free - best]),
@@ -107,14 +109,12 @@ def _advanced(
     window: Window,
     scales: Scales,
     log_stay: float,
-    margin: float,
 ) -> Bank:
     if not len(bank) and not birth.begins.many:
         return bank
     due, old = is_due(model, birth.onset), len(bank)
     bank = add(bank, model, birth)
-    waits = not due and bank.told >= FIRST_TICKS
-    idle = bank.joint < -np.where(waits, min(margin, FAR_NATS), margin)
+    idle = (bank.joint < -FAR_NATS) & (bank.told >= FIRST_TICKS) & (not due)
     # what assumes met elements begins with them: one tick, which is given, changes no weight
     idle |= bank.met & (np.arange(len(bank)) >= old)
     bank = follow(grow(bank, model, window, log_stay), model, window, scales, idle)

@@ -32,7 +32,7 @@ AT_THE_NOISE: Final = 1.2
 from others, though that may be worth some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
-MET_SHARE: Final = 0.35
+MET_SHARE: Final = 0.6
 """Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
 less."""
 YOUNG: Final = 24

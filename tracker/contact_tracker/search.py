@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import best_of
+from contact_tracker.bank import best_of, may_be_lost
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales
@@ -24,13 +24,13 @@ from contact_tracker.pace import (
     ROUNDS,
     SCREENED,
     WEIGHED,
-    patience,
 )
 from contact_tracker.table import Bank
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 DRAWS: Final = 64
 """So many sets of random directions take turns."""
@@ -42,21 +42,38 @@ def is_due(model: ContactModel, tick: int) -> bool:
 
 
 def adopted(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """Let hypotheses that do not fit take the geometry of others where that is better."""
-    asking = np.flatnonzero(bank.rms > AT_THE_NOISE)
-    if not len(asking):
+    """Let hypotheses take the geometry of their ``givers``."""
+    giver = givers(bank, model, scales)
+    taker = np.flatnonzero(giver != np.arange(len(bank)))
+    if not len(taker):
         return bank
+    found = follow(bank.pick(taker).having(x=bank.x[giver[taker]]), model, window, scales)
+    return bank.putting(taker, found, np.arange(len(taker)))
+
+
+def givers(bank: Bank, model: ContactModel, scales: Scales) -> Index:
+    """Of each hypothesis that does not fit the row (H,) whose geometry fits its window best; its own where
+    none is better.
+
+    Who is hopeless offers nothing: whether it has been dropped must not matter.
+    """
+    giver = np.arange(len(bank))
+    asking, offering = np.flatnonzero(bank.rms > AT_THE_NOISE), np.flatnonzero(_may_win(bank, model))
+    if not len(asking) or not len(offering):
+        return giver
     takers = bank.pick(asking)
     known = before(takers, model, scales).prior
     costs = fit.every_cost(model.family, takers.moments, takers.row_weight, known, bank.x)
     costs = np.where(np.isnan(costs), np.inf, costs)
-    gains = costs.min(axis=0) < costs[asking, np.arange(len(asking))] - LEAST_GAIN
-    taker = asking[gains]
-    if not len(taker):
-        return bank
-    giver = costs.argmin(axis=0)[gains]
-    found = follow(bank.pick(taker).having(x=bank.x[giver]), model, window, scales)
-    return bank.putting(taker, found, np.arange(len(taker)))
+    own, costs = costs[asking, np.arange(len(asking))], costs[offering]
+    gains = costs.min(axis=0) < own - LEAST_GAIN
+    giver[asking[gains]] = offering[costs.argmin(axis=0)[gains]]
+    return giver
+
+
+def _may_win(bank: Bank, model: ContactModel) -> Bools:
+    """Which hypotheses (H,) are near the best, or may be once they are found."""
+    return (bank.joint >= -FAR_NATS) | may_be_lost(bank, model)
 
 
 def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Bank:
@@ -87,8 +104,7 @@ def lost(bank: Bank, model: ContactModel) -> Index:
     What they find is offered to those that began beside them.
     """
     age = np.minimum(bank.told.astype(np.int64), len(DUE) - 1)
-    hopeless = (bank.told > patience(model.needed)) & (bank.joint < -FAR_NATS)
-    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched & ~hopeless).nonzero()[0]
+    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched & _may_win(bank, model)).nonzero()[0]
     kind = 2 * AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
     return np.asarray(rows[best_of(kind, bank.joint[rows])])
 

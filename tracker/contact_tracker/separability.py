@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import small
+from contact_tracker.bank import best_of
 from contact_tracker.contacts.base import EYE
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import T
+from contact_tracker.pace import FAR_NATS
 from contact_tracker.table import Bank
 from contact_tracker.window import Window
 
@@ -163,6 +165,9 @@ def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: i
 
 
 def _evidence(bank: Bank, after_ns: Array, onset_ns: int) -> Array:
-    """A contact's evidence against free motion since ``after_ns`` after an onset, between its hypotheses."""
-    since = (bank.onset_ns - onset_ns).astype(float)  # stamps since 1970 do not fit into floats
-    return np.interp(after_ns, since, bank.log_likelihood)
+    """A contact's evidence against free motion since ``after_ns`` after an onset, between its hypotheses: of
+    each onset the best, and none that is far behind."""
+    near = np.flatnonzero(bank.joint >= bank.best - FAR_NATS)
+    near = near[best_of(bank.onset[near], bank.joint[near])]
+    since = (bank.onset_ns[near] - onset_ns).astype(float)  # stamps since 1970 do not fit into floats
+    return np.interp(after_ns, since, bank.log_likelihood[near])

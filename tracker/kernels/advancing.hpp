@@ -63,8 +63,8 @@ void adopt(const Kind& kind, const Table& table, const Ticks& ticks, const Weigh
 // Of a hypothesis, as in `search.lost`; -1 if it does not search.
 inline int group_of(const Kind& kind, const double* row) {
     const Where& where = kind.where;
+    if (!may_win(kind, row)) return -1;
     const double told = row[where.told];
-    if (told > kind.patience && joint(where, row) < -settings.far_nats) return -1;
     const int age = static_cast<int>(std::min(told, static_cast<double>(settings.due.size() - 1)));
     if (!(settings.due[age] && row[where.rms] > settings.at_the_noise && whole(row, where.searched) != 0))
         return -1;
@@ -95,8 +95,7 @@ inline std::vector<int> lost(const Kind& kind, const Table& table) {
 // `gone`; with `directions` they search as well.
 template <class F>
 void advance(const Kind& kind, const Table& old, const Birth& birth, const Table& table, const Ticks& ticks,
-             const Ticks& gone, const Weights& weights, double log_stay, double margin,
-             const Directions* directions) {
+             const Ticks& gone, const Weights& weights, double log_stay, const Directions* directions) {
     Work<F> work;
     Learners learners;
     const double heard = ticks.heard();
@@ -105,10 +104,10 @@ void advance(const Kind& kind, const Table& old, const Birth& birth, const Table
     for (int b = 0; b < table.count; ++b) {
         double* row = table.row(b);
         const bool begins = b >= old.count;
-        const bool waits = !directions && row[kind.where.told] >= settings.first_ticks;
-        const bool far = joint(kind.where, row) < -(waits ? std::min(margin, settings.far_nats) : margin);
+        const bool far = joint(kind.where, row) < -settings.far_nats;
+        const bool waits = far && row[kind.where.told] >= settings.first_ticks && !directions;
         // what assumes met elements begins with them: one tick, which is given, changes no weight
-        const bool learns = !far && !(begins && whole(row, kind.where.met) != 0);
+        const bool learns = !waits && !(begins && whole(row, kind.where.met) != 0);
         grow<F>(kind, row, ticks, heard, log_stay);
         if (learns) learners.add(kind, row, steps_of(kind, row));
     }

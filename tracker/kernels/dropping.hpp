@@ -44,9 +44,8 @@ inline std::vector<std::int64_t> kept(const Kind& kind, const Table& table, std:
     for (int b = 0; b < table.count; ++b) {
         const double* row = table.row(b);
         const double share = whole(row, where.met) != 0 ? settings.met_share : 1.0;
-        const bool patient = row[where.told] <= kind.patience && whole(row, where.searched) != 0;
-        if ((patient || joint(where, row) > best - share * margin) && is_best(where, table, b, now))
-            rows.push_back(b);
+        const bool near = joint(where, row) > best - share * margin;
+        if ((near || may_be_lost(kind, row)) && is_best(where, table, b, now)) rows.push_back(b);
     }
     return rows;
 }

@@ -115,7 +115,7 @@ inline py::tuple advanced(const std::vector<const Model*>& models, const std::ve
         visit(one.model, [&](auto family) {
             py::gil_scoped_release release;
             advance<decltype(family)>(one.model.kind, one.old, one.birth, table, one.ticks, one.gone, weights,
-                                      one.log_stay, margin, one.directions ? &*one.directions : nullptr);
+                                      one.log_stay, one.directions ? &*one.directions : nullptr);
         });
         for (int b = 0; b < table.count; ++b)
             best = std::max(best, joint(one.model.kind.where, table.row(b)));
@@ -124,7 +124,10 @@ inline py::tuple advanced(const std::vector<const Model*>& models, const std::ve
     Floats log_left(states), residual(states - 1);
     Ints leaders(states - 1);
     std::vector<Left> left;
-    for (Task& one : all) left.push_back(left_of(one.model, one.words, onset, best, margin));
+    for (Task& one : all) {  // who has not searched may only have lost its minimum
+        const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
+        left.push_back(left_of(one.model, one.words, onset, best, least));
+    }
     for (std::size_t i = 0; i < contacts; ++i) {
         kept.append(left[i].words);
         rows.append(left[i].rows);

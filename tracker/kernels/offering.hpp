@@ -122,12 +122,18 @@ WIDE void every_cost(const std::vector<Block<F>>& blocks, const Offer<F>& offer,
     }
 }
 
-// Of each hypothesis whose geometry it takes, as in `search.adopted`: its own where none is better.
+// As `search._may_win`.
+inline bool may_win(const Kind& kind, const double* row) {
+    return joint(kind.where, row) >= -settings.far_nats || may_be_lost(kind, row);
+}
+
+// Of each hypothesis whose geometry it takes, as in `search.givers`.
 template <class F>
 std::vector<int> givers(const Kind& kind, const Table& table) {
-    std::vector<int> giver(table.count), asking;
+    std::vector<int> giver(table.count), asking, offering;
     for (int b = 0; b < table.count; ++b) {
         giver[b] = b;
+        if (may_win(kind, table.row(b))) offering.push_back(b);
         if (table.row(b)[kind.where.rms] > settings.at_the_noise) asking.push_back(b);
     }
     if (asking.empty()) return giver;
@@ -149,7 +155,7 @@ std::vector<int> givers(const Kind& kind, const Table& table) {
     for (int t = 0; t < takers; ++t) {
         const auto of = [&](int n) { return cost[n * width + t]; };
         int best = asking[t];
-        for (int n = 0; n < table.count; ++n) {
+        for (int n : offering) {
             if (of(n) < of(best)) best = n;
         }
         if (of(best) < of(asking[t]) - settings.least_gain) giver[asking[t]] = best;

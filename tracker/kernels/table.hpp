@@ -53,6 +53,11 @@ inline double joint(const Where& where, const double* row) {
     return row[where.entry] + row[where.log_likelihood];
 }
 
+// As `bank.may_be_lost`.
+inline bool may_be_lost(const Kind& kind, const double* row) {
+    return row[kind.where.told] <= kind.patience && whole(row, kind.where.searched) != 0;
+}
+
 // Rows of hypotheses that stand side by side.
 using Rows = std::array<double*, lanes>;
 
