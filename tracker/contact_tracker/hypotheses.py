@@ -91,8 +91,10 @@ def advance(
         grown.append(_advanced(settled, model, births.of(column), own, scales, price))
     free = float(births.entry[-1])
     best = max(free, *(bank.best for bank in grown))
-    margins = [margin if is_due(model, now) else np.inf for model in CONTACT_MODELS]
-    kept = [prune(*of, now, best, least) for *of, least in zip(grown, CONTACT_MODELS, margins, strict=True)]
+    kept = [
+        prune(bank, model, now, best, margin if is_due(model, now) else np.inf)
+        for bank, model in zip(grown, CONTACT_MODELS, strict=True)
+    ]
     return Living(
         kept,
         np.array([*(bank.log_weight for bank in kept), free - best]),

@@ -12,7 +12,7 @@ AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 FAR_NATS: Final = 14.0
 """What is further behind the best learns only when searches are due, once it has seen its first ticks: until
-then it grows. Once patience is over it does not search either."""
+then it grows. Once patience is over it neither searches nor offers its geometry."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -33,8 +33,8 @@ from others, though that may be worth some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
 MET_SHARE: Final = 0.6
-"""Of the margin: what assumes elements that were met before is dropped sooner, beside it is what assumes
-less."""
+"""Of the margin: what assumes elements that were met before is dropped sooner, of which there are most;
+beside it is what assumes less."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
