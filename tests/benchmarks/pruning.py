@@ -1,7 +1,7 @@
 """What dropping hopeless hypotheses changes in what is said online: beside wider margins, and without one.
 
     python tests/benchmarks/pruning.py
-    python tests/benchmarks/pruning.py FOLDER/sequence/*.mcap --margins 80
+    python tests/benchmarks/pruning.py FOLDER/sequence/*.mcap --margins 40
 
 Each recording is followed with the model's own margin and with others. ``labels`` is the share of ticks with
 the same label, ``median`` to ``most`` how far apart the probabilities are (of the state that differs most, in
@@ -74,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "logs", nargs="*", type=Path, default=shipped, metavar="MCAP", help="default: recordings/"
     )
-    parser.add_argument("--margins", nargs="+", type=float, default=[80.0, math.inf], metavar="NATS")
+    parser.add_argument("--margins", nargs="+", type=float, default=[40.0, math.inf], metavar="NATS")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     args = parser.parse_args(argv)
     model = load_model(args.model)
