@@ -194,9 +194,25 @@ def test_the_header_stamp_is_the_time_however_far_the_log_time_is(tmp_path: Path
 def test_without_any_header_stamp_the_log_time_stands_in(tmp_path: Path) -> None:
     poses = smooth_poses()
     rows = [(p.stamp_ns, pose_stamped(0, *p[1:])) for p in poses]
-    log = open_log(str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)])))
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+    log = open_log(path)
     assert_same(Poses.collect(log), poses)
     assert log.counts == {"log_time_as_stamp": len(poses)}
+    (source,) = summarise(path).sources
+    assert (source.poses, source.counts) == (len(poses), log.counts)
+    assert (source.first_ns, source.last_ns) == (poses.stamp_ns[0], poses.stamp_ns[-1])
+
+
+@pytest.mark.parametrize("stamps", [[0], [0, 10**7], [10**7, 0]])
+def test_one_stamp_is_enough_to_go_by_stamps(tmp_path: Path, stamps: list[int]) -> None:
+    rows = [(10**9 + i, pose_stamped(ns, [0.0] * 3, [0.0, 0.0, 0.0, 1.0])) for i, ns in enumerate(stamps)]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+    (source,) = summarise(path).sources
+    assert source.first_ns == stamps[0]
+    assert "log_time_as_stamp" not in source.counts
+    log = open_log(path)
+    assert source.poses == len(list(log))
+    assert source.counts == log.counts
 
 
 def test_a_log_time_that_is_no_time_is_noted(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from contact_tracker.recording.ros import RosDecoder, Undecodable
 from contact_tracker.recording.sources import (
     ChannelFilter,
     PoseSource,
+    are_unstamped,
     message_counts,
     not_named,
     only_one,
@@ -162,7 +163,7 @@ def open_log(
         known = stamps_by_source(head, decoder)
         met |= known.keys()
     source = only_one(path, fitting)
-    unstamped = len(known[source]) > 1 and not any(known[source])
+    unstamped = are_unstamped(known[source])
     return PoseLog(source, reading, chain(head, items), decoder, unstamped, count_others=frame is None)
 
 

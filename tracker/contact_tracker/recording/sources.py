@@ -8,7 +8,7 @@ its first pose, and at most 2000 pose messages. A source that shows up only late
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -154,6 +154,11 @@ def stamps_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dic
             source = PoseSource(message.channel.topic, message.channel.type, frame_id, child_frame_id)
             stamps.setdefault(source, []).append(pose.stamp_ns)
     return stamps
+
+
+def are_unstamped(stamps_ns: Sequence[int]) -> bool:
+    """Whether the first poses of a source say that it has no stamps: more than one, and all zero."""
+    return len(stamps_ns) > 1 and not any(stamps_ns)
 
 
 def only_one(path: str, sources: Iterable[PoseSource]) -> PoseSource:

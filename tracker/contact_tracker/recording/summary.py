@@ -13,7 +13,7 @@ from contact_tracker.poses import Pose
 from contact_tracker.recording.items import Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
-from contact_tracker.recording.sources import PoseSource
+from contact_tracker.recording.sources import PoseSource, are_unstamped
 
 SOURCES_KEPT: Final = 256
 _SAMPLE: Final = 50_000
@@ -148,6 +148,8 @@ class _Tally:
         self.counts: Counter[str] = Counter()
         self._gate = PoseGate(self.counts)
         self._observed = 0
+        self._waiting: list[tuple[Pose, int]] = []
+        self._unstamped = False
         self._poses = 0
         self._first: Pose | None = None
         self._last: Pose | None = None
@@ -158,8 +160,22 @@ class _Tally:
         self._high_m = [float("-inf")] * 3
 
     def add(self, observed: Pose, log_time_ns: int) -> None:
+        """Take in a pose; the first waits for the second, which says whether any has a stamp."""
         self._observed += 1
         self._offsets_ns.add(log_time_ns - observed.stamp_ns)
+        self._waiting.append((observed, log_time_ns))
+        if self._observed > 1:
+            self._let_in()
+
+    def _let_in(self) -> None:
+        if self._observed == len(self._waiting):  # nothing was let in before
+            self._unstamped = are_unstamped([pose.stamp_ns for pose, _ in self._waiting])
+        for observed, log_time_ns in self._waiting:
+            self.counts["log_time_as_stamp"] += self._unstamped
+            self._admit(observed._replace(stamp_ns=log_time_ns) if self._unstamped else observed)
+        self._waiting.clear()
+
+    def _admit(self, observed: Pose) -> None:
         pose = self._gate.admit(observed)
         if pose is None:
             return
@@ -173,6 +189,7 @@ class _Tally:
         self._high_m = [max(pair) for pair in zip(self._high_m, pose.position_m, strict=True)]
 
     def summary(self, source: PoseSource) -> SourceSummary:
+        self._let_in()
         nan = float("nan")
         steps = self._steps_ns.values
         period_ns = median(steps) if steps else nan
@@ -186,7 +203,7 @@ class _Tally:
             last_ns=self._last.stamp_ns if self._last else None,
             median_rate_hz=1e9 / period_ns,
             jitter_s=jitter_ns * 1e-9,
-            counts=dict(self.counts),
+            counts=dict(+self.counts),
             log_offset_s=median(self._offsets_ns.values) * 1e-9,
             path_m=self._path_m,
             extent_m=(x, y, z),
