@@ -241,7 +241,10 @@ def test_what_others_offer_agrees(model):
 
 @each_model
 def test_searches_find_what_is_as_good(model):
-    """Where motion tells the directions: else they find others, which are worth a little more or less."""
+    """Where motion tells the directions: else they find others, which are worth a little more or less.
+
+    Beside a wide margin there are some of each contact that have seen so much.
+    """
     seen = passed(EDGE_TO_EDGES if model.contact is Contact.EE else FACE_TO_EDGE, margin_nats=40.0)
     for k in (20, 30):
         bank, window = seen[k].state.banks[model.contact.column], seen[k].state.window

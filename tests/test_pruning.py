@@ -1,5 +1,6 @@
 """Dropping hopeless hypotheses changes next to nothing of what is said."""
 
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,7 @@ from contact_tracker.search import givers, is_due, lost
 from contact_tracker.state import scales_of
 from short import FACE_TO_EDGE, MODEL, recorded
 
+EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
 SHIPPED: Final = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
 KERNELS_OR_NOT: Final = [
     False,
@@ -75,7 +77,7 @@ def ticks_of(poses, model):
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_nothing_is_dropped_but_after_a_search(in_use, monkeypatch):
+def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch):
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     dropped = 0
     for state, tick in ticks_of(recorded(FACE_TO_EDGE).poses[:500], MODEL):
@@ -85,17 +87,14 @@ def test_nothing_is_dropped_but_after_a_search(in_use, monkeypatch):
             gone = len(set(young) - set(left.number))
             assert not gone or is_due(model, state.ticks)
             dropped += gone
-    assert dropped > 100
+    assert dropped
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
 def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
     """Others of its contact have it; it was hopeless by far."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
-    model, ticks = (
-        CONTACT_MODELS[Contact.EF.column],
-        list(ticks_of(recorded(FACE_TO_EDGE).poses[:1000], MODEL)),
-    )
+    model, ticks = EDGE_FACE, list(ticks_of(recorded(FACE_TO_EDGE).poses[:850], MODEL))
     column, start = model.contact.column, 39
     assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
     state, _ = ticks[start]
@@ -121,10 +120,7 @@ def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
 @pytest.mark.parametrize("behind", [0.9, 1.1])
 def test_who_is_hopeless_offers_nothing(told, behind):
     """Unless it is so young that it may only not have found its minimum yet."""
-    model, (state, _) = (
-        CONTACT_MODELS[Contact.EF.column],
-        list(ticks_of(recorded(FACE_TO_EDGE).poses[:1000], MODEL))[40],
-    )
+    model, (state, _) = EDGE_FACE, next(islice(ticks_of(recorded(FACE_TO_EDGE).poses, MODEL), 40, None))
     bank = state.banks[model.contact.column]
     fitting, lost_one = bank.leader, int(np.flatnonzero(bank.told > 10.0)[0])
     two = bank.pick(np.array([fitting, lost_one]))

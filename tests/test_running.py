@@ -51,7 +51,7 @@ def whole(trellis, log_initial, log_transition):
     )[0]
 
 
-def pruned(trellis, log_initial, log_transition, margin=40.0):
+def pruned(trellis, log_initial, log_transition, margin=20.0):
     """Without what is hopeless, as the tracker leaves it out."""
     forward, hopeless = hmm.begin(log_initial), np.zeros(len(trellis.state), bool)
     alive, value = [], []

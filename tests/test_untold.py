@@ -227,7 +227,7 @@ def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
     banks = [blank(model, 0) for model in CONTACT_MODELS]
     edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]
     banks[Contact.EF.column] = blank(edge, 5).having(
-        onset=onsets, onset_ns=onsets * tick_ns, log_likelihood=[2.0, 5.0, -300.0, 4.0, -1.0]
+        onset=onsets, onset_ns=onsets * tick_ns, log_likelihood=[5.0, 2.0, -300.0, -1.0, 4.0]
     )
     banks[Contact.VF.column] = blank(vertex, 1).having(onset=1, onset_ns=tick_ns, log_likelihood=3.0)
     judged = separability.rivals_since(banks, Contact.EF, 0, 20 * tick_ns, tick_ns)

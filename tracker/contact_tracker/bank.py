@@ -122,8 +122,8 @@ def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     return new.words, Given(begins.known_mean, begins.known).told(model)
 
 
-def may_be_lost(bank: Bank, model: ContactModel) -> Bools:
-    """Of which hypotheses (H,) the geometry may not be found yet, however bad they are."""
+def patient(bank: Bank, model: ContactModel) -> Bools:
+    """Which hypotheses (H,) are kept however bad: their geometry may not be found yet."""
     return (bank.told <= patience(model.needed)) & bank.searched
 
 
@@ -134,7 +134,7 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
     """
     joint = bank.joint
     margins = np.where(bank.met, MET_SHARE * margin, margin)
-    keep = (joint > best - margins) | may_be_lost(bank, model)
+    keep = (joint > best - margins) | patient(bank, model)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

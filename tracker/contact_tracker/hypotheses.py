@@ -66,9 +66,9 @@ def advance(
     best of all, free motion included; ``log_stay`` (7,) is the price of not having changed.
 
     Hopeless is what is further behind the best than the ``margin`` (nats) when its contact has just searched:
-    before that it may only have lost its minimum. What is behind at all may wait for that, while its moments
-    grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond`` (m^2, rad^2)
-    that of the windows.
+    before that it may only have lost its minimum. What is ``FAR_NATS`` behind may wait for that, while its
+    moments grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond``
+    (m^2, rad^2) that of the windows.
     """
     now = births.onset
     if compiled.in_use():

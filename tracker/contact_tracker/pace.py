@@ -12,7 +12,8 @@ AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
 FAR_NATS: Final = 14.0
 """What is further behind the best learns only when searches are due, once it has seen its first ticks: until
-then it grows. Once patience is over it neither searches nor offers its geometry."""
+then it grows. Once patience is over it neither searches nor offers its geometry. It is no evidence for its
+contact, either."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -43,8 +44,8 @@ RESIDUAL_TICKS: Final = 25.0
 
 
 def patience(needed: float) -> float:
-    """Up to so many ticks with motion a hypothesis is kept and searches however bad, whose geometry
-    ``needed`` poses tell: it may not be found yet.
+    """Up to so many ticks with motion a hypothesis is kept, searches and offers its geometry however bad,
+    whose geometry ``needed`` poses tell: it may not be found yet.
 
     That is short for f-f, of which most never search unless they are near the best.
     """

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import best_of, may_be_lost
+from contact_tracker.bank import best_of, patient
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales
@@ -72,8 +72,8 @@ def givers(bank: Bank, model: ContactModel, scales: Scales) -> Index:
 
 
 def _may_win(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) are near the best, or may be once they are found."""
-    return (bank.joint >= -FAR_NATS) | may_be_lost(bank, model)
+    """Which hypotheses (H,) are near what was the best before this tick, or may be once they are found."""
+    return (bank.joint >= -FAR_NATS) | patient(bank, model)
 
 
 def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Bank:

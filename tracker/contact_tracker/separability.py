@@ -145,7 +145,7 @@ def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: i
     """How well each state explains the data since about ``onset_ns``, against the label.
 
     Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
-    just that onset on. -inf where all such hypotheses have been dropped as hopeless.
+    just that onset on. -inf where none is left.
     """
     slack_ns = int(max(SAME_SPAN_TICKS * tick_ns, SAME_SPAN * (now_ns - onset_ns)))
     span_ns = np.array([onset_ns - slack_ns, onset_ns + slack_ns + 1])

@@ -45,7 +45,7 @@ inline std::vector<std::int64_t> kept(const Kind& kind, const Table& table, std:
         const double* row = table.row(b);
         const double share = whole(row, where.met) != 0 ? settings.met_share : 1.0;
         const bool near = joint(where, row) > best - share * margin;
-        if ((near || may_be_lost(kind, row)) && is_best(where, table, b, now)) rows.push_back(b);
+        if ((near || patient(kind, row)) && is_best(where, table, b, now)) rows.push_back(b);
     }
     return rows;
 }

@@ -124,7 +124,7 @@ WIDE void every_cost(const std::vector<Block<F>>& blocks, const Offer<F>& offer,
 
 // As `search._may_win`.
 inline bool may_win(const Kind& kind, const double* row) {
-    return joint(kind.where, row) >= -settings.far_nats || may_be_lost(kind, row);
+    return joint(kind.where, row) >= -settings.far_nats || patient(kind, row);
 }
 
 // Of each hypothesis whose geometry it takes, as in `search.givers`.

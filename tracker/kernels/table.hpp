@@ -53,8 +53,8 @@ inline double joint(const Where& where, const double* row) {
     return row[where.entry] + row[where.log_likelihood];
 }
 
-// As `bank.may_be_lost`.
-inline bool may_be_lost(const Kind& kind, const double* row) {
+// As `bank.patient`.
+inline bool patient(const Kind& kind, const double* row) {
     return row[kind.where.told] <= kind.patience && whole(row, kind.where.searched) != 0;
 }
 
