@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import growth
 import hours
 import numpy as np
 import pytest
@@ -89,3 +90,20 @@ def test_targets_are_compared(value, target, verdict):
 
 def test_lengths_have_their_unit():
     assert [length(s) for s in (90, 59, 60, 3600, 36000)] == ["1.5 min", "59 s", "1 min", "1 h", "10 h"]
+
+
+def test_later_minutes_have_the_poses_of_the_first(log):
+    early, late, between = growth.minutes(log, 3.0, 0.5)
+    assert len(early) == len(late) == 50
+    assert len(between) == 2 * 59 * 3  # whole tours, nearest to what is asked for
+    np.testing.assert_array_equal(early.position_m, late.position_m)
+    np.testing.assert_array_equal(early.quat_xyzw, late.quat_xyzw)
+    assert late.stamp_ns[0] - between.stamp_ns[-1] == early.stamp_ns[1] - early.stamp_ns[0]
+
+
+def test_growth_is_told_of_cost_and_hypotheses(log, capsys):
+    assert growth.main(["--log", str(log), "--after", "1", "--seconds", "0.5", "--turns", "1"]) == 0
+    head, first, later = capsys.readouterr().out.splitlines()
+    assert head.split() == ["minute", "ms", "per", "tick", "x", "hypotheses", "x"]
+    assert (first.split()[0], first.split()[2], first.split()[4]) == ("first", "1.00", "1.00")
+    assert later.startswith("after 1 s")
