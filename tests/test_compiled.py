@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pruning import with_margin
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import fit, hypotheses, search, tracker
@@ -167,8 +168,7 @@ def test_sums_over_ticks_agree(model, uneven, seed):
 @cache
 def passed(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
     """A recording, tick by tick."""
-    search_ = replace(MODEL.search, margin_nats=margin_nats)
-    return list(forward(recorded(contacts).poses[:700], replace(MODEL, search=search_)))
+    return list(forward(recorded(contacts).poses[:700], with_margin(MODEL, margin_nats)))
 
 
 def states():

@@ -1,6 +1,6 @@
 """Dropping hopeless hypotheses changes next to nothing of what is said."""
 
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +11,7 @@ import pytest
 from contact_tracker import compiled, tracker
 from contact_tracker.bank import blank, prune
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.pace import DUE, FAR_NATS, YOUNG, patience
 from contact_tracker.poses import Poses
@@ -66,26 +67,16 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     assert len(lost(bank.having(told=float(due)).pick(np.array([0])), model)) == 1
 
 
-def ticks_of(poses, model):
-    """What the tracker knows before each tick, and the tick."""
-    state, left = tracker.start(model), poses
-    while len(left):
-        state, closed, left = tracker.gather_some(state, left)
-        for tick in closed:
-            yield state, tick
-            state, _ = tracker.observe(state, tick)
-
-
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
 def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch):
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     dropped = 0
-    for state, tick in ticks_of(recorded(FACE_TO_EDGE).poses[:500], MODEL):
-        after, _ = tracker.observe(state, tick)
-        for model, bank, left in zip(CONTACT_MODELS, state.banks, after.banks, strict=True):
-            young = bank.number[bank.onset > state.ticks + 1 - YOUNG]
+    for before, after in pairwise(forward(recorded(FACE_TO_EDGE).poses[:500], MODEL)):
+        now = before.state.ticks
+        for model, bank, left in zip(CONTACT_MODELS, before.state.banks, after.state.banks, strict=True):
+            young = bank.number[bank.onset > now + 1 - YOUNG]
             gone = len(set(young) - set(left.number))
-            assert not gone or is_due(model, state.ticks)
+            assert not gone or is_due(model, now)
             dropped += gone
     assert dropped
 
@@ -94,10 +85,10 @@ def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch)
 def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
     """Others of its contact have it; it was hopeless by far."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
-    model, ticks = EDGE_FACE, list(ticks_of(recorded(FACE_TO_EDGE).poses[:850], MODEL))
+    model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
     column, start = model.contact.column, 39
     assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
-    state, _ = ticks[start]
+    state = seen[start - 1].state
     bank = state.banks[column]
     near = (bank.told > patience(model.needed)) & (bank.joint > -8.0)
     near[bank.leader] = False
@@ -109,8 +100,8 @@ def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
         rms=np.where(this, 50.0, bank.rms),
     )
     state = state._replace(banks=(*state.banks[:column], knocked, *state.banks[column + 1 :]))
-    for _, tick in ticks[start : start + 3]:
-        state, _ = tracker.observe(state, tick)
+    for later in seen[start : start + 3]:
+        state, _ = tracker.observe(state, later.tick)
         bank = state.banks[column]
         assert knocked.number[row] in bank.number
     assert bank.joint[bank.number == knocked.number[row]] > -FAR_NATS
@@ -120,8 +111,8 @@ def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
 @pytest.mark.parametrize("behind", [0.9, 1.1])
 def test_who_is_hopeless_offers_nothing(told, behind):
     """Unless it is so young that it may only not have found its minimum yet."""
-    model, (state, _) = EDGE_FACE, next(islice(ticks_of(recorded(FACE_TO_EDGE).poses, MODEL), 40, None))
-    bank = state.banks[model.contact.column]
+    model, seen = EDGE_FACE, next(islice(forward(recorded(FACE_TO_EDGE).poses, MODEL), 39, None))
+    bank = seen.state.banks[model.contact.column]
     fitting, lost_one = bank.leader, int(np.flatnonzero(bank.told > 10.0)[0])
     two = bank.pick(np.array([fitting, lost_one]))
     x = np.array([two.x[0], model.turned(two.x, np.eye(3)[[1, 2, 0]])[1]])

@@ -171,8 +171,10 @@ class _Tally:
         if self._observed == len(self._waiting):  # nothing was let in before
             self._unstamped = are_unstamped([pose.stamp_ns for pose, _ in self._waiting])
         for observed, log_time_ns in self._waiting:
-            self.counts["log_time_as_stamp"] += self._unstamped
-            self._admit(observed._replace(stamp_ns=log_time_ns) if self._unstamped else observed)
+            if self._unstamped:
+                self.counts["log_time_as_stamp"] += 1
+                observed = observed._replace(stamp_ns=log_time_ns)
+            self._admit(observed)
         self._waiting.clear()
 
     def _admit(self, observed: Pose) -> None:
@@ -203,7 +205,7 @@ class _Tally:
             last_ns=self._last.stamp_ns if self._last else None,
             median_rate_hz=1e9 / period_ns,
             jitter_s=jitter_ns * 1e-9,
-            counts=dict(+self.counts),
+            counts=dict(self.counts),
             log_offset_s=median(self._offsets_ns.values) * 1e-9,
             path_m=self._path_m,
             extent_m=(x, y, z),
