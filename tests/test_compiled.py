@@ -290,10 +290,13 @@ def test_what_begins_joins_alike(model, old, many):
     bank = replace(bank, past=rng.random((len(bank), 2, 7)))
     size = model.family.SIZE
     known = np.eye(size) * (rng.random((many, 1, size)) > 0.5) * 1e4
+    mean = model.family.normalise(rng.normal(size=(many, size)), np.zeros(6))
+    for first in (d for d in (model.family.FORM.d1, model.family.FORM.d2) if d >= 0):
+        mean[rng.random(many) > 0.5, first : first + 3] = 0.0  # of these a part is known, if anything
     begins = Begins(
         source=1 + np.arange(many),
         log_share=-rng.random(many),
-        known_mean=model.family.normalise(rng.normal(size=(many, size)), np.zeros(6)),
+        known_mean=mean,
         known=known,
         pivot=np.full((many, 6), np.nan),
         pair=np.zeros(many, np.int64),

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from contact_tracker.assumptions import UNLISTED, assumptions
+from contact_tracker.bank import Birth, add, blank
 from contact_tracker.beginnings import Frame, beginnings
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts import CONTACT_MODELS, face_face
 from contact_tracker.contacts.given import Given, by_feet, given
 from contact_tracker.forward import forward
 from contact_tracker.geometry import Line, by_foot, canonical, numbers
@@ -49,6 +50,25 @@ def test_true_elements_keep_their_contact(model):
     seen = model.measure(known.mean[None], lift(poses.rotation, poses.position_m))
     assert np.abs(seen.residual).max() < 1e-9
     np.testing.assert_allclose(model.family.normalise(known.mean, anchors), known.mean, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", ["object", "environment"])
+def test_a_known_face_tells_where_the_other_one_looks(side):
+    """Whichever way the normals of the best hypothesis so far look, to which that is all the same."""
+    model, (poses, *elements) = CONTACT_MODELS[Contact.FF.column], touching(Contact.FF)
+    both, _ = prior(model)
+    reversed_ = both.mean.copy()
+    reversed_[face_face.M if side == "environment" else face_face.N] *= -1.0
+    knowledge = Knowledge(**{side: (Known("table", elements[side == "environment"]),)})
+    begins = beginnings(model, knowledge, NOTHING_MET, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    turn = poses.rotation[0]
+    bank = add(
+        blank(model, 1).having(x=reversed_), model, Birth(begins, 7, 0, 1, 0.0, np.zeros((0, 7)), turn)
+    )
+    knows = bank.source > 0
+    assert knows.any()
+    np.testing.assert_allclose(bank.x[knows, :6], [both.mean[:6]] * knows.sum(), atol=1e-9)
+    np.testing.assert_array_equal(bank.x[~knows], [reversed_] * (~knows).sum())
 
 
 def drawn(element, rng, count):

@@ -11,7 +11,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.labels import STATES
-from contact_tracker.pace import MET_SHARE, RESIDUAL_TICKS, YOUNG, patience
+from contact_tracker.pace import FIRST_TICKS, MET_SHARE, RESIDUAL_TICKS, YOUNG, patience
 from contact_tracker.prior import Prior
 from contact_tracker.table import Bank, layout
 
@@ -99,7 +99,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
         x, new.cells("row_weight")[:] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new.cells("x"), birth.turn)
-    new.cells("x")[:] = np.where(told, begins.known_mean, x)
+    new.cells("x")[:] = model.faced(np.where(told, begins.known_mean, x), told, birth.turn)
     new.cells("onset")[:], new.cells("onset_ns")[:] = birth.onset, birth.onset_ns
     new.cells("number")[:] = birth.number + np.arange(begins.many)
     new.cells("entry")[:] = birth.entry
@@ -133,7 +133,7 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
     Log weights are against ``best`` from then on.
     """
     joint = bank.joint
-    margins = np.where(bank.met, MET_SHARE * margin, margin)
+    margins = np.where(bank.met & (bank.told >= FIRST_TICKS), MET_SHARE * margin, margin)
     keep = (joint > best - margins) | patient(bank, model)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:

@@ -10,10 +10,12 @@ FIRST_STEPS: Final = 3
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
-FAR_NATS: Final = 14.0
+WAIT_NATS: Final = 8.0
 """What is further behind the best learns only when searches are due, once it has seen its first ticks: until
-then it grows. Once patience is over it neither searches nor offers its geometry. It is no evidence for its
-contact, either."""
+then it grows."""
+FAR_NATS: Final = 14.0
+"""What is further behind the best neither searches nor offers its geometry once patience is over. It is no
+evidence for its contact, either."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -34,8 +36,9 @@ from others, though that may be worth some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
 MET_SHARE: Final = 0.6
-"""Of the margin: what assumes elements that were met before is dropped sooner, of which there are most;
-beside it is what assumes less."""
+"""Of the margin, after the first ticks: what assumes elements that were met before is dropped sooner, of
+which there are most; beside it is what assumes less. In those ticks it may be right and have earned nothing
+yet: while the contact before lasts, it only falls behind."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 

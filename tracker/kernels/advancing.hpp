@@ -15,6 +15,18 @@ struct Birth {
     double entry;
 };
 
+// As `ContactModel.faced`, in place.
+template <class F>
+void face(const bool* told, const double* turn, double* x) {
+    if constexpr (F::faces) {
+        const auto all = [&](int d) { return told[d] && told[d + 1] && told[d + 2]; };
+        const bool first = all(F::d1), second = all(F::d2);
+        const Vector m = at(x, F::d1), n = at(x, F::d2);
+        if (first && !second) put(x, F::d2, turned(turn, 0, m));
+        if (second && !first) put(x, F::d1, n.x * at(turn, 0) + n.y * at(turn, 3) + n.z * at(turn, 6));
+    }
+}
+
 // As `bank.add`, into `table` (H + n, words).
 template <class F>
 void join(const Kind& kind, const Table& old, const Birth& birth, const Table& table) {
@@ -41,6 +53,7 @@ void join(const Kind& kind, const Table& old, const Birth& birth, const Table& t
         for (int s = 0; s < F::S; ++s) {
             if (birth.told[i * F::S + s]) x[s] = row[where.known_mean + s];
         }
+        face<F>(birth.told + i * F::S, birth.turn, x);
     }
 }
 
@@ -104,7 +117,7 @@ void advance(const Kind& kind, const Table& old, const Birth& birth, const Table
     for (int b = 0; b < table.count; ++b) {
         double* row = table.row(b);
         const bool begins = b >= old.count;
-        const bool far = joint(kind.where, row) < -settings.far_nats;
+        const bool far = joint(kind.where, row) < -settings.wait_nats;
         const bool waits = far && row[kind.where.told] >= settings.first_ticks && !directions;
         // what assumes met elements begins with them: one tick, which is given, changes no weight
         const bool learns = !waits && !(begins && whole(row, kind.where.met) != 0);

@@ -127,6 +127,22 @@ inline bool may_win(const Kind& kind, const double* row) {
     return joint(kind.where, row) >= -settings.far_nats || patient(kind, row);
 }
 
+// Costs of the geometries of some `rows` on the windows of blocks: of row h from `out` + h * `width` on.
+template <class F>
+void weigh(const Kind& kind, const Table& table, const std::vector<int>& rows,
+           const std::vector<Block<F>>& blocks, double* out, int width) {
+    Offer<F> offer;
+    for (std::size_t first = 0; first < rows.size(); first += together) {
+        double* some[together];
+        for (int g = 0; g < together; ++g) {
+            const int h = rows[std::min(first + g, rows.size() - 1)];
+            offer.put(g, table.row(h) + kind.where.x);
+            some[g] = out + h * width;
+        }
+        every_cost<F>(blocks, offer, some);
+    }
+}
+
 // Of each hypothesis whose geometry it takes, as in `search.givers`.
 template <class F>
 std::vector<int> givers(const Kind& kind, const Table& table) {
@@ -142,15 +158,13 @@ std::vector<int> givers(const Kind& kind, const Table& table) {
     std::vector<Block<F>> asked(blocks);
     std::vector<double> cost(static_cast<std::size_t>(table.count) * width);
     for (int t = 0; t < takers; ++t) ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast]);
-    Offer<F> offer;
-    for (int first = 0; first < table.count; first += together) {
-        double* out[together];
-        for (int g = 0; g < together; ++g) {
-            const int n = std::min(first + g, table.count - 1);
-            offer.put(g, table.row(n) + kind.where.x);
-            out[g] = cost.data() + n * width;
+    weigh<F>(kind, table, offering, asked, cost.data(), width);
+    for (int n = 0; n < blocks; ++n) {  // who offers nothing is weighed for itself
+        std::vector<int> own;
+        for (int t = n * abreast; t < std::min(takers, (n + 1) * abreast); ++t) {
+            if (!may_win(kind, table.row(asking[t]))) own.push_back(asking[t]);
         }
-        every_cost<F>(asked, offer, out);
+        weigh<F>(kind, table, own, {asked[n]}, cost.data() + n * abreast, width);
     }
     for (int t = 0; t < takers; ++t) {
         const auto of = [&](int n) { return cost[n * width + t]; };

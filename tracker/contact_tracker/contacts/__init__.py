@@ -55,6 +55,21 @@ class ContactModel:
             out[..., first : first + 3] = x[..., first : first + 3] @ turn.T
         return out
 
+    def faced(self, x: Array, told: NDArray[np.bool_], turn: Array) -> Array:
+        """x (..., S) of f-f with the normal that is not ``told`` (..., S) as the other one says, if it is:
+        they are parallel when the body has turned by ``turn`` (3, 3).
+
+        To the residuals either sign is the same, to what is known of the height it is not: a fit that begins
+        with the wrong one never gets across.
+        """
+        if self.family is not face_face:
+            return x
+        m, n, out = face_face.M, face_face.N, np.array(x)
+        first, second = told[..., m].all(axis=-1, keepdims=True), told[..., n].all(axis=-1, keepdims=True)
+        out[..., m] = np.where(second & ~first, x[..., n] @ turn, x[..., m])
+        out[..., n] = np.where(first & ~second, x[..., m] @ turn.T, x[..., n])
+        return out
+
     def measure(self, x: Array, zeta: Array) -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on lifted poses zeta (T, 25)."""
         of_1_in_2 = zeta if self.body_in_1 else lift_of_inverse(zeta)
