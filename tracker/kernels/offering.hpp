@@ -164,7 +164,7 @@ std::vector<int> givers(const Kind& kind, const Table& table) {
         for (int t = n * abreast; t < std::min(takers, (n + 1) * abreast); ++t) {
             if (!may_win(kind, table.row(asking[t]))) own.push_back(asking[t]);
         }
-        weigh<F>(kind, table, own, {asked[n]}, cost.data() + n * abreast, width);
+        if (!own.empty()) weigh<F>(kind, table, own, {asked[n]}, cost.data() + n * abreast, width);
     }
     for (int t = 0; t < takers; ++t) {
         const auto of = [&](int n) { return cost[n * width + t]; };
