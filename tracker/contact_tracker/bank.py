@@ -24,9 +24,9 @@ class Birth(NamedTuple):
     """What begins in a tick: ``onset`` and ``onset_ns`` of hypotheses that are numbered from ``number`` on,
     one for each of ``begins``; the log weight ``entry`` and the ``past`` (L, 7) that they all have.
 
-    Where nothing is known they start from the geometry of the best one so far, but for a face that is parallel
-    to a known one; the first ones from any, the same whatever the world's axes are: ``turn`` (3, 3) is the
-    body's orientation.
+    Where nothing is known they start from the geometry of the best one so far, but a face beside a known one
+    is parallel to that; the first ones from any, the same whatever the world's axes are: ``turn`` (3, 3) is
+    the body's orientation.
     """
 
     begins: Begins
