@@ -18,9 +18,8 @@ struct Birth {
 // As `ContactModel.faced`, in place.
 template <class F>
 void face(const bool* told, const double* turn, double* x) {
-    if constexpr (F::faces) {
-        const auto all = [&](int d) { return told[d] && told[d + 1] && told[d + 2]; };
-        const bool first = all(F::d1), second = all(F::d2);
+    if constexpr (!F::apart) {
+        const bool first = told[F::d1], second = told[F::d2];
         const Vector m = at(x, F::d1), n = at(x, F::d2);
         if (first && !second) put(x, F::d2, turned(turn, 0, m));
         if (second && !first) put(x, F::d1, n.x * at(turn, 0) + n.y * at(turn, 3) + n.z * at(turn, 6));

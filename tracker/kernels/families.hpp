@@ -41,7 +41,7 @@ struct Family : Form {
     // Where the entry in row p and column q is, or in row q and column p.
     static constexpr int upper(int p, int q) { return p > q ? upper(q, p) : p * P - p * (p - 1) / 2 + q - p; }
     static constexpr int last = K - 1;
-    static constexpr bool crosses = Form::q2 >= 0, faces = Form::d1 >= 0 && Form::q1 < 0;
+    static constexpr bool crosses = Form::q2 >= 0;
     // Whether each element has entries of x of its own: two faces have one height together.
     static constexpr bool apart = Form::q1 >= 0;
     // Beyond its first `active_in(k)` columns the k-th row is zero: what only turns sees no position.

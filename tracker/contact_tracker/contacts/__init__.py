@@ -65,7 +65,7 @@ class ContactModel:
         if self.family is not face_face:
             return x
         m, n, out = face_face.M, face_face.N, np.array(x)
-        first, second = told[..., m].all(axis=-1, keepdims=True), told[..., n].all(axis=-1, keepdims=True)
+        first, second = told[..., m][..., :1], told[..., n][..., :1]  # a direction is told as a whole
         out[..., m] = np.where(second & ~first, x[..., n] @ turn, x[..., m])
         out[..., n] = np.where(first & ~second, x[..., m] @ turn.T, x[..., n])
         return out
