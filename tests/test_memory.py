@@ -40,7 +40,8 @@ def test_the_same_elements_are_offered_again_and_shares_add_up():
     assert begins.many == 4  # nothing, the edge, the table, both
     assert np.exp(begins.log_share).sum() == pytest.approx(1.0)
     assert not begins.certain.any()
-    assert list(begins.searched) == [True, False, False, False]
+    # the edge's direction or the table's normal may be open, and is searched for
+    assert list(begins.searched) == [True, True, True, False]
 
 
 def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():

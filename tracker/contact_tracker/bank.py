@@ -11,7 +11,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.labels import STATES
-from contact_tracker.pace import FIRST_TICKS, MET_SHARE, RESIDUAL_TICKS, YOUNG, patience
+from contact_tracker.pace import MET_PATIENCE, RESIDUAL_TICKS, YOUNG, patience
 from contact_tracker.prior import Prior
 from contact_tracker.table import Bank, layout
 
@@ -125,7 +125,8 @@ def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
 
 def patient(bank: Bank, model: ContactModel) -> Bools:
     """Which hypotheses (H,) are kept however bad: their geometry may not be found yet."""
-    return (bank.told <= patience(model.needed)) & bank.searched
+    share = np.where(bank.met, MET_PATIENCE, 1.0)
+    return (bank.told <= share * patience(model.needed)) & bank.searched
 
 
 def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float) -> Bank:
@@ -134,8 +135,7 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
     Log weights are against ``best`` from then on.
     """
     joint = bank.joint
-    margins = np.where(bank.met & (bank.told >= FIRST_TICKS), MET_SHARE * margin, margin)
-    keep = (joint > best - margins) | patient(bank, model)
+    keep = (joint > best - margin) | patient(bank, model)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

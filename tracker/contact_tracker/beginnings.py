@@ -73,7 +73,7 @@ def _beginnings(
         pivot=pivot,
         pair=np.array(pair),
         certain=np.array([one.certain for one in assumed]) & ~recalled,
-        searched=~told.all(axis=1) & ~recalled,  # directions are unknown: the rest is a linear problem
+        searched=np.array(~told.all(axis=1)),  # directions are unknown: the rest is a linear problem
         met=recalled,
     )
 

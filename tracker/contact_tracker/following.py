@@ -11,7 +11,17 @@ from contact_tracker import compiled, fit
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, complexity
-from contact_tracker.pace import AT_REST, FIRST_STEPS, FIRST_TICKS, REFINE_STEPS
+from contact_tracker.pace import (
+    AT_REST,
+    AT_THE_NOISE,
+    FALL_NATS,
+    FALLEN_STEPS,
+    FAR_NATS,
+    FIRST_STEPS,
+    FIRST_TICKS,
+    REFINE_STEPS,
+    WAIT_NATS,
+)
 from contact_tracker.prior import Prior
 from contact_tracker.summed import Sums, summed
 from contact_tracker.table import Bank
@@ -71,6 +81,19 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
         told=count * heard.sum(),
     )
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
+
+
+def waits(bank: Bank) -> Bools:
+    """Which hypotheses (H,) learn only when searches are due."""
+    return bank.joint < -np.where(bank.told < FIRST_TICKS, FAR_NATS, WAIT_NATS)
+
+
+def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen."""
+    fallen = (was >= -WAIT_NATS) & (bank.joint < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
+    if not fallen.any():
+        return bank
+    return learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
 
 
 def follow(

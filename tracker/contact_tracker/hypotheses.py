@@ -11,9 +11,9 @@ from contact_tracker.bank import Birth, Births, add, assuming, blank, joined, pr
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales
-from contact_tracker.following import follow, grow, grow_whole
+from contact_tracker.following import caught, follow, grow, grow_whole, waits
 from contact_tracker.lift import R
-from contact_tracker.pace import AT_REST, FIRST_TICKS, WAIT_NATS
+from contact_tracker.pace import AT_REST
 from contact_tracker.search import adopted, directions, is_due, lost, searched
 from contact_tracker.summed import summed
 from contact_tracker.table import Bank
@@ -66,8 +66,8 @@ def advance(
     best of all, free motion included; ``log_stay`` (7,) is the price of not having changed.
 
     Hopeless is what is further behind the best than the ``margin`` (nats) when its contact has just searched:
-    before that it may only have lost its minimum. What is ``WAIT_NATS`` behind may wait for that, while its
-    moments grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond``
+    before that it may only have lost its minimum. What is far behind (see ``pace``) may wait for that, while
+    its moments grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond``
     (m^2, rad^2) that of the windows.
     """
     now = births.onset
@@ -116,10 +116,11 @@ def _advanced(
         return bank
     due, old = is_due(model, birth.onset), len(bank)
     bank = add(bank, model, birth)
-    idle = (bank.joint < -WAIT_NATS) & (bank.told >= FIRST_TICKS) & (not due)
     # what assumes met elements begins with them: one tick, which is given, changes no weight
-    idle |= bank.met & (np.arange(len(bank)) >= old)
+    idle = waits(bank) & (not due) | bank.met & (np.arange(len(bank)) >= old)
+    was = bank.joint
     bank = follow(grow(bank, model, window, log_stay), model, window, scales, idle)
+    bank = caught(bank, was, model, window, scales)
     if due:
         bank = adopted(bank, model, window, scales)
         if window.latest_activity > AT_REST:

@@ -14,8 +14,12 @@ WAIT_NATS: Final = 8.0
 """What is further behind the best learns only when searches are due, once it has seen its first ticks: until
 then it grows."""
 FAR_NATS: Final = 14.0
-"""What is further behind the best neither searches nor offers its geometry once patience is over. It is no
-evidence for its contact, either."""
+"""What is further behind the best learns only then in its first ticks, too. It neither searches nor offers
+its geometry once patience is over, and is no evidence for its contact."""
+FALL_NATS: Final = 3.0
+FALLEN_STEPS: Final = 12
+"""What learns in every tick and falls behind by more than so many nats in one, in which it does not fit any
+more, takes so many steps more: what had been open until then may lie far off."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -35,10 +39,8 @@ AT_THE_NOISE: Final = 1.2
 from others, though that may be worth some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
-MET_SHARE: Final = 0.6
-"""Of the margin, after the first ticks: what assumes elements that were met before is dropped sooner, of
-which there are most; beside it is what assumes less. In those ticks it may be right and have earned nothing
-yet: while the contact before lasts, it only falls behind."""
+MET_PATIENCE: Final = 0.5
+"""Of the patience, for what assumes elements that were met before: about half of its geometry is known."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 

@@ -111,17 +111,21 @@ void advance(const Kind& kind, const Table& old, const Birth& birth, const Table
     Work<F> work;
     Learners learners;
     const double heard = ticks.heard();
+    std::vector<double> was(table.count);
     join<F>(kind, old, birth, table);
     settle<F>(kind, table, old.count, gone, weights.lengths);
     for (int b = 0; b < table.count; ++b) {
         double* row = table.row(b);
         const bool begins = b >= old.count;
-        const bool far = joint(kind.where, row) < -settings.wait_nats;
-        const bool waits = far && row[kind.where.told] >= settings.first_ticks && !directions;
+        was[b] = joint(kind.where, row);
         // what assumes met elements begins with them: one tick, which is given, changes no weight
-        const bool learns = !waits && !(begins && whole(row, kind.where.met) != 0);
+        const bool idle = (waits(kind, row) && !directions) || (begins && whole(row, kind.where.met) != 0);
         grow<F>(kind, row, ticks, heard, log_stay);
-        if (learns) learners.add(kind, row, steps_of(kind, row));
+        if (!idle) learners.add(kind, row, steps_of(kind, row));
+    }
+    learners.learn<F>(kind, ticks, weights, work);
+    for (int b = 0; b < table.count; ++b) {
+        if (fell(kind, table.row(b), was[b])) learners.add(kind, table.row(b), settings.fallen_steps);
     }
     learners.learn<F>(kind, ticks, weights, work);
     if (!directions) return;

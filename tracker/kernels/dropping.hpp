@@ -43,9 +43,7 @@ inline std::vector<std::int64_t> kept(const Kind& kind, const Table& table, std:
     std::vector<std::int64_t> rows;
     for (int b = 0; b < table.count; ++b) {
         const double* row = table.row(b);
-        const bool young = row[where.told] < settings.first_ticks;
-        const double share = whole(row, where.met) != 0 && !young ? settings.met_share : 1.0;
-        const bool near = joint(where, row) > best - share * margin;
+        const bool near = joint(where, row) > best - margin;
         if ((near || patient(kind, row)) && is_best(where, table, b, now)) rows.push_back(b);
     }
     return rows;

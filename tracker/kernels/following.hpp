@@ -96,6 +96,18 @@ inline int steps_of(const Kind& kind, const double* row) {
     return row[kind.where.told] < settings.first_ticks ? settings.first_steps : settings.refine_steps;
 }
 
+// As `following.waits`.
+inline bool waits(const Kind& kind, const double* row) {
+    const bool young = row[kind.where.told] < settings.first_ticks;
+    return joint(kind.where, row) < -(young ? settings.far_nats : settings.wait_nats);
+}
+
+// Whether a hypothesis goes on, whose log weight was that before the tick: as in `following.caught`.
+inline bool fell(const Kind& kind, const double* row, double was) {
+    const bool falls = was >= -settings.wait_nats && joint(kind.where, row) < was - settings.fall_nats;
+    return falls && row[kind.where.rms] > settings.at_the_noise;
+}
+
 // As `following.learn` of hypotheses that take so many steps.
 template <class F>
 WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps, const Weights& weights,

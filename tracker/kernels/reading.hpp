@@ -60,13 +60,15 @@ inline void read_settings() {
     settings.at_rest = number("AT_REST");
     settings.wait_nats = number("WAIT_NATS");
     settings.far_nats = number("FAR_NATS");
+    settings.fall_nats = number("FALL_NATS");
     settings.lift = number("LIFT");
     settings.at_the_noise = number("AT_THE_NOISE");
     settings.least_gain = number("LEAST_GAIN");
-    settings.met_share = number("MET_SHARE");
+    settings.met_patience = number("MET_PATIENCE");
     settings.residual_ticks = number("RESIDUAL_TICKS");
     settings.refine_steps = count("REFINE_STEPS");
     settings.first_steps = count("FIRST_STEPS");
+    settings.fallen_steps = count("FALLEN_STEPS");
     settings.screened = count("SCREENED");
     settings.weighed = count("WEIGHED");
     settings.young = count("YOUNG");

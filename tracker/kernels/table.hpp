@@ -55,7 +55,8 @@ inline double joint(const Where& where, const double* row) {
 
 // As `bank.patient`.
 inline bool patient(const Kind& kind, const double* row) {
-    return row[kind.where.told] <= kind.patience && whole(row, kind.where.searched) != 0;
+    const double share = whole(row, kind.where.met) != 0 ? settings.met_patience : 1.0;
+    return row[kind.where.told] <= share * kind.patience && whole(row, kind.where.searched) != 0;
 }
 
 // Rows of hypotheses that stand side by side.
