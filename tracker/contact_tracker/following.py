@@ -16,7 +16,6 @@ from contact_tracker.pace import (
     AT_THE_NOISE,
     FALL_NATS,
     FALLEN_STEPS,
-    FAR_NATS,
     FIRST_STEPS,
     FIRST_TICKS,
     REFINE_STEPS,
@@ -85,7 +84,7 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
 
 def waits(bank: Bank) -> Bools:
     """Which hypotheses (H,) learn only when searches are due."""
-    return bank.joint < -np.where(bank.told < FIRST_TICKS, FAR_NATS, WAIT_NATS)
+    return bank.joint < -WAIT_NATS
 
 
 def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:

@@ -10,12 +10,11 @@ FIRST_STEPS: Final = 3
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
-WAIT_NATS: Final = 8.0
-"""What is further behind the best learns only when searches are due, once it has seen its first ticks: until
-then it grows."""
+WAIT_NATS: Final = 10.0
+"""What is further behind the best learns only when searches are due: until then it grows."""
 FAR_NATS: Final = 14.0
-"""What is further behind the best learns only then in its first ticks, too. It neither searches nor offers
-its geometry once patience is over, and is no evidence for its contact."""
+"""What is further behind the best neither searches nor offers its geometry once patience is over. It is no
+evidence for its contact, either."""
 FALL_NATS: Final = 3.0
 FALLEN_STEPS: Final = 12
 """What learns in every tick and falls behind by more than so many nats in one, in which it does not fit any

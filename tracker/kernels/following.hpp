@@ -98,8 +98,7 @@ inline int steps_of(const Kind& kind, const double* row) {
 
 // As `following.waits`.
 inline bool waits(const Kind& kind, const double* row) {
-    const bool young = row[kind.where.told] < settings.first_ticks;
-    return joint(kind.where, row) < -(young ? settings.far_nats : settings.wait_nats);
+    return joint(kind.where, row) < -settings.wait_nats;
 }
 
 // Whether a hypothesis goes on, whose log weight was that before the tick: as in `following.caught`.
