@@ -56,7 +56,7 @@ def minimise(
     iterations: int | Index,
     tolerance: float = TOLERANCE,
     of: Index | None = None,
-    exact: bool | NDArray[np.bool_] = True,
+    exact: bool = True,
 ) -> Fit:
     """Fit one family to W windows from B starts.
 
@@ -71,8 +71,8 @@ def minimise(
     iterations : steps at most, of all or of each start (B,).
     tolerance : see ``TOLERANCE``.
     of : (B,) the window of each start; without, there is one start a window.
-    exact : whether the hessian is that at x, of all or of each start (B,). It is half the work of a step, and
-        near a minimum that where the last of all steps began says the same.
+    exact : whether the hessian is that at x. It is half the work of a step, and near a minimum that where the
+        last of all steps began says the same.
 
     Returns
     -------
@@ -80,7 +80,6 @@ def minimise(
     is, and converged (B,), of a fit that is not exact before its last step.
     """
     left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
-    exact = np.broadcast_to(exact, len(x))
     of = np.arange(len(x)) if of is None else of
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
     damping = np.full(len(x), FIRST_DAMPING)
@@ -105,7 +104,7 @@ def minimise(
         damping[rows] = np.clip(damping[rows], LEAST_DAMPING, MOST_DAMPING)
         won = rows[better]
         x[won], cost_now[won] = proposal[better], proposed_cost[better]
-        won = won[exact[won] | (left[won] > 0)]
+        won = won[exact | (left[won] > 0)]
         if len(won):
             at[won] = x[won]
             tangent[won], gradient[won], hessian[won], held[won] = _normal_equations(
