@@ -48,8 +48,7 @@ def test_without_dropping_anything_the_same_is_said(path: Path) -> None:
     assert other.hypotheses > 1.5 * own.hypotheses
     assert (own.probability.argmax(axis=1) == other.probability.argmax(axis=1)).all()
     apart = np.abs(own.probability - other.probability).max(axis=1)
-    assert np.quantile(apart, 0.99) < 1e-3
-    assert apart.max() < 5e-3
+    assert apart.max() < 1e-3
 
 
 def test_with_twice_the_margin_the_same_is_said() -> None:
