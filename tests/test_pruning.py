@@ -46,7 +46,8 @@ def test_without_dropping_anything_the_same_is_said(path: Path) -> None:
     own = pruning.follow(poses, model)
     other = pruning.follow(poses, pruning.with_margin(model, np.inf))
     assert other.hypotheses > 1.5 * own.hypotheses
-    assert (own.probability.argmax(axis=1) == other.probability.argmax(axis=1)).all()
+    tied = np.diff(np.sort(own.probability, axis=1)[:, -2:], axis=1)[:, 0] < 1e-6  # there rounding decides
+    assert (tied | (own.probability.argmax(axis=1) == other.probability.argmax(axis=1))).all()
     apart = np.abs(own.probability - other.probability).max(axis=1)
     assert apart.max() < 1e-3
 
@@ -77,27 +78,26 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     assert len(lost(bank.having(told=float(due)).pick(np.array([0])), model)) == 1
 
 
-@pytest.mark.parametrize(("told", "kept"), [(0.4, [0, 1]), (0.6, [0]), (1.1, [])])
+@pytest.mark.parametrize(
+    ("told", "kept"), [(0.9 * MET_PATIENCE, [0, 1]), (1.1 * MET_PATIENCE, [0]), (1.1, [])]
+)
 def test_what_was_met_is_found_sooner_or_dropped(told, kept):
     """Part of its geometry is known."""
     bank = blank(EDGE_FACE, 2).having(
         told=told * patience(EDGE_FACE.needed), met=[0, 1], log_likelihood=-1000.0, number=[0, 1]
     )
     assert prune(bank, EDGE_FACE, 5, 0.0, 20.0).number.tolist() == kept
-    assert 0.4 < MET_PATIENCE < 0.6
 
 
 def test_what_is_far_behind_waits():
     behind = [-0.9 * WAIT_NATS, -1.1 * WAIT_NATS]
-    assert waits(blank(EDGE_FACE, 2).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)).tolist() == [
-        0,
-        1,
-    ]
+    bank = blank(EDGE_FACE, 2).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
+    assert waits(bank).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
 def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
-    """A step a tick would take it there much later, and it would have been dropped before."""
+    """In the same tick: with the steps that all take it would not."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, scales = EDGE_FACE, scales_of(MODEL)
     seen = list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
@@ -105,7 +105,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
     assert not is_due(model, 40)
     bank = state.banks[model.contact.column]
     near = (bank.joint > -WAIT_NATS) & (bank.told > 10.0)
-    off = model.turned(bank.x, Rotation.from_rotvec([0.0, 0.3, 0.0]).as_matrix())
+    off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
     knocked = bank.having(x=np.where(near[:, None], off, bank.x))
     stepped = follow(grow(knocked, model, window), model, window, scales)
     fallen = near & (stepped.joint < bank.joint - FALL_NATS) & (stepped.rms > AT_THE_NOISE)
@@ -146,7 +146,7 @@ def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
     assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
     state = seen[start - 1].state
     bank = state.banks[column]
-    near = (bank.told > patience(model.needed)) & (bank.joint > -8.0)
+    near = (bank.told > patience(model.needed)) & (bank.joint > -WAIT_NATS)
     near[bank.leader] = False
     row = int(np.flatnonzero(near)[-1])
     this = np.arange(len(bank)) == row

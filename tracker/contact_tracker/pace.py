@@ -17,8 +17,8 @@ FAR_NATS: Final = 14.0
 evidence for its contact, either."""
 FALL_NATS: Final = 3.0
 FALLEN_STEPS: Final = 12
-"""What learns in every tick and falls behind by more than so many nats in one, in which it does not fit any
-more, takes so many steps more: what had been open until then may lie far off."""
+"""What learns in every tick, falls by more than so many nats in one and does not fit its window takes so many
+steps more: what had been open until then may lie far off."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -39,7 +39,8 @@ from others, though that may be worth some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
 MET_PATIENCE: Final = 0.5
-"""Of the patience, for what assumes elements that were met before: about half of its geometry is known."""
+"""Of the patience, for what assumes elements that were met before: part of its geometry is known, and there
+are many."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 
