@@ -36,7 +36,8 @@ LEAST_SHARE: Final = 1e-12
 class Fit:
     """Minima of B windows. ``converged`` is a status: where it is False, x is the best point met so far.
 
-    The hessian is that ``at`` (B, S), which is x but for fits that are not ``exact``.
+    The hessian is that ``at`` (B, S), where the last step began: that at its end would be half the work of a
+    step, and says the same near a minimum.
     """
 
     x: Array
@@ -56,7 +57,6 @@ def minimise(
     iterations: int | Index,
     tolerance: float = TOLERANCE,
     of: Index | None = None,
-    exact: bool = True,
 ) -> Fit:
     """Fit one family to W windows from B starts.
 
@@ -71,13 +71,11 @@ def minimise(
     iterations : steps at most, of all or of each start (B,).
     tolerance : see ``TOLERANCE``.
     of : (B,) the window of each start; without, there is one start a window.
-    exact : whether the hessian is that at x. It is half the work of a step, and near a minimum that where the
-        last of all steps began says the same.
 
     Returns
     -------
     Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, at which x (B, S) it
-    is, and converged (B,), of a fit that is not exact before its last step.
+    is, and converged (B,), as far as is known there.
     """
     left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
     of = np.arange(len(x)) if of is None else of
@@ -104,7 +102,7 @@ def minimise(
         damping[rows] = np.clip(damping[rows], LEAST_DAMPING, MOST_DAMPING)
         won = rows[better]
         x[won], cost_now[won] = proposal[better], proposed_cost[better]
-        won = won[exact | (left[won] > 0)]
+        won = won[left[won] > 0]
         if len(won):
             at[won] = x[won]
             tangent[won], gradient[won], hessian[won], held[won] = _normal_equations(

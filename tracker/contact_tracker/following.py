@@ -121,7 +121,7 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
         learned = learn(bank.pick(rows), model, window, scales, steps[rows])
         return bank.putting(rows, learned, np.arange(len(rows)))
     known = before(bank, model, scales)
-    found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps, exact=False)
+    found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps)
     return _weighed(bank.having(x=found.x), model, window, scales, known, found)
 
 

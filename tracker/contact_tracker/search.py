@@ -126,7 +126,7 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: Scales, drawn: 
     x = _least(*fit.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), SCREENED)
     for steps, kept in ROUNDS:
         of = rows.repeat(x.shape[1])
-        found = fit.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of, exact=False)
+        found = fit.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
         x = _least(found.x, found.cost, len(rows), kept)
     return x
 

@@ -154,7 +154,7 @@ WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>&
 // As `fit.minimise` of some windows, from x (S,), in place. Those that are there already stay until all are,
 // up to rounding: last digits depend on who stands beside whom.
 template <class F>
-Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work, bool exact = true) {
+Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
     const Damping& fits = settings.fits;
     std::copy_n(x, F::S, work.trial);
     Descent now{complete<F>(window, work.trial, work), fits.first, true};
@@ -166,7 +166,7 @@ Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work, bo
         for (int s = 0; s < F::S; ++s) work.trial[s] = x[s] + where(now.left, work.trial[s], Lanes(0.0));
         const Lanes proposed = complete<F>(window, work.trial, work);
         const Mask better = now.left & (proposed < now.cost);
-        if (left == 1 && !exact) {
+        if (left == 1) {
             for (int s = 0; s < F::S; ++s) x[s] = where(better, work.trial[s], x[s]);
         } else if (any(better)) {
             accept<F>(window, now.left & !better, x, work);

@@ -117,7 +117,7 @@ WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int step
     Lanes x[F::S];
     read(rows, where.x, F::S, x);
     know<F>(kind, rows, work.prior);
-    descend<F>(window, x, steps, work, false);
+    descend<F>(window, x, steps, work);
     weigh<F>(kind, rows, x, weights, add_up<F>(kind, x, begun.onset, begun.certain, ticks, weights.lengths),
              work);
 }

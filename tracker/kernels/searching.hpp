@@ -55,7 +55,7 @@ void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, W
         for (int i = 0; i < lanes; ++i) {
             for (int s = 0; s < F::S; ++s) x[s].put(i, own(i).x[s]);
         }
-        cost = steps ? descend<F>(window, x, steps, work, false).cost : complete<F>(window, x, work);
+        cost = steps ? descend<F>(window, x, steps, work).cost : complete<F>(window, x, work);
         for (int i = 0; i < lanes; ++i) {
             own(i).cost = cost[i];
             for (int s = 0; s < F::S; ++s) own(i).x[s] = x[s][i];
