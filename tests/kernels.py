@@ -1,5 +1,7 @@
 """Parts of the kernels, called as the functions are that they stand for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from contact_tracker import compiled, fit
 from contact_tracker.bank import blank
 from contact_tracker.compiled.calls import model_of, ticks_of
 from contact_tracker.compiled.kernels import parts
-from contact_tracker.table import entries
+from contact_tracker.words import entries
 
 
 def both(function, *args, **options):
@@ -37,25 +39,29 @@ def complete(model, moments, row_weight, prior, anchors, x):
 
 
 def _problem(model, moments, row_weight, prior, anchors):
-    bank = blank(model, len(moments)).having(moments=moments, row_weight=row_weight)
-    return model_of(model, 1.0), bank.words, prior.precision, prior.information, prior.constant, anchors
+    bank = blank(model, len(moments)).having(row_weight=row_weight).seeing(moments=moments)
+    return *_bank(model, 1.0, bank), prior.precision, prior.information, prior.constant, anchors
+
+
+def _bank(model, reach_m, bank):
+    return model_of(model, reach_m), bank.words, bank.onsets.words
 
 
 def grow(bank, model, window, log_stay):
     """As ``following.grow``."""
-    grown = bank.copy()
-    parts.grown(model_of(model, 1.0), grown.words, ticks_of(window), log_stay)
+    grown = replace(bank.copy(), onsets=bank.onsets.copy())
+    parts.grown(*_bank(model, 1.0, grown), ticks_of(window), log_stay)
     return grown
 
 
 def givers(bank, model, reach_m):
     """Whose geometry each hypothesis takes in ``search.adopted``."""
-    return parts.offered(model_of(model, reach_m), bank.words)
+    return parts.offered(*_bank(model, reach_m, bank))
 
 
 def lost(bank, model):
     """As ``search.lost``."""
-    return parts.searching(model_of(model, 1.0), bank.words)
+    return parts.searching(*_bank(model, 1.0, bank))
 
 
 def starts(model, moments):
@@ -64,5 +70,5 @@ def starts(model, moments):
 
 
 def dropped(bank, model, now, best, margin):
-    """As ``bank.prune``: rows, words, the log of their weights' sum, their residual and the best of them."""
-    return parts.dropped(model_of(model, 1.0), bank.words, now, best, margin)
+    """As ``bank.prune``: rows, words, those of onsets, the log of the weights' sum, residual and best row."""
+    return parts.dropped(*_bank(model, 1.0, bank), now, best, margin)

@@ -21,7 +21,7 @@ LAYERS = (
     ("lift",),
     ("contacts", "paper"),
     ("fit", "pace", "prior"),
-    ("table", "travel", "window"),
+    ("table", "travel", "window", "words"),
     ("compiled",),
     ("noise", "free_motion"),
     (

@@ -20,7 +20,7 @@ from contact_tracker.following import NOT_AT_ALL, grow, information, learn
 from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
-from contact_tracker.pace import FAR_NATS, patience
+from contact_tracker.pace import FAR_NATS, MET_PATIENCE, patience
 from contact_tracker.prior import Prior
 from contact_tracker.summed import summed
 from contact_tracker.table import FOUND
@@ -270,6 +270,8 @@ def test_a_tick_is_taken_in_alike(k):
     for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
         for name in ("number", "onset", "onset_ns", "source", "met"):
             np.testing.assert_array_equal(getattr(compiled_, name), getattr(reference, name))
+        for bank in (reference, compiled_):  # who begins together shares a window
+            np.testing.assert_array_equal(bank.onsets.onset, np.unique(bank.onset))
         assert_same_columns(reference, compiled_, ("told", "moments", "first", "entry", "lasted"), 1e-6)
         matters = reference.joint > -30.0
         np.testing.assert_allclose(compiled_.joint[matters], reference.joint[matters], atol=2e-2)
@@ -345,16 +347,18 @@ def test_information_is_alike(model, k):
 @given(seed=seeds, model=st.sampled_from(CONTACT_MODELS))
 def test_the_same_hypotheses_search(seed, model):
     rng, count = np.random.default_rng(seed), 60
-    bank = blank(model, count).having(
-        told=rng.uniform(0.0, 40.0, count),
+    bank = blank(model, count).seeing(told=rng.uniform(0.0, 40.0, count))
+    bank = bank.having(
         searched=rng.random(count) > 0.2,
+        met=rng.random(count) > 0.5,
         source=rng.random(count) > 0.5,
         rms=rng.uniform(1.0, 3.0, count),
         log_likelihood=np.where(np.arange(count) == 7, np.nan, -40.0 * rng.random(count)),
     )
     found = search.lost(bank, model)
     assert set(kernels.lost(bank, model)) == set(found)
-    hopeless = (bank.joint < -FAR_NATS) & (bank.told > patience(model.needed))
+    share = np.where(bank.met, MET_PATIENCE, 1.0)
+    hopeless = (bank.joint < -FAR_NATS) & (bank.told > share * patience(model.needed))
     assert not hopeless[found].any()
 
 
@@ -365,7 +369,6 @@ def test_what_is_dropped_agrees(seed, margin, model):
     count, now = int(rng.integers(0, 60)), 800
     bank = blank(model, count).having(
         onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
-        told=rng.uniform(0.0, 40.0, count),
         searched=rng.random(count) > 0.5,
         met=rng.random(count) > 0.5,
         log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
@@ -373,9 +376,13 @@ def test_what_is_dropped_agrees(seed, margin, model):
         number=np.arange(count),
         rms=rng.random(count),
     )
+    onsets = blank(model, now + 1).onsets.having(told=rng.uniform(0.0, 40.0, now + 1))
+    bank = replace(bank, onsets=onsets)
     numpy = prune(bank, model, now, -2.5, margin)
-    rows, words, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)
+    rows, words, since, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(words, numpy.words)
+    np.testing.assert_array_equal(since, numpy.onsets.words)
+    assert set(numpy.onsets.onset) == set(numpy.onset)
     np.testing.assert_array_equal(bank.number[rows], numpy.number)
     np.testing.assert_allclose(log_weight, numpy.log_weight, rtol=1e-12)
     np.testing.assert_equal(told, residual(numpy))
@@ -407,5 +414,7 @@ def test_kernels_refuse_what_they_do_not_know():
     model = CONTACT_MODELS[0]
     with pytest.raises(ValueError, match="not a table of this contact"):
         kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
+    with pytest.raises(ValueError, match="without its onset"):
+        kernels.dropped(blank(model, 2).having(onset=[1, 2]), model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="no family of this form"):
-        compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), 9, {}, True, 1.0, 2.0, [], [], 3)
+        compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), (9, {}), (7, {}), True, 1.0, 2.0, [], [], 3)

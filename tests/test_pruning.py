@@ -69,13 +69,14 @@ def test_with_twice_the_margin_the_same_is_said() -> None:
 def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     """Three rows a pose tell five unknowns sooner than one row eight."""
     told = np.array([0.9, 1.1]) * patience(model.family.PARAMETERS / model.family.ROWS)
-    bank = blank(model, 2).having(told=told, searched=1.0, log_likelihood=-1000.0, rms=10.0, number=[0, 1])
-    assert prune(bank, model, 50, 0.0, 40.0).number.tolist() == [0]
+    bank = blank(model, 2).having(searched=1.0, log_likelihood=-1000.0, rms=10.0, number=[0, 1])
+    bank = bank.seeing(told=told)
+    assert prune(bank, model, 5, 0.0, 40.0).number.tolist() == [0]
     impatient, near = bank.pick(np.array([1])), bank.having(log_likelihood=-1.0).pick(np.array([1]))
     assert not len(lost(impatient, model))
     assert len(lost(near, model)) == DUE[int(told[1])]
     due = int(np.flatnonzero(DUE[: int(told[0]) + 1])[-1])
-    assert len(lost(bank.having(told=float(due)).pick(np.array([0])), model)) == 1
+    assert len(lost(bank.seeing(told=float(due)).pick(np.array([0])), model)) == 1
 
 
 @pytest.mark.parametrize(
@@ -83,9 +84,8 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
 )
 def test_what_was_met_is_found_sooner_or_dropped(told, kept):
     """Part of its geometry is known."""
-    bank = blank(EDGE_FACE, 2).having(
-        told=told * patience(EDGE_FACE.needed), met=[0, 1], log_likelihood=-1000.0, number=[0, 1]
-    )
+    bank = blank(EDGE_FACE, 2).having(met=[0, 1], log_likelihood=-1000.0, number=[0, 1])
+    bank = bank.seeing(told=told * patience(EDGE_FACE.needed))
     assert prune(bank, EDGE_FACE, 5, 0.0, 20.0).number.tolist() == kept
 
 
@@ -172,9 +172,9 @@ def test_who_is_hopeless_offers_nothing(told, behind):
     fitting, lost_one = bank.leader, int(np.flatnonzero(bank.told > 10.0)[0])
     two = bank.pick(np.array([fitting, lost_one]))
     x = np.array([two.x[0], model.turned(two.x, np.eye(3)[[1, 2, 0]])[1]])
-    two = two.having(
+    assert two.onset[0] != two.onset[1]
+    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], told, 20.0)).having(
         x=x,
-        told=[told, 20.0],
         rms=[1.0, 50.0],
         entry=0.0,
         log_likelihood=[-behind * FAR_NATS, 0.0],

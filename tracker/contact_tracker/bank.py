@@ -1,5 +1,6 @@
 """The living hypotheses of one contact: what each knew before, how they join and which are dropped."""
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,7 +14,8 @@ from contact_tracker.evidence import weak_prior
 from contact_tracker.labels import STATES
 from contact_tracker.pace import MET_PATIENCE, RESIDUAL_TICKS, YOUNG, patience
 from contact_tracker.prior import Prior
-from contact_tracker.table import Bank, layout
+from contact_tracker.table import Bank, Onsets
+from contact_tracker.words import layout
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -78,12 +80,13 @@ def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) ->
 
 @lru_cache(maxsize=256)
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
-    """``count`` hypotheses of which nothing is known."""
-    family, row = model.family, layout(model)
-    bank = Bank(np.zeros((count, row.words)), row, np.zeros((count, lag, len(STATES))))
+    """``count`` hypotheses of which nothing is known, each with an onset of its own, in ticks 0, 1, ..."""
+    family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
+    onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).having(onset=np.arange(count))
+    bank = Bank(np.zeros((count, row.words)), row, onsets, np.zeros((count, lag, len(STATES))))
     # some directions; points at the body, which starts at the origin
     x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
-    return bank.having(x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)
+    return bank.having(onset=onsets.onset, x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)
 
 
 def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
@@ -92,16 +95,19 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     if not begins.many:
         return bank
     born, told = assuming(model, begins)
-    words = np.concatenate([bank.words, born])
-    both = Bank(words, bank.layout, joined(bank.past, birth.past, begins.many, np.arange(len(words))))
-    new = Bank(both.words[old:], bank.layout, both.past[old:])
+    words, since = np.concatenate([bank.words, born]), bank.onsets
+    since = replace(since, words=np.pad(since.words, ((0, 1), (0, 0))))
+    since.cells("onset")[-1], since.cells("onset_ns")[-1] = birth.onset, birth.onset_ns
+    past = joined(bank.past, birth.past, begins.many, np.arange(len(words)))
+    both = Bank(words, bank.layout, since, past)
+    new = Bank(words[old:], bank.layout, since, past[old:])
     if old:
         best = bank.leader
         x, new.cells("row_weight")[:] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new.cells("x"), birth.turn)
     new.cells("x")[:] = model.faced(np.where(told, begins.known_mean, x), told, birth.turn)
-    new.cells("onset")[:], new.cells("onset_ns")[:] = birth.onset, birth.onset_ns
+    new.cells("onset")[:] = birth.onset
     new.cells("number")[:] = birth.number + np.arange(begins.many)
     new.cells("entry")[:] = birth.entry
     return both
@@ -142,7 +148,9 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
         span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
-    return bank.having(entry=bank.entry - best)
+    since = bank.onsets
+    since = replace(since, words=since.words[np.isin(since.onset, bank.onset)])
+    return replace(bank.having(entry=bank.entry - best), onsets=since)
 
 
 def residual(bank: Bank) -> float:

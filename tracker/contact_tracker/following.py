@@ -50,17 +50,17 @@ def grow(bank: Bank, model: ContactModel, window: Window, log_stay: float = 0.0)
 
     ``log_stay`` is the price of not having changed in it.
     """
-    zeta, activity = window.zeta[-1], float(window.activity[-1])
+    zeta, activity, now = window.zeta[-1], float(window.activity[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
-    begins = bank.onset == window.index[-1]
+    since = bank.onsets
+    begins = since.onset == now
     weight = np.where(begins, 1.0, max(activity, AT_REST)) / sigma_m**2
-    bank = bank.having(
-        first=np.where(begins[:, None], lifted / sigma_m, bank.first),
-        moments=bank.moments + weight[:, None, None] * np.outer(lifted, lifted),
-        place_sum=bank.place_sum + weight[:, None] * zeta[9:12],
-        weight=bank.weight + weight,
-        told=bank.told + np.where(begins, 1.0, activity),
-        lasted=bank.lasted + np.where(begins, 0.0, log_stay),
+    bank = bank.having(lasted=bank.lasted + np.where(bank.onset == now, 0.0, log_stay)).seeing(
+        first=np.where(begins[:, None], lifted / sigma_m, since.first),
+        moments=since.moments + weight[:, None, None] * np.outer(lifted, lifted),
+        place_sum=since.place_sum + weight[:, None] * zeta[9:12],
+        weight=since.weight + weight,
+        told=since.told + np.where(begins, 1.0, activity),
     )
     # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
@@ -71,13 +71,12 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     heard = np.append(1.0, window.activity[1:])  # the onset is given
     weight = np.maximum(heard, AT_REST) / variance
-    count = np.ones(len(bank))
-    bank = bank.having(
-        first=np.outer(count, lifted[0] / np.sqrt(variance[0])),
-        moments=count[:, None, None] * ((lifted * weight[:, None]).T @ lifted),
-        place_sum=np.outer(count, weight @ window.zeta[:, 9:12]),
-        weight=count * weight.sum(),
-        told=count * heard.sum(),
+    bank = bank.seeing(
+        first=lifted[0] / np.sqrt(variance[0]),
+        moments=(lifted * weight[:, None]).T @ lifted,
+        place_sum=weight @ window.zeta[:, 9:12],
+        weight=weight.sum(),
+        told=heard.sum(),
     )
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
@@ -114,7 +113,7 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
         from contact_tracker.compiled import calls
 
         learned = bank.copy()
-        calls.learn(model, learned.words, window, scales, steps)
+        calls.learn(model, learned.words, bank.onsets.words, window, scales, steps)
         return learned
     if (steps == NOT_AT_ALL).any():
         rows = np.flatnonzero(steps != NOT_AT_ALL)
@@ -133,7 +132,7 @@ def information(bank: Bank, model: ContactModel, scales: Scales) -> Array:
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        return calls.information(model, bank.words, scales.reach_m)
+        return calls.information(model, bank.words, bank.onsets.words, scales.reach_m)
     known = before(bank, model, scales)
     found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, 0)
     return np.asarray(found.hessian.sum(axis=1))

@@ -16,7 +16,7 @@ from contact_tracker.lift import R
 from contact_tracker.pace import AT_REST
 from contact_tracker.search import adopted, directions, is_due, lost, searched
 from contact_tracker.summed import summed
-from contact_tracker.table import Bank
+from contact_tracker.table import Bank, Onsets
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
@@ -76,12 +76,17 @@ def advance(
 
         born = [assuming(model, begins) for model, begins in zip(CONTACT_MODELS, births.begins, strict=True)]
         drawn = [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
-        words, seen = [bank.words for bank in banks], (window, before, beyond)
+        words, seen = [(bank.words, bank.onsets.words) for bank in banks], (window, before, beyond)
         left = calls.advance(words, births, born, *seen, scales, log_stay, margin, drawn)
         each = zip(banks, births.begins, births.past[:-1], left.rows, left.words, strict=True)
         kept = [
-            Bank(words, bank.layout, joined(bank.past, past, begins.many, rows))
-            for bank, begins, past, rows, words in each
+            Bank(
+                words,
+                bank.layout,
+                Onsets(since, bank.onsets.layout),
+                joined(bank.past, past, begins.many, rows),
+            )
+            for bank, begins, past, rows, (words, since) in each
         ]
         return Living(kept, left.log_left, left.residual, left.leaders, Alive(*left.alive))
     grown, oldest = [], before.lost_by(window)

@@ -77,11 +77,9 @@ def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
     # to what does not echo, the sensor's own noise, a tick beside its neighbours is worth more
     alone = (1.0 + errors.echo**2) / (1.0 - errors.echo**2)
-    polished = bank.having(
-        x=x,
-        moments=np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)[None],
-        row_weight=errors.weight * alone * np.mean(position / _noise(model, x, window)[1], axis=2),
-    )
+    row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1], axis=2)
+    moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
+    polished = bank.having(x=x, row_weight=row_weight).seeing(moments=moments)
     return Polished(polished, np.einsum("ktp,k,ktq->pq", jacobian, errors.weight, jacobian)), errors
 
 

@@ -85,7 +85,7 @@ def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scale
         from contact_tracker.compiled import calls
 
         better = bank.copy()
-        calls.searched(model, better.words, window, scales, rows, drawn)
+        calls.searched(model, better.words, bank.onsets.words, window, scales, rows, drawn)
         return better
     x = _found(bank, rows, model, scales, model.turned(drawn, window.zeta[-1, R].reshape(3, 3)))
     many = x.shape[1]

@@ -26,9 +26,10 @@ void face(const bool* told, const double* turn, double* x) {
     }
 }
 
-// As `bank.add`, into `table` (H + n, words).
+// As `bank.add`, into `table` (H + n, words), and into `onsets`, which come after the `earlier` ones.
 template <class F>
-void join(const Kind& kind, const Table& old, const Birth& birth, const Table& table) {
+void join(const Kind& kind, const Table& old, const Table& earlier, const Birth& birth, const Table& table,
+          const Table& onsets) {
     const Where& where = kind.where;
     int best = 0;
     for (int b = 1; b < old.count; ++b) {
@@ -37,10 +38,15 @@ void join(const Kind& kind, const Table& old, const Birth& birth, const Table& t
     std::copy_n(old.data, static_cast<std::size_t>(old.count) * old.words, table.data);
     std::copy_n(birth.words.data, static_cast<std::size_t>(birth.words.count) * old.words,
                 table.row(old.count));
+    std::copy_n(earlier.data, static_cast<std::size_t>(earlier.count) * earlier.words, onsets.data);
+    for (int o = earlier.count; o < onsets.count; ++o) {
+        std::fill_n(onsets.row(o), onsets.words, 0.0);
+        put_whole(onsets.row(o), kind.since.onset, birth.onset);
+        put_whole(onsets.row(o), kind.since.onset_ns, birth.onset_ns);
+    }
     for (int i = 0; i < birth.words.count; ++i) {
         double *row = table.row(old.count + i), *x = row + where.x;
         put_whole(row, where.onset, birth.onset);
-        put_whole(row, where.onset_ns, birth.onset_ns);
         put_whole(row, where.number, birth.number + i);
         row[where.entry] = birth.entry;
         if (old.count) {
@@ -58,25 +64,24 @@ void join(const Kind& kind, const Table& old, const Birth& birth, const Table& t
 
 // Let hypotheses take geometry that others offer.
 template <class F>
-void adopt(const Kind& kind, const Table& table, const Ticks& ticks, const Weights& weights, Work<F>& work) {
-    const std::vector<int> giver = givers<F>(kind, table);
-    std::vector<double> offered(static_cast<std::size_t>(table.count) * F::S);
-    for (int b = 0; b < table.count; ++b) std::copy_n(table.row(b) + kind.where.x, F::S, &offered[b * F::S]);
+void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const Weights& weights, Work<F>& work) {
+    const std::vector<int> giver = givers<F>(kind, bank);
+    std::vector<double> offered(static_cast<std::size_t>(bank.count()) * F::S);
+    for (int b = 0; b < bank.count(); ++b) std::copy_n(bank[b].own + kind.where.x, F::S, &offered[b * F::S]);
     Learners learners;
-    for (int b = 0; b < table.count; ++b) {
+    for (int b = 0; b < bank.count(); ++b) {
         if (giver[b] == b) continue;
-        double* row = table.row(b);
-        std::copy_n(&offered[giver[b] * F::S], F::S, row + kind.where.x);
-        learners.add(kind, row, steps_of(kind, row));
+        std::copy_n(&offered[giver[b] * F::S], F::S, bank[b].own + kind.where.x);
+        learners.add(kind, bank[b], steps_of(kind, bank[b]));
     }
     learners.learn<F>(kind, ticks, weights, work);
 }
 
 // Of a hypothesis, as in `search.lost`; -1 if it does not search.
-inline int group_of(const Kind& kind, const double* row) {
+inline int group_of(const Kind& kind, const Hypothesis& one) {
     const Where& where = kind.where;
-    if (!may_win(kind, row)) return -1;
-    const double told = row[where.told];
+    const double *row = one.own, told = one.since[kind.since.told];
+    if (!may_win(kind, one)) return -1;
     const int age = static_cast<int>(std::min(told, static_cast<double>(settings.due.size() - 1)));
     if (!(settings.due[age] && row[where.rms] > settings.at_the_noise && whole(row, where.searched) != 0))
         return -1;
@@ -86,52 +91,51 @@ inline int group_of(const Kind& kind, const double* row) {
 }
 
 // As `search.lost`.
-inline std::vector<int> lost(const Kind& kind, const Table& table) {
+inline std::vector<int> lost(const Kind& kind, const Bank& bank) {
     std::vector<int> best(2 * (settings.ages.size() + 1), -1);
-    for (int b = 0; b < table.count; ++b) {
-        const int group = group_of(kind, table.row(b));
+    for (int b = 0; b < bank.count(); ++b) {
+        const int group = group_of(kind, bank[b]);
         if (group < 0) continue;
         int& rival = best[group];
         if (rival < 0) {
             rival = b;
             continue;
         }
-        const double held = joint(kind.where, table.row(rival));
-        if (joint(kind.where, table.row(b)) > held || std::isnan(held)) rival = b;
+        const double held = joint(kind.where, bank[rival].own);
+        if (joint(kind.where, bank[b].own) > held || std::isnan(held)) rival = b;
     }
     best.erase(std::remove(best.begin(), best.end(), -1), best.end());
     return best;
 }
 
-// `table` (H + n, words) of the `old` hypotheses and those of a `birth`, whose window has lost some that are
+// The `bank` of `old` hypotheses and those that began after them, whose window has lost some ticks that are
 // `gone`; with `directions` they search as well.
 template <class F>
-void advance(const Kind& kind, const Table& old, const Birth& birth, const Table& table, const Ticks& ticks,
-             const Ticks& gone, const Weights& weights, double log_stay, const Directions* directions) {
+void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, const Ticks& gone,
+             const Weights& weights, double log_stay, const Directions* directions) {
     Work<F> work;
     Learners learners;
     const double heard = ticks.heard();
-    std::vector<double> was(table.count);
-    join<F>(kind, old, birth, table);
-    settle<F>(kind, table, old.count, gone, weights.lengths);
-    for (int b = 0; b < table.count; ++b) {
-        double* row = table.row(b);
-        const bool begins = b >= old.count;
+    std::vector<double> was(bank.count());
+    settle<F>(kind, bank, old, gone, weights.lengths);
+    grow<F>(kind, bank, ticks, heard, log_stay);
+    for (int b = 0; b < bank.count(); ++b) {
+        const double* row = bank[b].own;
+        const bool begins = b >= old;
         was[b] = joint(kind.where, row);
         // what assumes met elements begins with them: one tick, which is given, changes no weight
         const bool idle = (waits(kind, row) && !directions) || (begins && whole(row, kind.where.met) != 0);
-        grow<F>(kind, row, ticks, heard, log_stay);
-        if (!idle) learners.add(kind, row, steps_of(kind, row));
+        if (!idle) learners.add(kind, bank[b], steps_of(kind, bank[b]));
     }
     learners.learn<F>(kind, ticks, weights, work);
-    for (int b = 0; b < table.count; ++b) {
-        if (fell(kind, table.row(b), was[b])) learners.add(kind, table.row(b), settings.fallen_steps);
+    for (int b = 0; b < bank.count(); ++b) {
+        if (fell(kind, bank[b].own, was[b])) learners.add(kind, bank[b], settings.fallen_steps);
     }
     learners.learn<F>(kind, ticks, weights, work);
     if (!directions) return;
-    adopt<F>(kind, table, ticks, weights, work);
+    adopt<F>(kind, bank, ticks, weights, work);
     if (heard <= settings.at_rest) return;
-    for (int b : lost(kind, table)) search<F>(kind, table, b, *directions, ticks, weights, work);
+    for (int b : lost(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
 }
 
 }  // namespace kernels

@@ -18,11 +18,11 @@ namespace kernels {
 
 enum class Which { face_face, edge_face, vertex_face, edge_edge };
 
-// A kind, which family it is of, and how many words a row of its table has.
+// A kind, which family it is of, and how many words the rows of its tables have.
 struct Model {
     Kind kind;
     Which which;
-    int words;
+    int words, since;
 };
 
 // Call with the family as a type.
@@ -36,16 +36,20 @@ decltype(auto) visit(const Model& model, Function&& function) {
     }
 }
 
-// To be read.
-inline Table table_of(const Model& model, const Floats& words) {
-    require(words.ndim() == 2 && words.shape(1) == model.words, "not a table of this contact");
-    return {const_cast<double*>(words.data()), static_cast<int>(words.shape(0)), model.words};
+// To be read: rows of so many words.
+inline Table table_of(const Floats& rows, int words) {
+    require(rows.ndim() == 2 && rows.shape(1) == words, "not a table of this contact");
+    return {const_cast<double*>(rows.data()), static_cast<int>(rows.shape(0)), words};
 }
 
-// To be changed in place: Python says so where that is not allowed.
-inline Table changing(const Model& model, Floats& words) {
+inline Bank bank_of(const Model& model, const Floats& words, const Floats& onsets) {
+    return {model.kind, table_of(words, model.words), table_of(onsets, model.since)};
+}
+
+// To be changed in place, but for the onsets: Python says so where that is not allowed.
+inline Bank changing(const Model& model, Floats& words, const Floats& onsets) {
     words.mutable_data();
-    return table_of(model, words);
+    return bank_of(model, words, onsets);
 }
 
 // Some ticks, with the arrays that they look into: of the body's `pose` in the world, and its `inverse`.

@@ -37,26 +37,24 @@ inline bool is_best(const Where& where, const Table& table, int b, std::int64_t 
 }
 
 // Rows that are kept against the `best` joint log weight.
-inline std::vector<std::int64_t> kept(const Kind& kind, const Table& table, std::int64_t now, double best,
+inline std::vector<std::int64_t> kept(const Kind& kind, const Bank& bank, std::int64_t now, double best,
                                       double margin) {
-    const Where& where = kind.where;
     std::vector<std::int64_t> rows;
-    for (int b = 0; b < table.count; ++b) {
-        const double* row = table.row(b);
-        const bool near = joint(where, row) > best - margin;
-        if ((near || patient(kind, row)) && is_best(where, table, b, now)) rows.push_back(b);
+    for (int b = 0; b < bank.count(); ++b) {
+        const bool near = joint(kind.where, bank[b].own) > best - margin;
+        if ((near || patient(kind, bank[b])) && is_best(kind.where, bank.own, b, now)) rows.push_back(b);
     }
     return rows;
 }
 
-// As `bank.residual` of the first `count` rows.
-inline double residual_of(const Where& where, const Table& table, int count) {
+// As `bank.residual`.
+inline double residual_of(const Kind& kind, const Bank& bank) {
     double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
-    for (int b = 0; b < count; ++b) {
-        const double told = table.row(b)[where.told];
+    for (int b = 0; b < bank.count(); ++b) {
+        const double told = bank.since(b)[kind.since.told];
         if (!(told >= settings.residual_ticks && told < least)) continue;
         least = told;
-        rms = table.row(b)[where.rms];
+        rms = bank[b].own[kind.where.rms];
     }
     return rms;
 }

@@ -13,7 +13,7 @@ namespace kernels {
     PREFIX template Lanes volume<F>(const Lanes*, const Lanes*, Work<F>&);                                \
     PREFIX template Sums<F> add_up<F>(const Kind&, const Lanes*, const std::int64_t*, const Mask&,        \
                                       const Ticks&, const Lengths&);                                      \
-    PREFIX template void grow<F>(const Kind&, double*, const Ticks&, double, double);                     \
+    PREFIX template void lengthen<F>(const Kind&, const Table&, const Ticks&, double);                    \
     PREFIX template void learn<F>(const Kind&, const Rows&, const Ticks&, int, const Weights&, Work<F>&); \
     PREFIX template void every_cost<F>(const std::vector<Block<F>>&, const Offer<F>&, double* const*);
 

@@ -11,45 +11,62 @@
 
 namespace kernels {
 
-// What is left of a contact after a tick: which `rows` of its table are kept, and these, in `words`; the log
-// of the sum of their weights, the residual that is told of them, and the best of them, -1 without any.
+// What is left of a contact after a tick: which `rows` of its table are kept, and these, in `words`, with
+// their `onsets`; the log of the sum of their weights, the residual that is told of them, and the best of
+// them, -1 without any.
 struct Left {
     Ints rows;
-    Floats words;
+    Floats words, onsets;
     double log_weight, residual;
     std::int64_t leader;
 };
 
-// They move to the front of `words`, of which what is returned is a part; weights are against `best`.
-inline Left left_of(const Model& model, Floats& words, std::int64_t now, double best, double margin) {
-    const Where& where = model.kind.where;
-    const Table table = changing(model, words);
-    const std::vector<std::int64_t> rows = kept(model.kind, table, now, best, margin);
-    const auto count = static_cast<py::ssize_t>(rows.size()), wide = static_cast<py::ssize_t>(model.words);
+// The first rows of a table, as a part of it.
+inline Floats front(const Floats& table, py::ssize_t count) {
+    const auto size = static_cast<py::ssize_t>(sizeof(double));
+    const std::vector<py::ssize_t> shape{count, table.shape(1)}, strides{table.shape(1) * size, size};
+    return Floats(shape, strides, table.data(), table);
+}
+
+// They move to the front of `words`, and their onsets to that of `onsets`; weights are against `best`.
+inline Left left_of(const Model& model, Floats& words, Floats& onsets, std::int64_t now, double best,
+                    double margin) {
+    const Kind& kind = model.kind;
+    onsets.mutable_data();
+    const Bank bank = changing(model, words, onsets);
+    const std::vector<std::int64_t> rows = kept(kind, bank, now, best, margin);
+    const auto count = static_cast<py::ssize_t>(rows.size());
     double top = -std::numeric_limits<double>::infinity(), sum = 0.0;
     std::int64_t leader = -1;
-    for (int i = 0; i < count; ++i) {
-        double* row = table.row(i);
-        if (rows[i] != i) std::copy_n(table.row(static_cast<int>(rows[i])), model.words, row);
-        row[where.entry] -= best;
-        if (i && !(joint(where, row) > top)) continue;
-        top = joint(where, row);
+    int begun = 0;
+    for (int i = 0, before = -1; i < count; ++i) {
+        const int b = static_cast<int>(rows[i]), onset = bank.onset_of(b);
+        double* row = bank.own.row(i);
+        if (b != i) std::copy_n(bank.own.row(b), model.words, row);
+        if (onset != before && onset != begun)
+            std::copy_n(bank.onsets.row(onset), model.since, bank.onsets.row(begun));
+        begun += onset != before;
+        before = onset;
+        row[kind.where.entry] -= best;
+        if (i && !(joint(kind.where, row) > top)) continue;
+        top = joint(kind.where, row);
         leader = i;
     }
-    for (int i = 0; i < count; ++i) sum += std::exp(joint(where, table.row(i)) - top);
-    const auto size = static_cast<py::ssize_t>(sizeof(double));
-    const std::vector<py::ssize_t> shape{count, wide}, strides{wide * size, size};
-    return {Ints(count, rows.data()), Floats(shape, strides, words.data(), words),
-            rows.empty() ? top : top + std::log(sum), residual_of(where, table, static_cast<int>(count)),
+    for (int i = 0; i < count; ++i) sum += std::exp(joint(kind.where, bank.own.row(i)) - top);
+    const Floats left = front(words, count), since = front(onsets, begun);
+    return {Ints(count, rows.data()),
+            left,
+            since,
+            rows.empty() ? top : top + std::log(sum),
+            residual_of(kind, bank_of(model, left, since)),
             leader};
 }
 
 // What is told of a contact's hypotheses when a tick begins.
 struct Task {
     const Model& model;
-    Table old;     // before the tick
-    Floats words;  // in it
-    Birth birth;
+    int old;               // so many before the tick
+    Floats words, onsets;  // in it
     Ticks ticks, gone;
     double log_stay;
     std::optional<Directions> directions;
@@ -69,7 +86,7 @@ inline py::tuple alive_of(const std::vector<const Model*>& models, const std::ve
     };
     for (std::size_t i = 0; i < left.size(); ++i) {
         const Where& where = models[i]->kind.where;
-        const Table table = table_of(*models[i], left[i].words);
+        const Table table = table_of(left[i].words, models[i]->words);
         for (int h = 0; h < table.count; ++h)
             put(i, whole(table.row(h), where.onset), table.row(h)[where.log_likelihood]);
     }
@@ -79,7 +96,8 @@ inline py::tuple alive_of(const std::vector<const Model*>& models, const std::ve
 
 // All contacts through a tick, before which the window had the ticks `before`, and what is kept against the
 // best of all and of free motion, whose `entry` is the last.
-inline py::tuple advanced(const std::vector<const Model*>& models, const std::vector<Floats>& words,
+inline py::tuple advanced(const std::vector<const Model*>& models,
+                          const std::vector<std::pair<Floats, Floats>>& words,
                           const std::vector<std::pair<Floats, Bools>>& assumed, const Floats& turn,
                           std::int64_t onset, std::int64_t onset_ns, std::int64_t number, const Floats& entry,
                           const Seeable& window, const Seeable* before, const std::vector<Two>& beyond,
@@ -97,7 +115,8 @@ inline py::tuple advanced(const std::vector<const Model*>& models, const std::ve
     for (std::size_t i = 0; i < contacts; ++i) {
         const Model& model = *models[i];
         const auto& [born, told] = assumed[i];
-        const Table old = table_of(model, words[i]), fresh = table_of(model, born);
+        const Table old = table_of(words[i].first, model.words), fresh = table_of(born, model.words);
+        const Table earlier = table_of(words[i].second, model.since);
         const int size = visit(model, [](auto family) { return decltype(family)::S; });
         require_shape(told, {fresh.count, size}, "what is told is not of these births");
         const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, number, entry.at(i)};
@@ -105,20 +124,25 @@ inline py::tuple advanced(const std::vector<const Model*>& models, const std::ve
         const Ticks ticks = window.ticks(model, beyond[i]);
         Ticks gone = (before ? *before : window).ticks(model, beyond[i]);
         gone.count = before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
-        all.push_back({model, old, Floats({old.count + fresh.count, old.words}), birth, ticks, gone,
-                       log_stay.at(i), std::nullopt});
+        Floats both({old.count + fresh.count, old.words});
+        Floats onsets({earlier.count + (fresh.count > 0), earlier.words});
+        const Table all_rows = table_of(both, model.words), all_onsets = table_of(onsets, model.since);
+        visit(model, [&](auto family) {
+            join<decltype(family)>(model.kind, old, earlier, birth, all_rows, all_onsets);
+        });
+        all.push_back({model, old.count, both, onsets, ticks, gone, log_stay.at(i), std::nullopt});
         if (directions[i]) all[i].directions = directions_of(model, *directions[i], turn);
     }
     double best = entry.at(contacts);
     for (Task& one : all) {
-        const Table table = changing(one.model, one.words);
+        const Bank bank = changing(one.model, one.words, one.onsets);
         visit(one.model, [&](auto family) {
             py::gil_scoped_release release;
-            advance<decltype(family)>(one.model.kind, one.old, one.birth, table, one.ticks, one.gone, weights,
+            advance<decltype(family)>(one.model.kind, bank, one.old, one.ticks, one.gone, weights,
                                       one.log_stay, one.directions ? &*one.directions : nullptr);
         });
-        for (int b = 0; b < table.count; ++b)
-            best = std::max(best, joint(one.model.kind.where, table.row(b)));
+        for (int b = 0; b < bank.count(); ++b)
+            best = std::max(best, joint(one.model.kind.where, bank[b].own));
     }
     py::list kept, rows;
     Floats log_left(states), residual(states - 1);
@@ -126,10 +150,10 @@ inline py::tuple advanced(const std::vector<const Model*>& models, const std::ve
     std::vector<Left> left;
     for (Task& one : all) {  // who has not searched may only have lost its minimum
         const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
-        left.push_back(left_of(one.model, one.words, onset, best, least));
+        left.push_back(left_of(one.model, one.words, one.onsets, onset, best, least));
     }
     for (std::size_t i = 0; i < contacts; ++i) {
-        kept.append(left[i].words);
+        kept.append(py::make_tuple(left[i].words, left[i].onsets));
         rows.append(left[i].rows);
         log_left.mutable_at(i) = left[i].log_weight;
         residual.mutable_at(i) = left[i].residual;

@@ -14,17 +14,26 @@
 namespace kernels {
 namespace {
 
-Where where_of(const std::map<std::string, int>& fields) {
-    const auto at = [&](const std::string& name) {
-        const auto found = fields.find(name);
-        if (found == fields.end()) throw std::invalid_argument("a table without " + name);
-        return found->second;
-    };
-    return {at("onset"),      at("onset_ns"), at("number"),    at("source"),         at("certain"),
-            at("searched"),   at("met"),      at("entry"),     at("lasted"),         at("settled"),
-            at("earned"),     at("weight"),   at("told"),      at("log_likelihood"), at("rms"),
-            at("known_mean"), at("known"),    at("pivot"),     at("first"),          at("moments"),
-            at("place_sum"),  at("x"),        at("row_weight")};
+// How many words rows have, and where columns begin.
+using Words = std::pair<int, std::map<std::string, int>>;
+
+int word(const Words& rows, const std::string& column) {
+    const auto found = rows.second.find(column);
+    if (found == rows.second.end()) throw std::invalid_argument("a table without " + column);
+    return found->second;
+}
+
+Where where_of(const Words& bank) {
+    const auto at = [&](const std::string& column) { return word(bank, column); };
+    return {at("onset"),      at("number"), at("source"),  at("certain"), at("searched"),       at("met"),
+            at("entry"),      at("lasted"), at("settled"), at("earned"),  at("log_likelihood"), at("rms"),
+            at("known_mean"), at("known"),  at("pivot"),   at("x"),       at("row_weight")};
+}
+
+WhereSince since_of(const Words& onsets) {
+    const auto at = [&](const std::string& column) { return word(onsets, column); };
+    return {at("onset"),     at("onset_ns"), at("weight"), at("told"),
+            at("place_sum"), at("first"),    at("moments")};
 }
 
 using Form = std::array<int, 5>;
@@ -75,33 +84,32 @@ py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const B
     });
 }
 
-void learned(const Model& model, Floats words, const Seeable& seen, const Ints& steps,
+void learned(const Model& model, Floats words, const Floats& onsets, const Seeable& seen, const Ints& steps,
              const Weights& weights) {
-    const Table table = changing(model, words);
+    const Bank bank = changing(model, words, onsets);
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
         Learners learners;
-        for (int b = 0; b < table.count; ++b) {
+        for (int b = 0; b < bank.count(); ++b) {
             const int own = static_cast<int>(steps.at(b));
-            if (own >= 0) learners.add(model.kind, table.row(b), own);
+            if (own >= 0) learners.add(model.kind, bank[b], own);
         }
         learners.learn<decltype(family)>(model.kind, seen.ticks(model), weights, work);
     });
 }
 
 // As `following.information` of a table (H, words): upper triangles (H, U).
-Floats information(const Model& model, const Floats& words) {
-    const Table table = table_of(model, words);
+Floats information(const Model& model, const Floats& words, const Floats& onsets) {
+    const Bank bank = bank_of(model, words, onsets);
     return visit(model, [&](auto family) {
         using F = decltype(family);
-        Floats out({table.count, F::U});
+        Floats out({bank.count(), F::U});
         Work<F> work;
-        for (int first = 0; first < table.count; first += lanes) {
-            const auto own = [&](int i) { return std::min(first + i, table.count - 1); };
-            Rows rows;
-            for (int i = 0; i < lanes; ++i) rows[i] = table.row(own(i));
+        for (int first = 0; first < bank.count(); first += lanes) {
+            const auto own = [&](int i) { return std::min(first + i, bank.count() - 1); };
+            const Rows rows = rows_of([&](int i) { return bank[own(i)]; });
             Lanes x[F::S];
-            read(rows, model.kind.where.x, F::S, x);
+            read(rows.own, model.kind.where.x, F::S, x);
             know<F>(model.kind, rows, work.prior);
             descend<F>(Moments<F>(model.kind, rows), x, 0, work);
             for (int u = 0; u < F::U; ++u) {
@@ -114,16 +122,16 @@ Floats information(const Model& model, const Floats& words) {
     });
 }
 
-void searched(const Model& model, Floats words, const Seeable& seen, const Ints& rows,
+void searched(const Model& model, Floats words, const Floats& onsets, const Seeable& seen, const Ints& rows,
               const Floats& directions, const Floats& turn, const Weights& weights) {
-    const Table table = changing(model, words);
+    const Bank bank = changing(model, words, onsets);
     const Directions drawn = directions_of(model, directions, turn);
     visit(model, [&](auto family) {
         Work<decltype(family)> work;
         for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
-            require(rows.at(i) >= 0 && rows.at(i) < table.count, "no such row");
-            search<decltype(family)>(model.kind, table, static_cast<int>(rows.at(i)), drawn,
-                                     seen.ticks(model), weights, work);
+            require(rows.at(i) >= 0 && rows.at(i) < bank.count(), "no such row");
+            search<decltype(family)>(model.kind, bank, static_cast<int>(rows.at(i)), drawn, seen.ticks(model),
+                                     weights, work);
         }
     });
 }
@@ -173,14 +181,15 @@ PYBIND11_MODULE(kernels, module) {
     read_settings();
     module.attr("FINGERPRINT") = AS_TEXT(FINGERPRINT);  // of the sources
     py::class_<Model>(module, "Model")
-        .def(py::init([](const Form& form, const Sizes& sizes, int words,
-                         const std::map<std::string, int>& where, bool body_in_1, double needed,
-                         double patience, std::vector<std::int64_t> lifted, std::vector<double> pull,
-                         int relaxed) {
+        .def(py::init([](const Form& form, const Sizes& sizes, const Words& bank, const Words& onsets,
+                         bool body_in_1, double needed, double patience, std::vector<std::int64_t> lifted,
+                         std::vector<double> pull, int relaxed) {
             const Which which = which_of(form, sizes);
             require(pull.size() == static_cast<std::size_t>(sizes[0]), "not a pull of each of x");
             require(lifted.size() == static_cast<std::size_t>(sizes[1]), "not a column of each of the lift");
-            return Model{{body_in_1, needed, patience, lifted, pull, relaxed, where_of(where)}, which, words};
+            const Kind kind{body_in_1, needed,  patience,       lifted,
+                            pull,      relaxed, where_of(bank), since_of(onsets)};
+            return Model{kind, which, bank.first, onsets.first};
         }));
     py::class_<Seeable>(module, "Ticks")
         .def(py::init<Ints, Floats, Floats, Floats, Floats, Floats, std::optional<Floats>>());
@@ -190,10 +199,10 @@ PYBIND11_MODULE(kernels, module) {
         }));
     module.def("summed", &summed);
     module.def("advanced", &advanced);
-    module.def("learned", &learned, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
-               py::arg("steps"), py::arg("weights"));
-    module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
-               py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
+    module.def("learned", &learned, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
+               py::arg("ticks"), py::arg("steps"), py::arg("weights"));
+    module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
+               py::arg("ticks"), py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
     module.def("information", &information);
     module.def("minimised", &minimised);
     module.def("slid", &slid, py::arg("trail").noconvert(), py::arg("first"), py::arg("end"),

@@ -29,15 +29,15 @@ void triangle(const double* matrix, int b, double (*out)[abreast]) {
 
 // Write down what a hypothesis asks, in column b.
 template <class F>
-void ask(const Kind& kind, const double* row, int b, Block<F>& block) {
+void ask(const Kind& kind, const Hypothesis& one, int b, Block<F>& block) {
     constexpr int entries = F::C * (F::C + 1) / 2;
-    const double* moments = row + kind.where.moments;
+    const double* moments = one.since + kind.since.moments;
     Prior<F, double> prior{};
-    know<F>(kind, row, prior);
+    know<F>(kind, one, prior);
     for (int i = 0; i < entries; ++i) block.moments[i][b] = moments[i];
     triangle<F::S>(prior.precision, b, block.precision);
     for (int s = 0; s < F::S; ++s) block.information[s][b] = prior.information[s];
-    for (int k = 0; k < F::K; ++k) block.row_weight[k][b] = row[kind.where.row_weight + k];
+    for (int k = 0; k < F::K; ++k) block.row_weight[k][b] = one.own[kind.where.row_weight + k];
     block.constant[b] = prior.constant;
     block.total[b] = moments[entries - 1];
 }
@@ -123,20 +123,20 @@ WIDE void every_cost(const std::vector<Block<F>>& blocks, const Offer<F>& offer,
 }
 
 // As `search._may_win`.
-inline bool may_win(const Kind& kind, const double* row) {
-    return joint(kind.where, row) >= -settings.far_nats || patient(kind, row);
+inline bool may_win(const Kind& kind, const Hypothesis& one) {
+    return joint(kind.where, one.own) >= -settings.far_nats || patient(kind, one);
 }
 
 // Costs of the geometries of some `rows` on the windows of blocks: of row h from `out` + h * `width` on.
 template <class F>
-void weigh(const Kind& kind, const Table& table, const std::vector<int>& rows,
+void weigh(const Kind& kind, const Bank& bank, const std::vector<int>& rows,
            const std::vector<Block<F>>& blocks, double* out, int width) {
     Offer<F> offer;
     for (std::size_t first = 0; first < rows.size(); first += together) {
         double* some[together];
         for (int g = 0; g < together; ++g) {
             const int h = rows[std::min(first + g, rows.size() - 1)];
-            offer.put(g, table.row(h) + kind.where.x);
+            offer.put(g, bank[h].own + kind.where.x);
             some[g] = out + h * width;
         }
         every_cost<F>(blocks, offer, some);
@@ -145,26 +145,26 @@ void weigh(const Kind& kind, const Table& table, const std::vector<int>& rows,
 
 // Of each hypothesis whose geometry it takes, as in `search.givers`.
 template <class F>
-std::vector<int> givers(const Kind& kind, const Table& table) {
-    std::vector<int> giver(table.count), asking, offering;
-    for (int b = 0; b < table.count; ++b) {
+std::vector<int> givers(const Kind& kind, const Bank& bank) {
+    std::vector<int> giver(bank.count()), asking, offering;
+    for (int b = 0; b < bank.count(); ++b) {
         giver[b] = b;
-        if (may_win(kind, table.row(b))) offering.push_back(b);
-        if (table.row(b)[kind.where.rms] > settings.at_the_noise) asking.push_back(b);
+        if (may_win(kind, bank[b])) offering.push_back(b);
+        if (bank[b].own[kind.where.rms] > settings.at_the_noise) asking.push_back(b);
     }
     if (asking.empty()) return giver;
     const int takers = static_cast<int>(asking.size()), blocks = (takers + abreast - 1) / abreast;
     const int width = blocks * abreast;
     std::vector<Block<F>> asked(blocks);
-    std::vector<double> cost(static_cast<std::size_t>(table.count) * width);
-    for (int t = 0; t < takers; ++t) ask<F>(kind, table.row(asking[t]), t % abreast, asked[t / abreast]);
-    weigh<F>(kind, table, offering, asked, cost.data(), width);
+    std::vector<double> cost(static_cast<std::size_t>(bank.count()) * width);
+    for (int t = 0; t < takers; ++t) ask<F>(kind, bank[asking[t]], t % abreast, asked[t / abreast]);
+    weigh<F>(kind, bank, offering, asked, cost.data(), width);
     for (int n = 0; n < blocks; ++n) {  // who offers nothing is weighed for itself
         std::vector<int> own;
         for (int t = n * abreast; t < std::min(takers, (n + 1) * abreast); ++t) {
-            if (!may_win(kind, table.row(asking[t]))) own.push_back(asking[t]);
+            if (!may_win(kind, bank[asking[t]])) own.push_back(asking[t]);
         }
-        if (!own.empty()) weigh<F>(kind, table, own, {asked[n]}, cost.data() + n * abreast, width);
+        if (!own.empty()) weigh<F>(kind, bank, own, {asked[n]}, cost.data() + n * abreast, width);
     }
     for (int t = 0; t < takers; ++t) {
         const auto of = [&](int n) { return cost[n * width + t]; };

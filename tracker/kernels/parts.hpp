@@ -8,15 +8,13 @@ namespace kernels::parts {
 // Problems that tests set: windows of so many hypotheses, their priors and where they start.
 struct Problems {
     const Model& model;
-    Table table;
+    Bank bank;
     const Floats &precision, &information, &constant, &anchors;
 
-    int own(int first, int i) const { return std::min(first + i, table.count - 1); }
+    int own(int first, int i) const { return std::min(first + i, bank.count() - 1); }
 
     Rows rows(int first) const {
-        Rows out;
-        for (int i = 0; i < lanes; ++i) out[i] = table.row(own(first, i));
-        return out;
+        return rows_of([&](int i) { return bank[own(first, i)]; });
     }
 
     // Of some from the `first` on.
@@ -46,13 +44,13 @@ struct Problems {
     }
 };
 
-inline py::tuple minimised(const Model& model, const Floats& words, const Floats& precision,
-                           const Floats& information, const Floats& constant, const Floats& anchors,
-                           int steps, const Floats& start) {
-    const Problems given{model, table_of(model, words), precision, information, constant, anchors};
+inline py::tuple minimised(const Model& model, const Floats& words, const Floats& onsets,
+                           const Floats& precision, const Floats& information, const Floats& constant,
+                           const Floats& anchors, int steps, const Floats& start) {
+    const Problems given{model, bank_of(model, words, onsets), precision, information, constant, anchors};
     return visit(model, [&](auto family) {
         using F = decltype(family);
-        const int count = given.table.count;
+        const int count = given.bank.count();
         py::array_t<double> x({count, F::S}), cost(count), hessian({count, F::K, F::U});
         py::array_t<bool> converged(count);
         Work<F> work;
@@ -72,13 +70,13 @@ inline py::tuple minimised(const Model& model, const Floats& words, const Floats
     });
 }
 
-inline py::tuple completed(const Model& model, const Floats& words, const Floats& precision,
-                           const Floats& information, const Floats& constant, const Floats& anchors,
-                           const Floats& start) {
-    const Problems given{model, table_of(model, words), precision, information, constant, anchors};
+inline py::tuple completed(const Model& model, const Floats& words, const Floats& onsets,
+                           const Floats& precision, const Floats& information, const Floats& constant,
+                           const Floats& anchors, const Floats& start) {
+    const Problems given{model, bank_of(model, words, onsets), precision, information, constant, anchors};
     return visit(model, [&](auto family) {
         using F = decltype(family);
-        const int count = given.table.count;
+        const int count = given.bank.count();
         py::array_t<double> x({count, F::S}), cost(count);
         Work<F> work;
         Lanes geometry[F::S];
@@ -93,30 +91,29 @@ inline py::tuple completed(const Model& model, const Floats& words, const Floats
     });
 }
 
-inline void grown(const Model& model, Floats words, const Seeable& seen, double log_stay) {
-    const Table table = changing(model, words);
+inline void grown(const Model& model, Floats words, Floats onsets, const Seeable& seen, double log_stay) {
+    onsets.mutable_data();
+    const Bank bank = changing(model, words, onsets);
     const Ticks ticks = seen.ticks(model);
-    visit(model, [&](auto family) {
-        for (int b = 0; b < table.count; ++b) {
-            grow<decltype(family)>(model.kind, table.row(b), ticks, ticks.heard(), log_stay);
-        }
-    });
+    visit(model,
+          [&](auto family) { grow<decltype(family)>(model.kind, bank, ticks, ticks.heard(), log_stay); });
 }
 
-inline std::vector<int> offered(const Model& model, const Floats& words) {
-    return visit(model,
-                 [&](auto family) { return givers<decltype(family)>(model.kind, table_of(model, words)); });
+inline std::vector<int> offered(const Model& model, const Floats& words, const Floats& onsets) {
+    const Bank bank = bank_of(model, words, onsets);
+    return visit(model, [&](auto family) { return givers<decltype(family)>(model.kind, bank); });
 }
 
-inline std::vector<int> searching(const Model& model, const Floats& words) {
-    return lost(model.kind, table_of(model, words));
+inline std::vector<int> searching(const Model& model, const Floats& words, const Floats& onsets) {
+    return lost(model.kind, bank_of(model, words, onsets));
 }
 
-inline py::tuple dropped(const Model& model, const Floats& words, std::int64_t now, double best,
-                         double margin) {
+inline py::tuple dropped(const Model& model, const Floats& words, const Floats& onsets, std::int64_t now,
+                         double best, double margin) {
     Floats own({words.shape(0), words.shape(1)}, words.data());
-    const Left left = left_of(model, own, now, best, margin);
-    return py::make_tuple(left.rows, left.words, left.log_weight, left.residual, left.leader);
+    Floats since({onsets.shape(0), onsets.shape(1)}, onsets.data());
+    const Left left = left_of(model, own, since, now, best, margin);
+    return py::make_tuple(left.rows, left.words, left.onsets, left.log_weight, left.residual, left.leader);
 }
 
 inline py::tuple relaxed(const Model& model, const Floats& moments) {
@@ -137,8 +134,8 @@ inline py::tuple relaxed(const Model& model, const Floats& moments) {
 inline void add(py::module_ module) {
     module.def("minimised", &minimised);
     module.def("completed", &completed);
-    module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("ticks"),
-               py::arg("log_stay"));
+    module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets").noconvert(),
+               py::arg("ticks"), py::arg("log_stay"));
     module.def("offered", &offered);
     module.def("searching", &searching);
     module.def("dropped", &dropped);

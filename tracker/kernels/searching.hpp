@@ -65,22 +65,22 @@ void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, W
 
 // As `search._found` of one hypothesis: the best geometries, in order.
 template <class F>
-std::vector<Found<F>> find(const Kind& kind, double* row, const Directions& directions, Work<F>& work) {
+std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Directions& directions,
+                           Work<F>& work) {
     bool told[F::S];
-    Rows same;
-    same.fill(row);
+    const Rows same = rows_of([&](int) { return one; });
     const Moments<F> window(kind, same);
     know<F>(kind, same, work.prior);
     std::vector<double> starts(static_cast<std::size_t>(kind.relaxed + directions.count) * F::S);
     double moments[F::C * F::C];
-    read_symmetric<F::C>(static_cast<const double*>(row), kind.where.moments, moments);
+    read_symmetric<F::C>(one.since, kind.since.moments, moments);
     const int few = relax<F>(moments, kind.relaxed, starts.data());
     directions.write<F>(kind.body_in_1, starts.data() + few * F::S);
-    tell<F>(kind, row, told);
+    tell<F>(kind, one.own, told);
     std::vector<Found<F>> found(few + directions.count);
     for (std::size_t i = 0; i < found.size(); ++i) {
         for (int s = 0; s < F::S; ++s) {
-            found[i].x[s] = told[s] ? row[kind.where.known_mean + s] : starts[i * F::S + s];
+            found[i].x[s] = told[s] ? one.own[kind.where.known_mean + s] : starts[i * F::S + s];
         }
     }
     follow<F>(window, 0, found, work);
@@ -104,19 +104,20 @@ void take(const Where& where, const double* found, double* row) {
 
 // As `search.searched` of one hypothesis.
 template <class F>
-void search(const Kind& kind, const Table& table, int b, const Directions& directions, const Ticks& ticks,
+void search(const Kind& kind, const Bank& bank, int b, const Directions& directions, const Ticks& ticks,
             const Weights& weights, Work<F>& work) {
-    const double* row = table.row(b);
-    const std::vector<Found<F>> found = find<F>(kind, table.row(b), directions, work);
-    std::vector<double> memory(found.size() * table.words);
-    const Table weighed{memory.data(), static_cast<int>(found.size()), table.words};
+    const Hypothesis one = bank[b];
+    const std::vector<Found<F>> found = find<F>(kind, one, directions, work);
+    std::vector<double> memory(found.size() * bank.own.words);
+    const Table weighed{memory.data(), static_cast<int>(found.size()), bank.own.words};
     for (int i = 0; i < weighed.count; ++i) {
-        std::copy_n(row, table.words, weighed.row(i));
+        std::copy_n(one.own, weighed.words, weighed.row(i));
         std::copy_n(found[i].x, F::S, weighed.row(i) + kind.where.x);
     }
     for (int time = 0; time < settings.weighed; ++time) {
         Learners learners;
-        for (int i = 0; i < weighed.count; ++i) learners.add(kind, weighed.row(i), steps_of(kind, row));
+        for (int i = 0; i < weighed.count; ++i)
+            learners.add(kind, {weighed.row(i), one.since}, steps_of(kind, one));
         learners.learn<F>(kind, ticks, weights, work);
     }
     int best = 0;
@@ -124,7 +125,7 @@ void search(const Kind& kind, const Table& table, int b, const Directions& direc
         const int word = kind.where.log_likelihood;
         if (weighed.row(i)[word] > weighed.row(best)[word]) best = i;
     }
-    if (weighed.count) take<F>(kind.where, weighed.row(best), table.row(b));
+    if (weighed.count) take<F>(kind.where, weighed.row(best), one.own);
 }
 
 }  // namespace kernels

@@ -1,4 +1,5 @@
-// Hypotheses as kernels see them: a row of the table each, and what one knew before its window.
+// Hypotheses as kernels see them: a row of a table each, and one that all have that began together; and what
+// one knew before its window.
 #pragma once
 
 #include <algorithm>
@@ -6,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <stdexcept>
 #include <vector>
 
 #include "families.hpp"
@@ -14,8 +16,13 @@ namespace kernels {
 
 // At which word of a row the columns of `table.Bank` begin.
 struct Where {
-    int onset, onset_ns, number, source, certain, searched, met, entry, lasted, settled, earned, weight, told,
-        log_likelihood, rms, known_mean, known, pivot, first, moments, place_sum, x, row_weight;
+    int onset, number, source, certain, searched, met, entry, lasted, settled, earned, log_likelihood, rms,
+        known_mean, known, pivot, x, row_weight;
+};
+
+// And those of `table.Onsets`.
+struct WhereSince {
+    int onset, onset_ns, weight, told, place_sum, first, moments;
 };
 
 // What sort of contact it is, see `contacts`: where its body is, how many poses are `needed` and the
@@ -28,6 +35,7 @@ struct Kind {
     std::vector<double> pull;
     int relaxed;
     Where where;
+    WhereSince since;
 };
 
 // So many rows of `words` of eight bytes, numbers or whole numbers.
@@ -53,18 +61,67 @@ inline double joint(const Where& where, const double* row) {
     return row[where.entry] + row[where.log_likelihood];
 }
 
-// As `bank.patient`.
-inline bool patient(const Kind& kind, const double* row) {
-    const double share = whole(row, kind.where.met) != 0 ? settings.met_patience : 1.0;
-    return row[kind.where.told] <= share * kind.patience && whole(row, kind.where.searched) != 0;
+// What is known of hypotheses by themselves, and since their onsets.
+template <class Own, class Since>
+struct Known {
+    Own own;
+    Since since;
+};
+
+// Of one, and of several that stand side by side.
+using Hypothesis = Known<double*, const double*>;
+template <class Row>
+using Abreast = std::array<Row*, lanes>;
+using Rows = Known<Abreast<double>, Abreast<const double>>;
+
+// Call for the hypothesis of each lane.
+template <class Function>
+Rows rows_of(Function&& hypothesis) {
+    Rows rows;
+    for (int i = 0; i < lanes; ++i) {
+        const Hypothesis one = hypothesis(i);
+        rows.own[i] = one.own;
+        rows.since[i] = one.since;
+    }
+    return rows;
 }
 
-// Rows of hypotheses that stand side by side.
-using Rows = std::array<double*, lanes>;
+// Hypotheses of a contact in order of their onsets, of which there may be more.
+class Bank {
+public:
+    Table own, onsets;
+
+    Bank(const Kind& kind, const Table& own, const Table& onsets)
+        : own(own), onsets(onsets), since_(own.count) {
+        for (int b = 0, o = 0; b < own.count; ++b) {
+            if (b && whole(own.row(b), kind.where.onset) < whole(own.row(b - 1), kind.where.onset)) o = 0;
+            while (o < onsets.count &&
+                   whole(onsets.row(o), kind.since.onset) != whole(own.row(b), kind.where.onset))
+                ++o;
+            if (o == onsets.count) throw std::invalid_argument("a hypothesis without its onset");
+            since_[b] = o;
+        }
+    }
+
+    int count() const { return own.count; }
+    Hypothesis operator[](int b) const { return {own.row(b), since(b)}; }
+    const double* since(int b) const { return onsets.row(since_[b]); }
+    int onset_of(int b) const { return since_[b]; }
+
+private:
+    std::vector<int> since_;
+};
+
+// As `bank.patient`.
+inline bool patient(const Kind& kind, const Hypothesis& one) {
+    const double share = whole(one.own, kind.where.met) != 0 ? settings.met_patience : 1.0;
+    return one.since[kind.since.told] <= share * kind.patience && whole(one.own, kind.where.searched) != 0;
+}
 
 // What one number of their rows is, of one or of several.
 inline double read(const double* row, int word) { return row[word]; }
-inline Lanes read(const Rows& rows, int word) {
+template <class Row>
+Lanes read(const Abreast<Row>& rows, int word) {
     Lanes out;
     for (int i = 0; i < lanes; ++i) out.put(i, rows[i][word]);
     return out;
@@ -84,18 +141,18 @@ void read_symmetric(const R& rows, int word, N* out) {
     }
 }
 
-inline void write(const Rows& rows, int word, const Lanes& values) {
+inline void write(const Abreast<double>& rows, int word, const Lanes& values) {
     for (int i = 0; i < lanes; ++i) rows[i][word] = values[i];
 }
 
-inline void write(const Rows& rows, int word, int count, const Lanes* values) {
+inline void write(const Abreast<double>& rows, int word, int count, const Lanes* values) {
     for (int i = 0; i < count; ++i) write(rows, word + i, values[i]);
 }
 
 inline bool is_nothing_known(const Kind& kind, const double* row) {
     return whole(row, kind.where.source) == 0;
 }
-inline bool is_nothing_known(const Kind& kind, const Rows& rows) {
+inline bool is_nothing_known(const Kind& kind, const Abreast<double>& rows) {
     return std::all_of(rows.begin(), rows.end(),
                        [&](const double* row) { return is_nothing_known(kind, row); });
 }
@@ -145,30 +202,30 @@ inline Lanes without_nan(Lanes a, const Lanes& otherwise) {
 }
 
 // As `bank.anchors_of`.
-template <class R, class N>
-void anchor(const Kind& kind, const R& rows, N* out) {
+template <class H, class N>
+void anchor(const Kind& kind, const H& some, N* out) {
     const int first = kind.body_in_1 ? 3 : 0;
-    const N weight = read(rows, kind.where.weight);
+    const N weight = read(some.since, kind.since.weight);
     for (int i = 0; i < 6; ++i) {
         const bool here = i >= first && i < first + 3;
-        const N place = here ? read(rows, kind.where.place_sum + i - first) / weight : N(0.0);
-        out[i] = without_nan(read(rows, kind.where.pivot + i), place);
+        const N place = here ? read(some.since, kind.since.place_sum + i - first) / weight : N(0.0);
+        out[i] = without_nan(read(some.own, kind.where.pivot + i), place);
     }
 }
 
 // As `following.before`.
-template <class F, class R, class N>
-void know(const Kind& kind, const R& rows, Prior<F, N>& prior) {
-    anchor(kind, rows, prior.anchors);
-    prior.is_diagonal = is_nothing_known(kind, rows);
+template <class F, class H, class N>
+void know(const Kind& kind, const H& some, Prior<F, N>& prior) {
+    anchor(kind, some, prior.anchors);
+    prior.is_diagonal = is_nothing_known(kind, some.own);
     prior.constant = 0.0;
     std::fill_n(prior.information, F::S, N(0.0));
     if (prior.is_diagonal) {
         for (int s = 0; s < F::S; ++s) prior.precision[s * F::S + s] = 0.0;
     } else {
         N mean[F::S];
-        read(rows, kind.where.known_mean, F::S, mean);
-        read_symmetric<F::S>(rows, kind.where.known, prior.precision);
+        read(some.own, kind.where.known_mean, F::S, mean);
+        read_symmetric<F::S>(some.own, kind.where.known, prior.precision);
         multiply<F::S, F::S>(mean, prior.precision, prior.information);
         prior.constant = 0.5 * dot<F::S>(prior.information, mean);
     }

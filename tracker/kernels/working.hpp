@@ -13,8 +13,8 @@ struct Moments {
     Lanes moments[F::C * F::C], row_weight[F::K];
 
     Moments(const Kind& kind, const Rows& rows) {
-        read_symmetric<F::C>(rows, kind.where.moments, moments);
-        read(rows, kind.where.row_weight, F::K, row_weight);
+        read_symmetric<F::C>(rows.since, kind.since.moments, moments);
+        read(rows.own, kind.where.row_weight, F::K, row_weight);
     }
 };
 

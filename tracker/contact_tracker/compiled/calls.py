@@ -15,8 +15,9 @@ from contact_tracker.lift import R
 from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
-from contact_tracker.table import entries, layout
+from contact_tracker.table import Bank, Onsets
 from contact_tracker.window import Window
+from contact_tracker.words import entries, layout
 
 Index = NDArray[np.int64]
 
@@ -53,10 +54,10 @@ class Births(Protocol):
 
 
 class Advanced(NamedTuple):
-    """Of each contact the ``words`` of the hypotheses that are kept and which ``rows`` they had, of all that
-    there were and then began; the rest as in ``hypotheses.Living``."""
+    """Of each contact the ``words`` of the hypotheses that are kept and of their onsets, and which ``rows``
+    they had, of all that there were and then began; the rest as in ``hypotheses.Living``."""
 
-    words: list[Array]
+    words: list[tuple[Array, Array]]
     rows: list[Index]
     log_left: Array
     residual: Array
@@ -80,7 +81,7 @@ def summed(
 
 
 def advance(
-    words: Sequence[Array],
+    words: Sequence[tuple[Array, Array]],
     births: Births,
     assumed: Sequence[tuple[Array, NDArray[np.bool_]]],
     window: Window,
@@ -91,8 +92,8 @@ def advance(
     margin: float,
     directions: Sequence[Array | None],
 ) -> Advanced:
-    """The rows of all banks and those of ``births`` of one tick, which ``bank.assuming`` gives, a tick on;
-    with random ``directions`` of the body's frame they search from scratch as well.
+    """The rows of all banks and of their onsets, with those of one tick's ``births`` (see ``bank.assuming``), a
+    tick on; with random ``directions`` of the body's frame they search from scratch as well.
 
     The rest as in ``hypotheses.advance``.
     """
@@ -117,23 +118,31 @@ def advance(
     )
 
 
-def learn(model: ContactModel, words: Array, window: Window, scales: Scales, steps: Index) -> None:
+def learn(
+    model: ContactModel, words: Array, onsets: Array, window: Window, scales: Scales, steps: Index
+) -> None:
     """A bank, in place."""
-    kernels.learned(model_of(model, scales.reach_m), words, ticks_of(window), steps, _weights(scales))
+    kernels.learned(model_of(model, scales.reach_m), words, onsets, ticks_of(window), steps, _weights(scales))
 
 
-def information(model: ContactModel, words: Array, reach_m: float) -> Array:
+def information(model: ContactModel, words: Array, onsets: Array, reach_m: float) -> Array:
     """As ``following.information`` of a bank."""
-    return kernels.information(model_of(model, reach_m), words)[:, entries(model.family.PARAMETERS)]
+    return kernels.information(model_of(model, reach_m), words, onsets)[:, entries(model.family.PARAMETERS)]
 
 
 def searched(
-    model: ContactModel, words: Array, window: Window, scales: Scales, rows: Index, directions: Array
+    model: ContactModel,
+    words: Array,
+    onsets: Array,
+    window: Window,
+    scales: Scales,
+    rows: Index,
+    directions: Array,
 ) -> None:
     """A bank, in place, of which ``rows`` search, from random ``directions`` of the body's frame as well."""
     kind, ticks = model_of(model, scales.reach_m), ticks_of(window)
     turn = window.zeta[-1, R].reshape(3, 3)
-    kernels.searched(kind, words, ticks, rows, directions, turn, _weights(scales))
+    kernels.searched(kind, words, onsets, ticks, rows, directions, turn, _weights(scales))
 
 
 def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
@@ -145,13 +154,13 @@ def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, 
 @lru_cache(maxsize=64)
 def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
     """What kernels know of a contact."""
-    family, row = model.family, layout(model)
+    family, bank, onsets = model.family, layout(Bank, model), layout(Onsets, model)
     columns = family.COLUMNS.tolist()
     return kernels.Model(
         tuple(family.FORM),
         (family.SIZE, len(columns), family.ROWS, family.PARAMETERS),
-        row.words,
-        {name: field.first for name, field in row.fields.items()},
+        (bank.words, bank.first),
+        (onsets.words, onsets.first),
         model.body_in_1,
         model.needed,
         patience(model.needed),

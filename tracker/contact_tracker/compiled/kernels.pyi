@@ -16,6 +16,8 @@ FINGERPRINT: str
 class Model:
     """What sort of contact it is.
 
+    Of the rows of both tables how many words they have, and where columns begin.
+
     Raises
     ------
     ValueError
@@ -26,8 +28,8 @@ class Model:
         self,
         form: tuple[int, ...],
         sizes: tuple[int, int, int, int],
-        words: int,
-        where: Mapping[str, int],
+        bank: tuple[int, Mapping[str, int]],
+        onsets: tuple[int, Mapping[str, int]],
         body_in_1: bool,
         needed: float,
         patience: float,
@@ -60,7 +62,7 @@ def summed(
 ) -> tuple[Numbers, Numbers, Numbers]: ...
 def advanced(
     models: Sequence[Model],
-    words: Sequence[Numbers],
+    words: Sequence[tuple[Numbers, Numbers]],
     assumed: Sequence[tuple[Numbers, Bools]],
     turn: Numbers,
     onset: int,
@@ -74,14 +76,19 @@ def advanced(
     log_stay: Numbers,
     margin: float,
     directions: Sequence[Numbers | None],
-) -> tuple[list[Numbers], list[Index], Numbers, Numbers, Index, tuple[Index, Index, Numbers]]: ...
-def learned(model: Model, words: Numbers, ticks: Ticks, steps: Index, weights: Weights) -> None: ...
-def information(model: Model, words: Numbers) -> Numbers:
+) -> tuple[
+    list[tuple[Numbers, Numbers]], list[Index], Numbers, Numbers, Index, tuple[Index, Index, Numbers]
+]: ...
+def learned(
+    model: Model, words: Numbers, onsets: Numbers, ticks: Ticks, steps: Index, weights: Weights
+) -> None: ...
+def information(model: Model, words: Numbers, onsets: Numbers) -> Numbers:
     """Upper triangles, row after row."""
 
 def searched(
     model: Model,
     words: Numbers,
+    onsets: Numbers,
     ticks: Ticks,
     rows: Index,
     directions: Numbers,
