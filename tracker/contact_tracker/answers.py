@@ -63,7 +63,7 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     label = STATES[int(np.argmax(probability))]
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
-        onset_ns = int(state.banks[label.column].onset_ns[state.leaders[label.column]])
+        onset_ns = state.banks[label.column].began_ns(int(state.leaders[label.column]))
     return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 

@@ -140,6 +140,10 @@ class Bank(Table):
         """Log weight of the best hypothesis; -inf without any."""
         return float(self.joint.max()) if len(self) else -np.inf
 
+    def began_ns(self, row: int) -> int:
+        """``onset_ns`` of one hypothesis."""
+        return int(self.onsets.cells("onset_ns")[self.onsets.cells("onset").searchsorted(self.onset[row])])
+
     def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``, which need not be in order."""
         words, past = self.words.take(rows, axis=0), self.past.take(rows, axis=0)

@@ -25,6 +25,11 @@ struct EdgeEdge {
     static constexpr int d1 = 0, q1 = 3, d2 = 6, q2 = 9, h = -1, each = 1;
 };
 
+// Those from `first` on, to the one before `end`.
+struct Columns {
+    int first, end;
+};
+
 // Sizes as in `contacts.base`: S of x, C of a lifted pose, K of its rows, P of free directions; the latter
 // are `turns` or `shifts`, as in `form`.
 template <class Form>
@@ -65,6 +70,14 @@ struct Family : Form {
 
     static constexpr std::array<int, T> turns = those<T>(true);
     static constexpr std::array<int, L> shifts = those<L>(false);
+
+    // Columns in which the last row is not zero before it is shifted (lines go where their anchors are), and
+    // in which a shift changes it.
+    static constexpr Columns unshifted =
+        Form::d1 >= 0 && Form::q1 >= 0 ? Columns{0, crosses ? 18 : 12} : Columns{9, 12};
+    static constexpr Columns shifted_by(int i) {
+        return Form::h >= 0 && shifts[i] == P - 1 ? Columns{12, 13} : Columns{0, 9};
+    }
 };
 
 // As `Family.rows`, (K, C).

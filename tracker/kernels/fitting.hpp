@@ -15,40 +15,41 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
     free<F>(x, prior.anchors, work.axes);
     const Lanes scale = scale_sq<F>(work.rows[F::last], window.moments, work.turn);
     each_row<F>([&](auto k) {
-        carry<F, k>(work.rows[k], window, work.carried[k]);
+        if constexpr (k < F::last) carry<F, k>(work.rows[k], window, work.carried[k]);
         work.weight[k] = k == F::last ? window.row_weight[k] / scale : window.row_weight[k];
     });
+    carry_unshifted<F>(work.rows[F::last], window, work.carried[F::last]);
     const Lanes weight = work.weight[F::last];
     prior.times(x, work.pull);
     for (int s = 0; s < F::S; ++s) work.pull[s] -= prior.information[s];
     Lanes normal[F::L][F::L], shift[F::L], pulled[F::S], trace = 0.0;
-    for (int i = 0; i < F::L; ++i) {
+    each_of<F::L>([&](auto i) {
         const int p = F::shifts[i];
         const Lanes* along = work.axes[p];
         slope_of_last<F>(x, along, work.design[i]);
-        carry<F, F::last>(work.design[i], window, work.moved[i]);
+        carry_shift<F, i>(work.design[i], window, work.moved[i]);
         prior.pull(p, along, pulled);
         shift[i] =
-            -weight * pair<F, F::last>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
-        for (int j = 0; j <= i; ++j) {
+            -weight * pair_shift<F, i>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);
+        each_of<i + 1>([&](auto j) {
             const int q = F::shifts[j];
-            normal[j][i] = weight * pair<F, F::last>(work.design[j], work.moved[i]) +
+            normal[j][i] = weight * pair_shift<F, j>(work.design[j], work.moved[i]) +
                            prior.held(p, q, work.axes[q], pulled);
-        }
+        });
         trace += normal[i][i];
-    }
+    });
     for (int i = 0; i < F::L; ++i) {
         normal[i][i] += settings.fits.least_share * trace + settings.fits.least_curvature;
     }
     eliminate(normal, shift);
-    for (int i = 0; i < F::L; ++i) {
+    each_of<F::L>([&](auto i) {
+        constexpr Columns own = F::shifted_by(i);
         const Lanes* along = work.axes[F::shifts[i]];
         for (int s = 0; s < F::S; ++s) x[s] += shift[i] * along[s];
-        for (int c = 0; c < F::active_in(F::last); ++c) {
-            work.rows[F::last][c] += shift[i] * work.design[i][c];
+        for (int c = own.first; c < own.end; ++c) work.rows[F::last][c] += shift[i] * work.design[i][c];
+        for (int c = 0; c < F::active_in(F::last); ++c)
             work.carried[F::last][c] += shift[i] * work.moved[i][c];
-        }
-    }
+    });
     Lanes squares = 0.0;
     each_row<F>([&](auto k) { squares += work.weight[k] * pair<F, k>(work.rows[k], work.carried[k]); });
     prior.times(x, work.pull);
@@ -68,15 +69,15 @@ void equations_of_shifts(Work<F>& work) {
             near.held[F::upper(q, p)] = work.prior.held(p, q, near.free[q], pulled);
         }
     }
-    for (int i = 0; i < F::L; ++i) {
+    each_of<F::L>([&](auto i) {
         const int p = F::shifts[i];
         std::copy_n(work.design[i], F::C, near.slopes[p][F::last]);
-        near.gradient[p] += weight * pair<F, F::last>(work.design[i], work.carried[F::last]);
-        for (int j = 0; j <= i; ++j) {
+        near.gradient[p] += weight * pair_shift<F, i>(work.design[i], work.carried[F::last]);
+        each_of<i + 1>([&](auto j) {
             near.hessian[F::last][F::upper(F::shifts[j], p)] =
-                weight * pair<F, F::last>(work.design[j], work.moved[i]);
-        }
-    }
+                weight * pair_shift<F, j>(work.design[j], work.moved[i]);
+        });
+    });
 }
 
 // As `fit._normal_equations` of some windows, at the x where `complete` has just come to: free directions,
@@ -107,10 +108,10 @@ WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
                 near.hessian[k][F::upper(q, p)] = near.weight[k] * pair<F, k>(near.slopes[q][k], pushed);
             }
         });
-        for (int j = 0; j < F::L; ++j) {
-            const Lanes both = near.weight[F::last] * pair<F, F::last>(work.design[j], pushed);
+        each_of<F::L>([&](auto j) {
+            const Lanes both = near.weight[F::last] * pair_shift<F, j>(work.design[j], pushed);
             near.hessian[F::last][F::upper(p, F::shifts[j])] = both;
-        }
+        });
     }
 }
 

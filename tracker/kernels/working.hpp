@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "table.hpp"
+#include "knowing.hpp"
 
 namespace kernels {
 
@@ -18,15 +18,21 @@ struct Moments {
     }
 };
 
-// Call with each row's number, known to the compiler.
-template <class F, class Function, int... K>
-void each_row(Function&& function, std::integer_sequence<int, K...>) {
-    (function(std::integral_constant<int, K>{}), ...);
+// Call with each number below COUNT, known to the compiler.
+template <class Function, int... I>
+void each_of(Function&& function, std::integer_sequence<int, I...>) {
+    (function(std::integral_constant<int, I>{}), ...);
 }
 
+template <int COUNT, class Function>
+void each_of(Function&& function) {
+    each_of(function, std::make_integer_sequence<int, COUNT>{});
+}
+
+// With that of each row.
 template <class F, class Function>
 void each_row(Function&& function) {
-    each_row<F>(function, std::make_integer_sequence<int, F::K>{});
+    each_of<F::K>(function);
 }
 
 // The k-th row, or how it changes, times the moments; and with another one.
@@ -38,6 +44,27 @@ void carry(const Lanes* row, const Moments<F>& window, Lanes* out) {
 template <class F, int K>
 Lanes pair(const Lanes* row, const Lanes* carried) {
     return dot<F::active_in(K)>(row, carried);
+}
+
+// The last row before it is shifted, or how it changes with the I-th shift: some columns are zero.
+template <class F>
+void carry_unshifted(const Lanes* row, const Moments<F>& window, Lanes* out) {
+    constexpr Columns own = F::unshifted;
+    multiply<own.end - own.first, F::active_in(F::last), F::C>(row + own.first,
+                                                               window.moments + own.first * F::C, out);
+}
+
+template <class F, int I>
+void carry_shift(const Lanes* row, const Moments<F>& window, Lanes* out) {
+    constexpr Columns own = F::shifted_by(I);
+    multiply<own.end - own.first, F::active_in(F::last), F::C>(row + own.first,
+                                                               window.moments + own.first * F::C, out);
+}
+
+template <class F, int I>
+Lanes pair_shift(const Lanes* row, const Lanes* carried) {
+    constexpr Columns own = F::shifted_by(I);
+    return dot<own.end - own.first>(row + own.first, carried + own.first);
 }
 
 // What a fit is near some x: `weight` (K,) of the rows, `slopes` (P, K, C) along the `free` directions (P,

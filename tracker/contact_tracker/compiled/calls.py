@@ -92,8 +92,8 @@ def advance(
     margin: float,
     directions: Sequence[Array | None],
 ) -> Advanced:
-    """The rows of all banks and of their onsets, with those of one tick's ``births`` (see ``bank.assuming``), a
-    tick on; with random ``directions`` of the body's frame they search from scratch as well.
+    """The rows of all banks and of their onsets, with those of one tick's ``births`` (see ``bank.assuming``),
+    a tick on; with random ``directions`` of the body's frame they search from scratch as well.
 
     The rest as in ``hypotheses.advance``.
     """
