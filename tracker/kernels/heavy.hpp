@@ -15,7 +15,9 @@ namespace kernels {
                                       const Ticks&, const Lengths&);                                      \
     PREFIX template void lengthen<F>(const Kind&, const Table&, const Ticks&, double);                    \
     PREFIX template void learn<F>(const Kind&, const Rows&, const Ticks&, int, const Weights&, Work<F>&); \
-    PREFIX template void every_cost<F>(const std::vector<Block<F>>&, const Offer<F>&, double* const*);
+    PREFIX template void every_square<F>(const std::vector<Windows<F>>&, const Offer<F>&, Squares<F>&);   \
+    PREFIX template void every_cost<F>(const std::vector<Asked<F>>&, const Offer<F>&, const Squares<F>&,  \
+                                       double* const*);
 
 #ifndef HERE
 HEAVY(extern, Family<FaceFace>)
