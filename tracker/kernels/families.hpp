@@ -71,10 +71,7 @@ struct Family : Form {
     static constexpr std::array<int, T> turns = those<T>(true);
     static constexpr std::array<int, L> shifts = those<L>(false);
 
-    // Columns in which the last row is not zero before it is shifted (lines go where their anchors are), and
-    // in which a shift changes it.
-    static constexpr Columns unshifted =
-        Form::d1 >= 0 && Form::q1 >= 0 ? Columns{0, crosses ? 18 : 12} : Columns{9, 12};
+    // Columns in which a shift changes the last row.
     static constexpr Columns shifted_by(int i) {
         return Form::h >= 0 && shifts[i] == P - 1 ? Columns{12, 13} : Columns{0, 9};
     }

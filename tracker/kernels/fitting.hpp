@@ -1,7 +1,7 @@
 // The algorithm of `fit.minimise` and `fit.complete`: some windows side by side.
 #pragma once
 
-#include "working.hpp"
+#include "carrying.hpp"
 
 namespace kernels {
 
@@ -14,11 +14,9 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
     rows<F>(x, work.rows);
     free<F>(x, prior.anchors, work.axes);
     const Lanes scale = scale_sq<F>(work.rows[F::last], window.moments, work.turn);
-    each_row<F>([&](auto k) {
-        if constexpr (k < F::last) carry<F, k>(work.rows[k], window, work.carried[k]);
-        work.weight[k] = k == F::last ? window.row_weight[k] / scale : window.row_weight[k];
-    });
-    carry_unshifted<F>(work.rows[F::last], window, work.carried[F::last]);
+    each_row<F>(
+        [&](auto k) { work.weight[k] = k == F::last ? window.row_weight[k] / scale : window.row_weight[k]; });
+    carry_rows<F>(x, window, work);
     const Lanes weight = work.weight[F::last];
     prior.times(x, work.pull);
     for (int s = 0; s < F::S; ++s) work.pull[s] -= prior.information[s];
@@ -27,7 +25,7 @@ WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
         const int p = F::shifts[i];
         const Lanes* along = work.axes[p];
         slope_of_last<F>(x, along, work.design[i]);
-        carry_shift<F, i>(work.design[i], window, work.moved[i]);
+        carry_shift<F, i>(along, window, work, work.moved[i]);
         prior.pull(p, along, pulled);
         shift[i] =
             -weight * pair_shift<F, i>(work.design[i], work.carried[F::last]) - dot<F::S>(along, work.pull);

@@ -35,38 +35,6 @@ void each_row(Function&& function) {
     each_of<F::K>(function);
 }
 
-// The k-th row, or how it changes, times the moments; and with another one.
-template <class F, int K>
-void carry(const Lanes* row, const Moments<F>& window, Lanes* out) {
-    multiply<F::active_in(K), F::active_in(K), F::C>(row, window.moments, out);
-}
-
-template <class F, int K>
-Lanes pair(const Lanes* row, const Lanes* carried) {
-    return dot<F::active_in(K)>(row, carried);
-}
-
-// The last row before it is shifted, or how it changes with the I-th shift: some columns are zero.
-template <class F>
-void carry_unshifted(const Lanes* row, const Moments<F>& window, Lanes* out) {
-    constexpr Columns own = F::unshifted;
-    multiply<own.end - own.first, F::active_in(F::last), F::C>(row + own.first,
-                                                               window.moments + own.first * F::C, out);
-}
-
-template <class F, int I>
-void carry_shift(const Lanes* row, const Moments<F>& window, Lanes* out) {
-    constexpr Columns own = F::shifted_by(I);
-    multiply<own.end - own.first, F::active_in(F::last), F::C>(row + own.first,
-                                                               window.moments + own.first * F::C, out);
-}
-
-template <class F, int I>
-Lanes pair_shift(const Lanes* row, const Lanes* carried) {
-    constexpr Columns own = F::shifted_by(I);
-    return dot<own.end - own.first>(row + own.first, carried + own.first);
-}
-
 // What a fit is near some x: `weight` (K,) of the rows, `slopes` (P, K, C) along the `free` directions (P,
 // S), the share of the last row that is taken out of its own, since its scale changes, too, `leans` (P,), the
 // `gradient` (P,) and the `hessian` (K, U), and what is `held` (U,) by the prior; all that `at` (S,).
@@ -95,14 +63,15 @@ struct Near {
 //
 // Where a trial of coordinates has come to: `rows` (K, C) and the same times the moments, `carried`, their
 // `weight` (K,), free directions before shifting, `axes`, slopes of the last row along the shifts, `design`
-// (L, C), which times the moments are `moved`, and x times the prior's precision, `pull`.
+// (L, C), which times the moments are `moved`, x times the prior's precision, `pull`, and the moments times
+// vec(d2 b^T), but for b, `by_d2` (3, C).
 template <class F>
 struct Work {
     Prior<F, Lanes> prior;
     Near<F> near;
     Lanes rows[F::K][F::C], carried[F::K][F::C], weight[F::K], axes[F::P][F::S];
     Lanes design[F::L][F::C], moved[F::L][F::C], pull[F::S], turn[9];
-    Lanes step[F::P], trial[F::S];
+    Lanes step[F::P], trial[F::S], by_d2[3][F::C];
 
     Work() {  // what no step writes
         std::fill_n(near.slopes[0][0], F::P * F::K * F::C, Lanes(0.0));
