@@ -371,6 +371,7 @@ def test_what_is_dropped_agrees(seed, margin, model):
         onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
         searched=rng.random(count) > 0.5,
         met=rng.random(count) > 0.5,
+        grace=np.where(rng.random(count) < 0.3, rng.uniform(0.0, 40.0, count), 0.0),
         log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
         entry=-1.0,
         number=np.arange(count),

@@ -20,6 +20,7 @@ from contact_tracker.pace import (
     DUE,
     FALL_NATS,
     FAR_NATS,
+    GRACE_TICKS,
     MET_PATIENCE,
     WAIT_NATS,
     YOUNG,
@@ -121,6 +122,46 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
         )
     hopeless = caught(stepped, bank.joint - WAIT_NATS, model, window, scales)
     np.testing.assert_array_equal(hopeless.words, stepped.words)
+
+
+@pytest.mark.parametrize("k", [40, 41])
+@pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
+def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
+    """If it was near the best: others may find its geometry. What fits its window has not lost it."""
+    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
+    model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
+    state, column = seen[k - 1].state, model.contact.column
+    bank = state.banks[column].pick(np.flatnonzero(state.banks[column].told > 3.0))
+    off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
+    held = np.arange(len(bank)) % 4 < 2  # to what is false
+    bank = bank.having(
+        source=held,
+        known_mean=np.where(held[:, None], off, 0.0),
+        known=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
+    )
+    near = np.arange(len(bank)) % 2 == 0
+    was = np.where(near, -0.9, -1.1) * WAIT_NATS
+    told_too_much = bank.log_likelihood + 100.0  # by which it falls
+    bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=0.0)
+    state = state._replace(
+        model=pruning.with_margin(MODEL, np.inf),
+        banks=(*state.banks[:column], bank, *state.banks[column + 1 :]),
+    )
+    after = tracker.observe(state, seen[k].tick)[0].banks[column]
+    stays = np.isin(bank.number, after.number)
+    after, near = after.pick(np.flatnonzero(np.isin(after.number, bank.number))), near[stays]
+    has_grace = after.grace > 0.0
+    assert has_grace.any()
+    assert not has_grace[~near].any()
+    np.testing.assert_allclose(after.grace[has_grace], after.told[has_grace] + GRACE_TICKS)
+    if not is_due(model, k):  # else they have taken geometry of others since
+        assert (after.rms[near] < AT_THE_NOISE).any()
+        np.testing.assert_array_equal(has_grace[near], after.rms[near] > AT_THE_NOISE)
+
+
+def test_grace_keeps_what_is_hopeless_until_it_ends():
+    bank = blank(EDGE_FACE, 3).having(grace=[0.0, 30.0, 29.9], log_likelihood=-1e3, number=[0, 1, 2])
+    assert prune(bank.seeing(told=30.0), EDGE_FACE, 3, 0.0, 20.0).number.tolist() == [1]
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)

@@ -141,7 +141,7 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
     Log weights are against ``best`` from then on.
     """
     joint = bank.joint
-    keep = (joint > best - margin) | patient(bank, model)
+    keep = (joint > best - margin) | patient(bank, model) | (bank.told <= bank.grace)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

@@ -18,6 +18,7 @@ from contact_tracker.pace import (
     FALLEN_STEPS,
     FIRST_STEPS,
     FIRST_TICKS,
+    GRACE_TICKS,
     REFINE_STEPS,
     WAIT_NATS,
 )
@@ -87,11 +88,17 @@ def waits(bank: Bank) -> Bools:
 
 
 def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen."""
-    fallen = (was >= -WAIT_NATS) & (bank.joint < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
+    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; who
+    still has gets some grace."""
+    fallen = _fallen(bank, was)
     if not fallen.any():
         return bank
-    return learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
+    bank = learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
+    return bank.having(grace=np.where(_fallen(bank, was), bank.told + GRACE_TICKS, bank.grace))
+
+
+def _fallen(bank: Bank, was: Array) -> Bools:
+    return (was >= -WAIT_NATS) & (bank.joint < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
 
 
 def follow(

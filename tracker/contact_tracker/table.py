@@ -50,6 +50,7 @@ class Bank(Table):
     onset : (H,) first tick: which of the onsets is its own.
     number : (H,) tells hypotheses apart over the whole recording.
     entry : (H,) log weight with which it began.
+    grace : (H,) up to so many ticks with motion it is kept, however bad, since it has fallen.
     source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
         the prior on x that they are.
     pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
@@ -76,6 +77,7 @@ class Bank(Table):
     searched = Column(np.bool_)
     met = Column(np.bool_)
     entry = Column(np.float64)
+    grace = Column(np.float64)
     known_mean = Column(np.float64, "S")
     known = Symmetric("S")
     pivot = Column(np.float64, 6)

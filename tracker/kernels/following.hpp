@@ -115,7 +115,7 @@ inline bool waits(const Kind& kind, const double* row) {
     return joint(kind.where, row) < -settings.wait_nats;
 }
 
-// Whether a hypothesis goes on, whose log weight was that before the tick: as in `following.caught`.
+// Whether a hypothesis has fallen, whose log weight was that before the tick: as in `following.caught`.
 inline bool fell(const Kind& kind, const double* row, double was) {
     const bool falls = was >= -settings.wait_nats && joint(kind.where, row) < was - settings.fall_nats;
     return falls && row[kind.where.rms] > settings.at_the_noise;

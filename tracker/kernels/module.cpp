@@ -25,9 +25,9 @@ int word(const Words& rows, const std::string& column) {
 
 Where where_of(const Words& bank) {
     const auto at = [&](const std::string& column) { return word(bank, column); };
-    return {at("onset"),      at("number"), at("source"),  at("certain"), at("searched"),       at("met"),
-            at("entry"),      at("lasted"), at("settled"), at("earned"),  at("log_likelihood"), at("rms"),
-            at("known_mean"), at("known"),  at("pivot"),   at("x"),       at("row_weight")};
+    return {at("onset"), at("number"),     at("source"), at("certain"), at("searched"), at("met"),
+            at("entry"), at("grace"),      at("lasted"), at("settled"), at("earned"),   at("log_likelihood"),
+            at("rms"),   at("known_mean"), at("known"),  at("pivot"),   at("x"),        at("row_weight")};
 }
 
 WhereSince since_of(const Words& onsets) {

@@ -65,6 +65,7 @@ inline void read_settings() {
     settings.at_the_noise = number("AT_THE_NOISE");
     settings.least_gain = number("LEAST_GAIN");
     settings.met_patience = number("MET_PATIENCE");
+    settings.grace_ticks = number("GRACE_TICKS");
     settings.residual_ticks = number("RESIDUAL_TICKS");
     settings.refine_steps = count("REFINE_STEPS");
     settings.first_steps = count("FIRST_STEPS");

@@ -15,8 +15,8 @@ namespace kernels {
 
 // At which word of a row the columns of `table.Bank` begin.
 struct Where {
-    int onset, number, source, certain, searched, met, entry, lasted, settled, earned, log_likelihood, rms,
-        known_mean, known, pivot, x, row_weight;
+    int onset, number, source, certain, searched, met, entry, grace, lasted, settled, earned, log_likelihood,
+        rms, known_mean, known, pivot, x, row_weight;
 };
 
 // And those of `table.Onsets`.
