@@ -9,7 +9,7 @@ from contact_tracker import compiled, fit
 from contact_tracker.bank import blank
 from contact_tracker.compiled.calls import model_of, ticks_of
 from contact_tracker.compiled.kernels import parts
-from contact_tracker.words import entries
+from contact_tracker.rows import entries
 
 
 def both(function, *args, **options):

@@ -21,7 +21,7 @@ LAYERS = (
     ("lift",),
     ("contacts", "paper"),
     ("fit", "pace", "prior"),
-    ("table", "travel", "window", "words"),
+    ("rows", "table", "travel", "window"),
     ("compiled",),
     ("noise", "free_motion"),
     (

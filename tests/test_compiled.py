@@ -273,6 +273,7 @@ def test_a_tick_is_taken_in_alike(k):
         for bank in (reference, compiled_):  # who begins together shares a window
             np.testing.assert_array_equal(bank.onsets.onset, np.unique(bank.onset))
         assert_same_columns(reference, compiled_, ("told", "moments", "first", "entry", "lasted"), 1e-6)
+        assert_same_columns(reference, compiled_, ("grace",), 1e-9)
         matters = reference.joint > -30.0
         np.testing.assert_allclose(compiled_.joint[matters], reference.joint[matters], atol=2e-2)
     np.testing.assert_allclose(kernel.log_left, numpy.log_left, atol=1e-2)
@@ -415,7 +416,11 @@ def test_kernels_refuse_what_they_do_not_know():
     model = CONTACT_MODELS[0]
     with pytest.raises(ValueError, match="not a table of this contact"):
         kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
-    with pytest.raises(ValueError, match="without its onset"):
-        kernels.dropped(blank(model, 2).having(onset=[1, 2]), model, 1, 0.0, 10.0)
+    for onset in ([1, 2], [-3, 1]):
+        for dropped in (kernels.dropped, prune):
+            with pytest.raises(ValueError, match="without its onset"):
+                dropped(blank(model, 2).having(onset=onset), model, 1, 0.0, 10.0)
+    with pytest.raises(ValueError, match="not in order"):
+        kernels.dropped(blank(model, 2).having(onset=[1, 0]), model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="no family of this form"):
         compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), (9, {}), (7, {}), True, 1.0, 2.0, [], [], 3)

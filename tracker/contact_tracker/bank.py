@@ -14,8 +14,8 @@ from contact_tracker.evidence import weak_prior
 from contact_tracker.labels import STATES
 from contact_tracker.pace import MET_PATIENCE, RESIDUAL_TICKS, YOUNG, patience
 from contact_tracker.prior import Prior
+from contact_tracker.rows import layout
 from contact_tracker.table import Bank, Onsets
-from contact_tracker.words import layout
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -95,12 +95,12 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     if not begins.many:
         return bank
     born, told = assuming(model, begins)
-    words, since = np.concatenate([bank.words, born]), bank.onsets
-    since = replace(since, words=np.pad(since.words, ((0, 1), (0, 0))))
-    since.cells("onset")[-1], since.cells("onset_ns")[-1] = birth.onset, birth.onset_ns
+    words = np.concatenate([bank.words, born])
+    onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
+    onsets.cells("onset")[-1], onsets.cells("onset_ns")[-1] = birth.onset, birth.onset_ns
     past = joined(bank.past, birth.past, begins.many, np.arange(len(words)))
-    both = Bank(words, bank.layout, since, past)
-    new = Bank(words[old:], bank.layout, since, past[old:])
+    both = Bank(words, bank.layout, onsets, past)
+    new = Bank(words[old:], bank.layout, onsets, past[old:])
     if old:
         best = bank.leader
         x, new.cells("row_weight")[:] = bank.x[best], bank.row_weight[best]
@@ -141,16 +141,16 @@ def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float)
     Log weights are against ``best`` from then on.
     """
     joint = bank.joint
-    keep = (joint > best - margin) | patient(bank, model) | (bank.told <= bank.grace)
+    keep = (joint > best - margin) | patient(bank, model) | (bank.told < bank.grace)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]
         span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
-    since = bank.onsets
-    since = replace(since, words=since.words[np.isin(since.onset, bank.onset)])
-    return replace(bank.having(entry=bank.entry - best), onsets=since)
+    lives = np.isin(bank.onsets.onset, bank.onset)
+    onsets = replace(bank.onsets, words=bank.onsets.words[lives])
+    return replace(bank.having(entry=bank.entry - best), onsets=onsets)
 
 
 def residual(bank: Bank) -> float:

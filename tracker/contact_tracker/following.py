@@ -53,15 +53,15 @@ def grow(bank: Bank, model: ContactModel, window: Window, log_stay: float = 0.0)
     """
     zeta, activity, now = window.zeta[-1], float(window.activity[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
-    since = bank.onsets
-    begins = since.onset == now
+    onsets = bank.onsets
+    begins = onsets.onset == now
     weight = np.where(begins, 1.0, max(activity, AT_REST)) / sigma_m**2
     bank = bank.having(lasted=bank.lasted + np.where(bank.onset == now, 0.0, log_stay)).seeing(
-        first=np.where(begins[:, None], lifted / sigma_m, since.first),
-        moments=since.moments + weight[:, None, None] * np.outer(lifted, lifted),
-        place_sum=since.place_sum + weight[:, None] * zeta[9:12],
-        weight=since.weight + weight,
-        told=since.told + np.where(begins, 1.0, activity),
+        first=np.where(begins[:, None], lifted / sigma_m, onsets.first),
+        moments=onsets.moments + weight[:, None, None] * np.outer(lifted, lifted),
+        place_sum=onsets.place_sum + weight[:, None] * zeta[9:12],
+        weight=onsets.weight + weight,
+        told=onsets.told + np.where(begins, 1.0, activity),
     )
     # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
@@ -88,8 +88,8 @@ def waits(bank: Bank) -> Bools:
 
 
 def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; who
-    still has gets some grace."""
+    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; those
+    that are fallen still are kept for a while (see ``Bank.grace``)."""
     fallen = _fallen(bank, was)
     if not fallen.any():
         return bank

@@ -1,4 +1,4 @@
-"""How the hypotheses of all contacts live: each has its own onset, its own window and its own geometry."""
+"""How the hypotheses of all contacts live: each has its onset, a window since then and its own geometry."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Self

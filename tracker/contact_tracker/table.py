@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.words import Array, Column, Index, Symmetric, Table
+from contact_tracker.rows import Array, Column, Index, Symmetric, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,8 @@ class Bank(Table):
     onset : (H,) first tick: which of the onsets is its own.
     number : (H,) tells hypotheses apart over the whole recording.
     entry : (H,) log weight with which it began.
-    grace : (H,) up to so many ticks with motion it is kept, however bad, since it has fallen.
+    grace : (H,) since it has fallen it is kept until ``told`` gets there, however bad (but old onsets get
+        sparser all the same); 0 if it has not.
     source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
         the prior on x that they are.
     pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
@@ -93,33 +94,36 @@ class Bank(Table):
         return Bank, (self.words, self.layout, self.onsets, self.past)
 
     @cached_property
-    def since(self) -> Index:
-        """Row of each hypothesis's onset (H,)."""
-        return self.onsets.onset.searchsorted(self.onset)
+    def window(self) -> Index:
+        """Row (H,) of each hypothesis in the table of onsets; raises ValueError if one has none."""
+        row = self.onsets.onset.searchsorted(self.onset)
+        if not np.isin(self.onset, self.onsets.onset).all():
+            raise ValueError("a hypothesis without its onset")
+        return row
 
     @cached_property
     def onset_ns(self) -> Index:
-        return self.onsets.onset_ns[self.since]
+        return self.onsets.onset_ns[self.window]
 
     @cached_property
     def weight(self) -> Array:
-        return self.onsets.weight[self.since]
+        return self.onsets.weight[self.window]
 
     @cached_property
     def told(self) -> Array:
-        return self.onsets.told[self.since]
+        return self.onsets.told[self.window]
 
     @cached_property
     def place_sum(self) -> Array:
-        return self.onsets.place_sum[self.since]
+        return self.onsets.place_sum[self.window]
 
     @cached_property
     def first(self) -> Array:
-        return self.onsets.first[self.since]
+        return self.onsets.first[self.window]
 
     @cached_property
     def moments(self) -> Array:
-        return self.onsets.moments[self.since]
+        return self.onsets.moments[self.window]
 
     @property
     def joint(self) -> Array:

@@ -22,7 +22,7 @@ enum class Which { face_face, edge_face, vertex_face, edge_edge };
 struct Model {
     Kind kind;
     Which which;
-    int words, since;
+    int words, onset_words;
 };
 
 // Call with the family as a type.
@@ -43,10 +43,17 @@ inline Table table_of(const Floats& rows, int words) {
 }
 
 inline Bank bank_of(const Model& model, const Floats& words, const Floats& onsets) {
-    return {model.kind, table_of(words, model.words), table_of(onsets, model.since)};
+    return {model.kind, table_of(words, model.words), table_of(onsets, model.onset_words)};
 }
 
-// To be changed in place, but for the onsets: Python says so where that is not allowed.
+// To be changed in place: Python says so where that is not allowed.
+inline Bank changing(const Model& model, Floats& words, Floats& onsets) {
+    words.mutable_data();
+    onsets.mutable_data();
+    return bank_of(model, words, onsets);
+}
+
+// All but the onsets.
 inline Bank changing(const Model& model, Floats& words, const Floats& onsets) {
     words.mutable_data();
     return bank_of(model, words, onsets);

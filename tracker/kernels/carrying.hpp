@@ -1,7 +1,7 @@
 // Rows times moments.
 //
-// Where element 2 is a plane, all of them and what shifts change begin with vec(d2 b^T): d2 is multiplied
-// once.
+// Where element 2 is a plane, all of them and what shifts of points change begin with vec(d2 b^T): d2 is
+// multiplied once.
 #pragma once
 
 #include "working.hpp"
@@ -36,7 +36,8 @@ void weighted(const Vec<Lanes>& v, const Lanes* rows, Lanes* out) {
 // The b of each row but the last one.
 template <class F>
 std::array<Vec<Lanes>, 2> seconds(const Lanes* x) {
-    if constexpr (F::last < 2) return {at(x, F::d1), {}};
+    if constexpr (F::last == 0) return {};
+    if constexpr (F::last == 1) return {at(x, F::d1), {}};
     const auto [b1, b2] = across(at(x, F::d1));
     return {b1, b2};
 }
@@ -56,7 +57,8 @@ void carry_rows(const Lanes* x, const Moments<F>& window, Work<F>& work) {
             weighted<F::C, F::C>(at(x, F::q1), work.by_d2[0], of_line);
             for (int c = 0; c < F::C; ++c) last[c] += of_line[c];
         }
-        for (int k = 0; k < F::last; ++k) weighted<9, F::C>(seconds<F>(x)[k], work.by_d2[0], work.carried[k]);
+        const auto b = seconds<F>(x);
+        for (int k = 0; k < F::last; ++k) weighted<9, F::C>(b[k], work.by_d2[0], work.carried[k]);
     }
 }
 

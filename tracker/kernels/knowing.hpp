@@ -1,6 +1,8 @@
 // What hypotheses knew before their windows.
 #pragma once
 
+#include <cmath>
+
 #include "table.hpp"
 
 namespace kernels {
@@ -8,7 +10,7 @@ namespace kernels {
 inline bool is_nothing_known(const Kind& kind, const double* row) {
     return whole(row, kind.where.source) == 0;
 }
-inline bool is_nothing_known(const Kind& kind, const Abreast<double>& rows) {
+inline bool is_nothing_known(const Kind& kind, const PerLane<double>& rows) {
     return std::all_of(rows.begin(), rows.end(),
                        [&](const double* row) { return is_nothing_known(kind, row); });
 }

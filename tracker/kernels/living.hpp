@@ -32,19 +32,20 @@ inline Floats front(const Floats& table, py::ssize_t count) {
 inline Left left_of(const Model& model, Floats& words, Floats& onsets, std::int64_t now, double best,
                     double margin) {
     const Kind& kind = model.kind;
-    onsets.mutable_data();
     const Bank bank = changing(model, words, onsets);
+    for (int b = 1; b < bank.count(); ++b)
+        require(bank.window_of(b - 1) <= bank.window_of(b), "hypotheses are not in order of onset");
     const std::vector<std::int64_t> rows = kept(kind, bank, now, best, margin);
     const auto count = static_cast<py::ssize_t>(rows.size());
     double top = -std::numeric_limits<double>::infinity(), sum = 0.0;
     std::int64_t leader = -1;
     int begun = 0;
     for (int i = 0, before = -1; i < count; ++i) {
-        const int b = static_cast<int>(rows[i]), onset = bank.onset_of(b);
+        const int b = static_cast<int>(rows[i]), onset = bank.window_of(b);
         double* row = bank.own.row(i);
         if (b != i) std::copy_n(bank.own.row(b), model.words, row);
         if (onset != before && onset != begun)
-            std::copy_n(bank.onsets.row(onset), model.since, bank.onsets.row(begun));
+            std::copy_n(bank.onsets.row(onset), model.onset_words, bank.onsets.row(begun));
         begun += onset != before;
         before = onset;
         row[kind.where.entry] -= best;
@@ -116,7 +117,7 @@ inline py::tuple advanced(const std::vector<const Model*>& models,
         const Model& model = *models[i];
         const auto& [born, told] = assumed[i];
         const Table old = table_of(words[i].first, model.words), fresh = table_of(born, model.words);
-        const Table earlier = table_of(words[i].second, model.since);
+        const Table earlier = table_of(words[i].second, model.onset_words);
         const int size = visit(model, [](auto family) { return decltype(family)::S; });
         require_shape(told, {fresh.count, size}, "what is told is not of these births");
         const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, number, entry.at(i)};
@@ -126,7 +127,7 @@ inline py::tuple advanced(const std::vector<const Model*>& models,
         gone.count = before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
         Floats both({old.count + fresh.count, old.words});
         Floats onsets({earlier.count + (fresh.count > 0), earlier.words});
-        const Table all_rows = table_of(both, model.words), all_onsets = table_of(onsets, model.since);
+        const Table all_rows = table_of(both, model.words), all_onsets = table_of(onsets, model.onset_words);
         visit(model, [&](auto family) {
             join<decltype(family)>(model.kind, old, earlier, birth, all_rows, all_onsets);
         });

@@ -18,7 +18,7 @@ public:
         : kind_(kind), bank_(bank), asked_((asking.size() + abreast - 1) / abreast) {
         int windows = 0, before = -1;
         for (std::size_t t = 0; t < asking.size(); ++t) {
-            const int b = asking[t], onset = bank.onset_of(b);
+            const int b = asking[t], onset = bank.window_of(b);
             if (onset != before) {
                 if (windows % abreast == 0) windows_.emplace_back();
                 windows_.back().put(windows++ % abreast, bank.since(b) + kind.since.moments);

@@ -92,7 +92,6 @@ inline py::tuple completed(const Model& model, const Floats& words, const Floats
 }
 
 inline void grown(const Model& model, Floats words, Floats onsets, const Seeable& seen, double log_stay) {
-    onsets.mutable_data();
     const Bank bank = changing(model, words, onsets);
     const Ticks ticks = seen.ticks(model);
     visit(model,

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <stdexcept>
@@ -62,16 +61,16 @@ inline double joint(const Where& where, const double* row) {
 
 // What is known of hypotheses by themselves, and since their onsets.
 template <class Own, class Since>
-struct Known {
+struct Halves {
     Own own;
     Since since;
 };
 
 // Of one, and of several that stand side by side.
-using Hypothesis = Known<double*, const double*>;
+using Hypothesis = Halves<double*, const double*>;
 template <class Row>
-using Abreast = std::array<Row*, lanes>;
-using Rows = Known<Abreast<double>, Abreast<const double>>;
+using PerLane = std::array<Row*, lanes>;
+using Rows = Halves<PerLane<double>, PerLane<const double>>;
 
 // Call for the hypothesis of each lane.
 template <class Function>
@@ -105,7 +104,7 @@ public:
     int count() const { return own.count; }
     Hypothesis operator[](int b) const { return {own.row(b), since(b)}; }
     const double* since(int b) const { return onsets.row(since_[b]); }
-    int onset_of(int b) const { return since_[b]; }
+    int window_of(int b) const { return since_[b]; }
 
 private:
     std::vector<int> since_;
@@ -120,7 +119,7 @@ inline bool patient(const Kind& kind, const Hypothesis& one) {
 // What one number of their rows is, of one or of several.
 inline double read(const double* row, int word) { return row[word]; }
 template <class Row>
-Lanes read(const Abreast<Row>& rows, int word) {
+Lanes read(const PerLane<Row>& rows, int word) {
     Lanes out;
     for (int i = 0; i < lanes; ++i) out.put(i, rows[i][word]);
     return out;
@@ -140,11 +139,11 @@ void read_symmetric(const R& rows, int word, N* out) {
     }
 }
 
-inline void write(const Abreast<double>& rows, int word, const Lanes& values) {
+inline void write(const PerLane<double>& rows, int word, const Lanes& values) {
     for (int i = 0; i < lanes; ++i) rows[i][word] = values[i];
 }
 
-inline void write(const Abreast<double>& rows, int word, int count, const Lanes* values) {
+inline void write(const PerLane<double>& rows, int word, int count, const Lanes* values) {
     for (int i = 0; i < count; ++i) write(rows, word + i, values[i]);
 }
 

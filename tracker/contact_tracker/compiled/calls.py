@@ -15,9 +15,9 @@ from contact_tracker.lift import R
 from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
+from contact_tracker.rows import entries, layout
 from contact_tracker.table import Bank, Onsets
 from contact_tracker.window import Window
-from contact_tracker.words import entries, layout
 
 Index = NDArray[np.int64]
 
