@@ -96,8 +96,9 @@ class Bank(Table):
     @cached_property
     def window(self) -> Index:
         """Row (H,) of each hypothesis in the table of onsets; raises ValueError if one has none."""
-        row = self.onsets.onset.searchsorted(self.onset)
-        if not np.isin(self.onset, self.onsets.onset).all():
+        onsets = self.onsets.onset
+        row = onsets.searchsorted(self.onset)
+        if not np.array_equal(onsets[row[row < len(onsets)]], self.onset):
             raise ValueError("a hypothesis without its onset")
         return row
 
