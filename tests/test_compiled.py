@@ -380,7 +380,7 @@ def test_what_is_dropped_agrees(seed, margin, model):
     )
     onsets = blank(model, now + 1).onsets.having(told=rng.uniform(0.0, 40.0, now + 1))
     bank = replace(bank, onsets=onsets)
-    numpy = prune(bank, model, now, -2.5, margin)
+    numpy = prune(bank, now, -2.5, margin)
     rows, words, since, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(words, numpy.words)
     np.testing.assert_array_equal(since, numpy.onsets.words)

@@ -83,10 +83,10 @@ def test_elements_go_together_that_may_touch_each_other_again():
     for onset_ns in range(0, 6, 2):  # edges met at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
         memory = memory.learn(ON_THE_TABLE, onset_ns, 100, ORIGIN)
         memory = memory.learn(CORNER, onset_ns + 1, 100, ORIGIN)
-    # nothing; 5 and both tables with an unknown one; 3-5, 5-4, 5-5; an end of the edge with both tables
-    assert offers(memory, Contact.VF).many == 1 + 3 + 3 + 2
-    # nothing; 4 and both tables with an unknown one; 2-5, 4-4, 4-5; an edge through the corner on its table
-    assert offers(memory, Contact.EF).many == 1 + 3 + 3 + 1
+    # nothing; 5 and its table with an unknown one; 3-5, 5-4, 5-5; an end of the edge with the table of 5
+    assert offers(memory, Contact.VF).many == 1 + 2 + 3 + 1
+    # nothing; 4 and the table of 5 with an unknown one; 2-5, 4-5; an edge through the corner on its table
+    assert offers(memory, Contact.EF).many == 1 + 2 + 2 + 1
     # nothing; 4 with an unknown one; an edge through the corner of 5 and one in its table
     edges = offers(memory, Contact.EE)
     assert edges.many == 3
@@ -127,12 +127,15 @@ def test_all_that_was_met_is_offered_beside_a_table_that_the_user_knows(before, 
     assert (begins.met & on_table).sum() == many
 
 
-def test_a_desk_is_offered_to_what_has_not_touched_it_after_a_wall_was_met():
+def test_what_touched_last_may_touch_all_that_was_met_and_what_is_new_the_latest():
     wall = Plane(np.array([1.0, 0.0, 0.0]), -0.3, 1e-8 * np.eye(4))
     memory = Memory().learn(CORNER, 1, 100, ORIGIN).learn(replace(SECOND, environment=wall), 2, 100, ORIGIN)
     begins = offers(memory, Contact.VF)
     new = ~begins.known[:, :3].any(axis=(1, 2))
-    np.testing.assert_allclose(begins.known_mean[new & begins.met][:, 3:6], [TABLE.normal, wall.normal])
+    np.testing.assert_allclose(begins.known_mean[new & begins.met][:, 3:6], [wall.normal])
+    last = (begins.known_mean[:, :3] == SECOND.object.point_m).all(axis=1)
+    beside = {tuple(normal) for normal in begins.known_mean[last, 3:6]}
+    assert beside == {(0.0, 0.0, 0.0), tuple(TABLE.normal), tuple(wall.normal)}
 
 
 def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():

@@ -1,5 +1,6 @@
 """Dropping hopeless hypotheses changes next to nothing of what is said."""
 
+from dataclasses import replace
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Final
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import compiled, tracker
-from contact_tracker.bank import blank, prune
+from contact_tracker.bank import Birth, add, blank, patient, prune
+from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.following import caught, follow, grow, waits
 from contact_tracker.forward import forward
-from contact_tracker.labels import Contact
+from contact_tracker.labels import STATES, Contact
 from contact_tracker.pace import (
     AT_THE_NOISE,
     DUE,
@@ -91,13 +93,18 @@ def test_with_twice_the_margin_the_same_is_said() -> None:
     assert pruning.row("short", 40.0, own, own)[2:8] == ["1.000", *["0.0000"] * 4, "1.00"]
 
 
+def grace_at_birth(begins, model):
+    birth = Birth(begins, 0, 0, 0, 0.0, np.zeros((0, len(STATES))), np.eye(3))
+    return float(add(blank(model, 0), model, birth).grace[0])
+
+
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     """Three rows a pose tell five unknowns sooner than one row eight."""
     told = np.array([0.9, 1.1]) * patience(model.family.PARAMETERS / model.family.ROWS)
-    bank = blank(model, 2).having(searched=1.0, log_likelihood=-1000.0, rms=10.0, number=[0, 1])
-    bank = bank.seeing(told=told)
-    assert prune(bank, model, 5, 0.0, 40.0).number.tolist() == [0]
+    bank = blank(model, 2).having(log_likelihood=-1000.0, rms=10.0, number=[0, 1])
+    bank = bank.having(grace=grace_at_birth(fresh(model), model)).seeing(told=told)
+    assert prune(bank, 5, 0.0, 40.0).number.tolist() == [0]
     impatient, near = bank.pick(np.array([1])), bank.having(log_likelihood=-1.0).pick(np.array([1]))
     assert not len(lost(impatient, model))
     assert len(lost(near, model)) == DUE[int(told[1])]
@@ -106,13 +113,20 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
 
 
 @pytest.mark.parametrize(
-    ("told", "kept"), [(0.9 * MET_PATIENCE, [0, 1]), (1.1 * MET_PATIENCE, [0]), (1.1, [])]
+    ("told", "searching", "kept"),
+    [
+        (0.9 * MET_PATIENCE, [True, True], [0, 1]),
+        (1.1 * MET_PATIENCE, [True, False], [0, 1]),
+        (1.1, [False, False], []),
+    ],
 )
-def test_what_was_met_is_found_sooner_or_dropped(told, kept):
+def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searching, kept):
     """Part of its geometry is known."""
     bank = blank(EDGE_FACE, 2).having(met=[0, 1], log_likelihood=-1000.0, number=[0, 1])
+    bank = bank.having(grace=grace_at_birth(replace(fresh(EDGE_FACE), met=np.array([True])), EDGE_FACE))
     bank = bank.seeing(told=told * patience(EDGE_FACE.needed))
-    assert prune(bank, EDGE_FACE, 5, 0.0, 20.0).number.tolist() == kept
+    assert patient(bank, EDGE_FACE).tolist() == searching
+    assert prune(bank, 5, 0.0, 20.0).number.tolist() == kept
 
 
 def test_what_is_far_behind_waits():
@@ -145,7 +159,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
         assert after.joint[after.number == number] == pytest.approx(
             right.joint[right.number == number], abs=0.2
         )
-    hopeless = caught(stepped, bank.joint - WAIT_NATS, model, window, scales)
+    hopeless = caught(stepped, bank.joint - FAR_NATS, model, window, scales)
     np.testing.assert_array_equal(hopeless.words, stepped.words)
 
 
@@ -164,8 +178,8 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
         known_mean=np.where(held[:, None], off, 0.0),
         known=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
     )
-    near = np.arange(len(bank)) % 2 == 0
-    was = np.where(near, -0.9, -1.1) * WAIT_NATS
+    group = np.arange(len(bank)) % 3
+    was = np.array([-0.9 * WAIT_NATS, -1.1 * WAIT_NATS, -1.1 * FAR_NATS])[group]
     told_too_much = bank.log_likelihood + 100.0  # by which it falls
     bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=0.0)
     state = state._replace(
@@ -174,10 +188,11 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
     )
     after = tracker.observe(state, seen[k].tick)[0].banks[column]
     stays = np.isin(bank.number, after.number)
-    after, near = after.pick(np.flatnonzero(np.isin(after.number, bank.number))), near[stays]
-    has_grace = after.grace > 0.0
-    assert has_grace.any()
-    assert not has_grace[~near].any()
+    after, group = after.pick(np.flatnonzero(np.isin(after.number, bank.number))), group[stays]
+    has_grace, near = after.grace > 0.0, group == 0
+    assert has_grace[near].any()
+    assert has_grace[group == 1].any() == is_due(model, k)  # else it waits, and has not learnt that it falls
+    assert not has_grace[group == 2].any()
     np.testing.assert_allclose(after.grace[has_grace], after.told[has_grace] + GRACE_TICKS)
     if not is_due(model, k):  # else they have taken geometry of others since
         assert (after.rms[near] < AT_THE_NOISE).any()
@@ -185,10 +200,8 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
 
 
 def test_grace_keeps_what_is_hopeless_until_it_ends():
-    bank = blank(EDGE_FACE, 3).having(grace=[0.0, 30.1, 30.0], log_likelihood=-1e3, number=[0, 1, 2])
-    assert prune(bank.seeing(told=30.0), EDGE_FACE, 3, 0.0, 20.0).number.tolist() == [1]
-    impatient = bank.having(grace=0.0, searched=0)
-    assert not len(prune(impatient, EDGE_FACE, 3, 0.0, 20.0))
+    bank = blank(EDGE_FACE, 3).having(grace=[0.0, 30.0, 29.9], log_likelihood=-1e3, number=[0, 1, 2])
+    assert prune(bank.seeing(told=30.0), 3, 0.0, 20.0).number.tolist() == [1]
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)

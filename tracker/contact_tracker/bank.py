@@ -125,23 +125,24 @@ def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
 def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     """Hypotheses (n, words) that have seen nothing yet, and what (n, S) of their x is known."""
     share = begins.log_share
-    new = blank(model, begins.many).having(**begins.assumed, lasted=share, log_likelihood=share)
+    grace = np.where(begins.searched, patience(model.needed), 0.0)
+    new = blank(model, begins.many).having(**begins.assumed, lasted=share, log_likelihood=share, grace=grace)
     return new.words, Given(begins.known_mean, begins.known).told(model)
 
 
 def patient(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) are kept however bad: their geometry may not be found yet."""
+    """Which hypotheses (H,) search and offer however bad: their geometry may not be found yet."""
     share = np.where(bank.met, MET_PATIENCE, 1.0)
     return (bank.told <= share * patience(model.needed)) & bank.searched
 
 
-def prune(bank: Bank, model: ContactModel, now: int, best: float, margin: float) -> Bank:
+def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     """Drop what is hopeless against ``best``, and thin out onsets the more the older they are.
 
     Log weights are against ``best`` from then on.
     """
     joint = bank.joint
-    keep = (joint > best - margin) | patient(bank, model) | (bank.told < bank.grace)
+    keep = (joint > best - margin) | (bank.told <= bank.grace)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

@@ -16,6 +16,7 @@ from contact_tracker.pace import (
     AT_THE_NOISE,
     FALL_NATS,
     FALLEN_STEPS,
+    FAR_NATS,
     FIRST_STEPS,
     FIRST_TICKS,
     GRACE_TICKS,
@@ -88,17 +89,18 @@ def waits(bank: Bank) -> Bools:
 
 
 def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; those
-    that are fallen still are kept for a while (see ``Bank.grace``)."""
-    fallen = _fallen(bank, was)
-    if not fallen.any():
-        return bank
-    bank = learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
-    return bank.having(grace=np.where(_fallen(bank, was), bank.told + GRACE_TICKS, bank.grace))
+    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; what
+    is fallen then, and was not far from the best, is kept for a while (see ``Bank.grace``)."""
+    fallen = _fallen(bank, was, WAIT_NATS)
+    if fallen.any():
+        bank = learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
+    until = np.maximum(bank.grace, bank.told + GRACE_TICKS)
+    return bank.having(grace=np.where(_fallen(bank, was, FAR_NATS), until, bank.grace))
 
 
-def _fallen(bank: Bank, was: Array) -> Bools:
-    return (was >= -WAIT_NATS) & (bank.joint < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
+def _fallen(bank: Bank, was: Array, nats: float) -> Bools:
+    """Which hypotheses (H,) that were no more than so many ``nats`` behind the best have fallen."""
+    return (was >= -nats) & (bank.joint < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
 
 
 def follow(

@@ -97,7 +97,7 @@ def advance(
     free = float(births.entry[-1])
     best = max(free, *(bank.best for bank in grown))
     kept = [
-        prune(bank, model, now, best, margin if is_due(model, now) else np.inf)
+        prune(bank, now, best, margin if is_due(model, now) else np.inf)
         for bank, model in zip(grown, CONTACT_MODELS, strict=True)
     ]
     return Living(

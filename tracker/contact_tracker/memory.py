@@ -101,14 +101,12 @@ def _kept(
 class _Offer(NamedTuple):
     """What an element of a contact may be: ``known``, or None for an unknown one.
 
-    Whether it is of the last contact, whether it was met itself, the onset of the contact it is from, and
-    whether none of its kind was met later.
+    Whether it is of the last contact, whether it was met itself, and whether none of its kind was met later.
     """
 
     known: Known | None
     is_last: bool
     was_met: bool
-    onset_ns: int = 0
     is_latest: bool = True
 
     @property
@@ -129,28 +127,25 @@ def _offered(met: tuple[Met, ...], kind: str, last_ns: int) -> tuple[_Offer, ...
     latest_ns = max((beside.onset_ns for beside in met if beside.known.kind == kind), default=last_ns)
     for beside in met:
         is_last = beside.onset_ns == last_ns
-        when = beside.onset_ns, beside.onset_ns >= latest_ns
+        is_latest = beside.onset_ns >= latest_ns
         if beside.known.kind == kind:
-            offers.append(_Offer(beside.known, is_last, True, *when))
+            offers.append(_Offer(beside.known, is_last, True, is_latest))
         elif is_last or beside in edges:
-            offers.append(_Offer(_next_to(beside, kind), is_last, beside in edges, *when))
+            offers.append(_Offer(_next_to(beside, kind), is_last, beside in edges, is_latest))
     return tuple(offers)
 
 
 def _go_together(ours: _Offer, theirs: _Offer) -> bool:
     """Whether a contact may be of two elements, of which one at least is known.
 
-    What is next to the last contact goes with what is of that as well. What is new of the object may touch
-    all that was met; what is new of the surroundings, the latest of a kind. Two that were met go together if
-    that was in one contact, or if one of them is of the last.
+    What is next to the last contact goes with what is of that as well. What is new on one side goes with the
+    latest of a kind that was met on the other; two that were met, if one of them is of the last contact.
     """
     if not ((ours.was_met and theirs.was_met) or (ours.is_last and theirs.is_last)):
         return False
-    if ours.known is None:
-        return theirs.known is not None
-    if theirs.known is None:
-        return ours.is_latest or theirs.is_last
-    return ours.is_last or theirs.is_last or ours.onset_ns == theirs.onset_ns
+    if ours.known is None or theirs.known is None:
+        return ours.known is not theirs.known and ours.is_latest and theirs.is_latest
+    return ours.is_last or theirs.is_last
 
 
 @lru_cache(maxsize=64)  # the same object as long as it is remembered

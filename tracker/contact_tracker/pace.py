@@ -13,15 +13,15 @@ AT_REST: Final = 1e-7
 WAIT_NATS: Final = 10.0
 """What is further behind the best learns only when searches are due: until then it grows."""
 FAR_NATS: Final = 14.0
-"""What is further behind the best neither searches nor offers its geometry once patience is over. It is no
-evidence for its contact, either."""
+"""What is further behind the best neither searches nor offers its geometry once patience is over, and gets no
+grace when it falls. It is no evidence for its contact, either."""
 FALL_NATS: Final = 3.0
 FALLEN_STEPS: Final = 12
 """What learns in every tick, falls by more than so many nats in one and does not fit its window takes so many
 steps more: what had been open until then may lie far off."""
 GRACE_TICKS: Final = 6.0
-"""What does not catch itself by that is kept for so many ticks with motion, however bad: others may find its
-geometry, and offer it. Old onsets get sparser all the same."""
+"""What has fallen and does not catch itself by that is kept for so many ticks with motion, however bad:
+others may find its geometry, and offer it. Old onsets get sparser all the same."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -42,8 +42,8 @@ from others, though that may be worth some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
 MET_PATIENCE: Final = 0.5
-"""Of the patience, for what assumes elements that were met before: part of its geometry is known, and there
-are many."""
+"""For so much of the patience what assumes elements that were met before searches and offers: part of its
+geometry is known, and there are many."""
 YOUNG: Final = 24
 """Up to this age in ticks every onset has its own hypothesis; older ones get sparser."""
 

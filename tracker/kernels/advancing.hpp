@@ -129,12 +129,14 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     }
     learners.learn<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
-        if (fell(kind, bank[b].own, was[b])) learners.add(kind, bank[b], settings.fallen_steps);
+        if (fell(kind, bank[b].own, was[b], settings.wait_nats))
+            learners.add(kind, bank[b], settings.fallen_steps);
     }
     learners.learn<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
-        if (!fell(kind, bank[b].own, was[b])) continue;
-        bank[b].own[kind.where.grace] = bank[b].since[kind.since.told] + settings.grace_ticks;
+        if (!fell(kind, bank[b].own, was[b], settings.far_nats)) continue;
+        double& grace = bank[b].own[kind.where.grace];
+        grace = std::max(grace, bank[b].since[kind.since.told] + settings.grace_ticks);
     }
     if (!directions) return;
     adopt<F>(kind, bank, ticks, weights, work);

@@ -150,8 +150,8 @@ WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>&
     for (int s = 0; s < F::S; ++s) x[s] = where(worse, x[s], work.trial[s]);
 }
 
-// As `fit.minimise` of some windows, from x (S,), in place. Those that are there already stay until all are,
-// up to rounding: last digits depend on who stands beside whom.
+// As `fit.minimise` of some windows, from x (S,), in place. Those that are there already stay until all are:
+// no digit of a hypothesis depends on who stands beside it.
 template <class F>
 Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
     const Damping& fits = settings.fits;
@@ -168,7 +168,7 @@ Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
         if (left == 1) {
             for (int s = 0; s < F::S; ++s) x[s] = where(better, work.trial[s], x[s]);
         } else if (any(better)) {
-            accept<F>(window, now.left & !better, x, work);
+            accept<F>(window, !better, x, work);
         }
         now.cost = where(better, proposed, now.cost);
         const Lanes changed = now.damping * where(better, Lanes(fits.less), Lanes(fits.more));

@@ -115,9 +115,10 @@ inline bool waits(const Kind& kind, const double* row) {
     return joint(kind.where, row) < -settings.wait_nats;
 }
 
-// Whether a hypothesis has fallen, whose log weight was that before the tick: as in `following.caught`.
-inline bool fell(const Kind& kind, const double* row, double was) {
-    const bool falls = was >= -settings.wait_nats && joint(kind.where, row) < was - settings.fall_nats;
+// Whether a hypothesis has fallen, whose log weight was that before the tick, from no more than so many
+// `nats` behind the best: as in `following.caught`.
+inline bool fell(const Kind& kind, const double* row, double was, double nats) {
+    const bool falls = was >= -nats && joint(kind.where, row) < was - settings.fall_nats;
     return falls && row[kind.where.rms] > settings.at_the_noise;
 }
 
