@@ -111,6 +111,23 @@ def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
 
 
 @each_model
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_no_digit_depends_on_who_stands_beside_whom(model, seed):
+    """Some are at their minimum already, and wait for the others."""
+    rng = np.random.default_rng(seed)
+    *windows, prior, anchors, x = problem(model, rng)
+    there = kernels.minimise(model, *windows, prior, anchors, x, 30).x
+    x = np.where(rng.random((COUNT, 1)) < 0.5, there, x)
+    whole = kernels.minimise(model, *windows, prior, anchors, x, 10)
+    order = rng.permutation(COUNT)
+    moved = (*(column[order] for column in windows), prior.pick(order), anchors[order], x[order])
+    found = kernels.minimise(model, *moved, 10)
+    for name in ("x", "cost", "hessian", "converged"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[order])
+
+
+@each_model
 def test_each_window_takes_its_own_steps(model):
     steps = np.arange(COUNT) % 4
     assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(3)), steps), 1e-7)
@@ -417,9 +434,11 @@ def test_kernels_refuse_what_they_do_not_know():
     with pytest.raises(ValueError, match="not a table of this contact"):
         kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
     for onset in ([1, 2], [-3, 1]):
-        for dropped in (kernels.dropped, prune):
-            with pytest.raises(ValueError, match="without its onset"):
-                dropped(blank(model, 2).having(onset=onset), model, 1, 0.0, 10.0)
+        bank = blank(model, 2).having(onset=onset)
+        with pytest.raises(ValueError, match="without its onset"):
+            kernels.dropped(bank, model, 1, 0.0, 10.0)
+        with pytest.raises(ValueError, match="without its onset"):
+            prune(bank, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="not in order"):
         kernels.dropped(blank(model, 2).having(onset=[1, 0]), model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="no family of this form"):
