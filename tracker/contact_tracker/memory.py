@@ -138,14 +138,15 @@ def _offered(met: tuple[Met, ...], kind: str, last_ns: int) -> tuple[_Offer, ...
 def _go_together(ours: _Offer, theirs: _Offer) -> bool:
     """Whether a contact may be of two elements, of which one at least is known.
 
-    What is next to the last contact goes with what is of that as well. What is new on one side goes with the
-    latest of a kind that was met on the other; two that were met, if one of them is of the last contact.
+    What is next to the last contact goes with what is of that as well. Two that were met go together if one
+    of them is of the last contact; what is new on one side goes with the latest of a kind on the other.
     """
     if not ((ours.was_met and theirs.was_met) or (ours.is_last and theirs.is_last)):
         return False
-    if ours.known is None or theirs.known is None:
-        return ours.known is not theirs.known and ours.is_latest and theirs.is_latest
-    return ours.is_last or theirs.is_last
+    if ours.is_last or theirs.is_last:
+        return ours.known is not theirs.known  # both may be None
+    is_one_new = (ours.known is None) != (theirs.known is None)
+    return is_one_new and ours.is_latest and theirs.is_latest
 
 
 @lru_cache(maxsize=64)  # the same object as long as it is remembered
