@@ -339,7 +339,9 @@ def test_what_begins_joins_alike(model, old, many):
     np.testing.assert_array_equal(*(living.leaders for living in advanced))
     for name in ("state", "onset"):
         np.testing.assert_array_equal(*(getattr(living.alive, name) for living in advanced))
-    assert (kernel.number >= 1000).sum() == many
+    new = kernel.number >= 1000
+    assert new.sum() == many
+    np.testing.assert_array_equal(kernel.grace[new], numpy.grace[new])
     for name in ("number", "onset", "onset_ns", "source", "met", "searched", "pair"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
     assert_same_columns(numpy, kernel, ("known", "known_mean", "moments", "entry", "told", "lasted"), 1e-9)
@@ -387,15 +389,13 @@ def test_what_is_dropped_agrees(seed, margin, model):
     count, now = int(rng.integers(0, 60)), 800
     bank = blank(model, count).having(
         onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
-        searched=rng.random(count) > 0.5,
-        met=rng.random(count) > 0.5,
-        grace=np.where(rng.random(count) < 0.3, rng.uniform(0.0, 40.0, count), 0.0),
+        grace=np.where(rng.random(count) < 0.3, rng.integers(0, 40, count), 0.0),
         log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
         entry=-1.0,
         number=np.arange(count),
         rms=rng.random(count),
     )
-    onsets = blank(model, now + 1).onsets.having(told=rng.uniform(0.0, 40.0, now + 1))
+    onsets = blank(model, now + 1).onsets.having(told=rng.integers(0, 40, now + 1))
     bank = replace(bank, onsets=onsets)
     numpy = prune(bank, now, -2.5, margin)
     rows, words, since, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)

@@ -159,7 +159,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
         assert after.joint[after.number == number] == pytest.approx(
             right.joint[right.number == number], abs=0.2
         )
-    hopeless = caught(stepped, bank.joint - FAR_NATS, model, window, scales)
+    hopeless = caught(stepped, bank.joint - 1.1 * FAR_NATS, model, window, scales)
     np.testing.assert_array_equal(hopeless.words, stepped.words)
 
 
@@ -181,7 +181,8 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
     group = np.arange(len(bank)) % 3
     was = np.array([-0.9 * WAIT_NATS, -1.1 * WAIT_NATS, -1.1 * FAR_NATS])[group]
     told_too_much = bank.log_likelihood + 100.0  # by which it falls
-    bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=0.0)
+    long = np.arange(len(bank)) % 8 == 0  # some have more than they would get
+    bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=1e3 * long)
     state = state._replace(
         model=pruning.with_margin(MODEL, np.inf),
         banks=(*state.banks[:column], bank, *state.banks[column + 1 :]),
@@ -189,7 +190,10 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
     after = tracker.observe(state, seen[k].tick)[0].banks[column]
     stays = np.isin(bank.number, after.number)
     after, group = after.pick(np.flatnonzero(np.isin(after.number, bank.number))), group[stays]
+    assert (after.grace[long[stays]] == 1e3).all()
+    after, group = after.pick(np.flatnonzero(~long[stays])), group[~long[stays]]
     has_grace, near = after.grace > 0.0, group == 0
+    assert set(group) == {0, 1, 2}
     assert has_grace[near].any()
     assert has_grace[group == 1].any() == is_due(model, k)  # else it waits, and has not learnt that it falls
     assert not has_grace[group == 2].any()

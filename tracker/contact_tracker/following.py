@@ -94,8 +94,11 @@ def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: 
     fallen = _fallen(bank, was, WAIT_NATS)
     if fallen.any():
         bank = learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
+    fallen = _fallen(bank, was, FAR_NATS)
+    if not fallen.any():
+        return bank
     until = np.maximum(bank.grace, bank.told + GRACE_TICKS)
-    return bank.having(grace=np.where(_fallen(bank, was, FAR_NATS), until, bank.grace))
+    return bank.having(grace=np.where(fallen, until, bank.grace))
 
 
 def _fallen(bank: Bank, was: Array, nats: float) -> Bools:

@@ -139,12 +139,13 @@ def _go_together(ours: _Offer, theirs: _Offer) -> bool:
     """Whether a contact may be of two elements, of which one at least is known.
 
     What is next to the last contact goes with what is of that as well. Two that were met go together if one
-    of them is of the last contact; what is new on one side goes with the latest of a kind on the other.
+    of them is of the last contact; what is new on one side goes with the latest of a kind on the other, what
+    the user knows and touched last with all.
     """
     if not ((ours.was_met and theirs.was_met) or (ours.is_last and theirs.is_last)):
         return False
     if ours.is_last or theirs.is_last:
-        return ours.known is not theirs.known  # both may be None
+        return not (ours.known is None and theirs.known is None)
     is_one_new = (ours.known is None) != (theirs.known is None)
     return is_one_new and ours.is_latest and theirs.is_latest
 

@@ -20,8 +20,8 @@ FALLEN_STEPS: Final = 12
 """What learns in every tick, falls by more than so many nats in one and does not fit its window takes so many
 steps more: what had been open until then may lie far off."""
 GRACE_TICKS: Final = 6.0
-"""What has fallen and does not catch itself by that is kept for so many ticks with motion, however bad:
-others may find its geometry, and offer it. Old onsets get sparser all the same."""
+"""What has fallen, and is fallen still after those steps if it took them, is kept for so many ticks with
+motion, however bad: others may find its geometry, and offer it. Old onsets get sparser all the same."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3

@@ -51,7 +51,7 @@ class Bank(Table):
     number : (H,) tells hypotheses apart over the whole recording.
     entry : (H,) log weight with which it began.
     grace : (H,) it is kept until ``told`` is beyond that, however bad (but old onsets get sparser all the
-        same): when it begins, and again when it falls.
+        same); set when it begins, if it may search, and put off when it falls.
     source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
         the prior on x that they are.
     pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
