@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import compiled, tracker
-from contact_tracker.bank import Birth, add, blank, patient, prune
+from contact_tracker.bank import Birth, add, blank, is_near, prune
 from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.following import caught, follow, grow, waits
+from contact_tracker.following import caught, follow, grow
 from contact_tracker.forward import forward
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.pace import (
@@ -23,16 +23,16 @@ from contact_tracker.pace import (
     DUE,
     FALL_NATS,
     FAR_NATS,
+    GRACE_NATS,
     GRACE_TICKS,
     MET_PATIENCE,
-    WAIT_NATS,
     YOUNG,
     patience,
 )
 from contact_tracker.poses import Poses
 from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
-from contact_tracker.search import givers, is_due, lost
+from contact_tracker.search import givers, is_due, lost, patient
 from contact_tracker.state import scales_of
 from short import FACE_TO_EDGE, MODEL, recorded
 
@@ -129,10 +129,10 @@ def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searchi
     assert prune(bank, 5, 0.0, 20.0).number.tolist() == kept
 
 
-def test_what_is_far_behind_waits():
-    behind = [-0.9 * WAIT_NATS, -1.1 * WAIT_NATS]
-    bank = blank(EDGE_FACE, 2).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
-    assert waits(bank).tolist() == [False, True]
+def test_what_is_far_behind():
+    behind = [-0.9 * FAR_NATS, -1.1 * FAR_NATS, np.nan]
+    bank = blank(EDGE_FACE, 3).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
+    assert is_near(bank).tolist() == [True, False, False]
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
@@ -144,7 +144,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
     state, window = seen[39].state, seen[40].state.window
     assert not is_due(model, 40)
     bank = state.banks[model.contact.column]
-    near = (bank.joint > -WAIT_NATS) & (bank.told > 10.0)
+    near = (bank.joint > -FAR_NATS) & (bank.told > 10.0)
     off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
     knocked = bank.having(x=np.where(near[:, None], off, bank.x))
     stepped = follow(grow(knocked, model, window), model, window, scales)
@@ -159,7 +159,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
         assert after.joint[after.number == number] == pytest.approx(
             right.joint[right.number == number], abs=0.2
         )
-    hopeless = caught(stepped, bank.joint - 1.1 * FAR_NATS, model, window, scales)
+    hopeless = caught(stepped, bank.joint - 1.1 * GRACE_NATS, model, window, scales)
     np.testing.assert_array_equal(hopeless.words, stepped.words)
 
 
@@ -179,7 +179,7 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
         known=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
     )
     group = np.arange(len(bank)) % 3
-    was = np.array([-0.9 * WAIT_NATS, -1.1 * WAIT_NATS, -1.1 * FAR_NATS])[group]
+    was = np.array([-0.9 * FAR_NATS, -1.1 * FAR_NATS, -1.1 * GRACE_NATS])[group]
     told_too_much = bank.log_likelihood + 100.0  # by which it falls
     long = np.arange(len(bank)) % 8 == 0  # some have more than they would get
     bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=1e3 * long)
@@ -222,16 +222,17 @@ def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch)
     assert dropped
 
 
+@pytest.mark.parametrize("has_grace", [True, False])
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
-    """Others of its contact have it; it was hopeless by far."""
+def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkeypatch):
+    """Others of its contact have it; it is hopeless by far."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
     column, start = model.contact.column, 39
     assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
     state = seen[start - 1].state
     bank = state.banks[column]
-    near = (bank.told > patience(model.needed)) & (bank.joint > -WAIT_NATS)
+    near = (bank.told > patience(model.needed)) & (bank.joint > -FAR_NATS)
     near[bank.leader] = False
     row = int(np.flatnonzero(near)[-1])
     this = np.arange(len(bank)) == row
@@ -239,13 +240,14 @@ def test_what_has_lost_its_minimum_comes_back(in_use, monkeypatch):
         x=np.where(this[:, None], model.turned(bank.x, np.eye(3)[[1, 2, 0]]), bank.x),
         log_likelihood=np.where(this, -1e3, bank.log_likelihood),
         rms=np.where(this, 50.0, bank.rms),
+        grace=np.where(this & has_grace, bank.told + GRACE_TICKS, bank.grace),
     )
     state = state._replace(banks=(*state.banks[:column], knocked, *state.banks[column + 1 :]))
     for later in seen[start : start + 3]:
+        assert knocked.number[row] in state.banks[column].number
         state, _ = tracker.observe(state, later.tick)
-        bank = state.banks[column]
-        assert knocked.number[row] in bank.number
-    assert bank.joint[bank.number == knocked.number[row]] > -FAR_NATS
+    bank = state.banks[column]
+    assert (bank.joint[bank.number == knocked.number[row]] > -FAR_NATS).tolist() == [True] * has_grace
 
 
 @pytest.mark.parametrize("told", [3.0, 60.0])

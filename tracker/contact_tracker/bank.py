@@ -12,7 +12,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.labels import STATES
-from contact_tracker.pace import MET_PATIENCE, RESIDUAL_TICKS, YOUNG, patience
+from contact_tracker.pace import FAR_NATS, RESIDUAL_TICKS, YOUNG, patience
 from contact_tracker.prior import Prior
 from contact_tracker.rows import layout
 from contact_tracker.table import Bank, Onsets
@@ -130,10 +130,14 @@ def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     return new.words, Given(begins.known_mean, begins.known).told(model)
 
 
-def patient(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) search and offer however bad: their geometry may not be found yet."""
-    share = np.where(bank.met, MET_PATIENCE, 1.0)
-    return (bank.told <= share * patience(model.needed)) & bank.searched
+def is_near(bank: Bank) -> Bools:
+    """Which hypotheses (H,) are not far behind what was the best before this tick."""
+    return bank.joint >= -FAR_NATS
+
+
+def has_grace(bank: Bank) -> Bools:
+    """Which hypotheses (H,) are kept however bad."""
+    return bank.told <= bank.grace
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
@@ -142,7 +146,7 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     Log weights are against ``best`` from then on.
     """
     joint = bank.joint
-    keep = (joint > best - margin) | (bank.told <= bank.grace)
+    keep = (joint > best - margin) | has_grace(bank)
     old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]

@@ -10,18 +10,19 @@ FIRST_STEPS: Final = 3
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
-WAIT_NATS: Final = 10.0
-"""What is further behind the best learns only when searches are due: until then it grows."""
-FAR_NATS: Final = 14.0
-"""What is further behind the best neither searches nor offers its geometry once patience is over, and gets no
-grace when it falls. It is no evidence for its contact, either."""
+FAR_NATS: Final = 10.0
+"""What is further behind the best learns only when searches are due: until then it grows. Once patience is
+over it neither searches nor offers its geometry, and without grace it takes none from others. It is no
+evidence for its contact, either."""
 FALL_NATS: Final = 3.0
 FALLEN_STEPS: Final = 12
-"""What learns in every tick, falls by more than so many nats in one and does not fit its window takes so many
+"""What is not far behind, falls by more than so many nats in a tick and does not fit its window takes so many
 steps more: what had been open until then may lie far off."""
+GRACE_NATS: Final = 20.0
 GRACE_TICKS: Final = 6.0
-"""What has fallen, and is fallen still after those steps if it took them, is kept for so many ticks with
-motion, however bad: others may find its geometry, and offer it. Old onsets get sparser all the same."""
+"""What was no further behind and has fallen, by that much and in spite of those steps, is kept for so many
+ticks with motion, however bad: others may find its geometry, and offer it. Old onsets get sparser all the
+same."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import best_of, patient
+from contact_tracker.bank import best_of, has_grace, is_near
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales
@@ -18,12 +18,13 @@ from contact_tracker.pace import (
     AT_THE_NOISE,
     DUE,
     EVERY,
-    FAR_NATS,
     LEAST_GAIN,
     LIFT,
+    MET_PATIENCE,
     ROUNDS,
     SCREENED,
     WEIGHED,
+    patience,
 )
 from contact_tracker.table import Bank
 from contact_tracker.window import Window
@@ -55,10 +56,10 @@ def givers(bank: Bank, model: ContactModel, scales: Scales) -> Index:
     """Of each hypothesis that does not fit the row (H,) whose geometry fits its window best; its own where
     none is better.
 
-    Who is hopeless offers nothing: whether it has been dropped must not matter.
+    Who is hopeless neither offers nor takes: whether it has been dropped must not matter.
     """
     giver = np.arange(len(bank))
-    asking, offering = np.flatnonzero(bank.rms > AT_THE_NOISE), np.flatnonzero(_may_win(bank, model))
+    asking, offering = np.flatnonzero(_asks(bank)), np.flatnonzero(_may_win(bank, model))
     if not len(asking) or not len(offering):
         return giver
     takers = bank.pick(asking)
@@ -72,8 +73,19 @@ def givers(bank: Bank, model: ContactModel, scales: Scales) -> Index:
 
 
 def _may_win(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) are near what was the best before this tick, or may be once they are found."""
-    return (bank.joint >= -FAR_NATS) | patient(bank, model)
+    """Which hypotheses (H,) are near the best, or may be once they are found."""
+    return is_near(bank) | patient(bank, model)
+
+
+def _asks(bank: Bank) -> Bools:
+    """Which hypotheses (H,) take the geometry of others, where it is better."""
+    return (bank.rms > AT_THE_NOISE) & (is_near(bank) | has_grace(bank))
+
+
+def patient(bank: Bank, model: ContactModel) -> Bools:
+    """Which hypotheses (H,) search and offer however bad: their geometry may not be found yet."""
+    share = np.where(bank.met, MET_PATIENCE, 1.0)
+    return (bank.told <= share * patience(model.needed)) & bank.searched
 
 
 def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Bank:

@@ -42,8 +42,7 @@ inline std::vector<std::int64_t> kept(const Kind& kind, const Bank& bank, std::i
     std::vector<std::int64_t> rows;
     for (int b = 0; b < bank.count(); ++b) {
         const bool near = joint(kind.where, bank[b].own) > best - margin;
-        const bool has_grace = bank.since(b)[kind.since.told] <= bank[b].own[kind.where.grace];
-        if ((near || has_grace) && is_best(kind.where, bank.own, b, now)) rows.push_back(b);
+        if ((near || has_grace(kind, bank[b])) && is_best(kind.where, bank.own, b, now)) rows.push_back(b);
     }
     return rows;
 }

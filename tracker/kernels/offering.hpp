@@ -7,7 +7,13 @@ namespace kernels {
 
 // As `search._may_win`.
 inline bool may_win(const Kind& kind, const Hypothesis& one) {
-    return joint(kind.where, one.own) >= -settings.far_nats || patient(kind, one);
+    return is_near(kind.where, one.own) || patient(kind, one);
+}
+
+// As `search._asks`.
+inline bool asks(const Kind& kind, const Hypothesis& one) {
+    const bool could_win = is_near(kind.where, one.own) || has_grace(kind, one);
+    return could_win && one.own[kind.where.rms] > settings.at_the_noise;
 }
 
 // What geometries cost some hypotheses of a bank.
@@ -82,7 +88,7 @@ std::vector<int> givers(const Kind& kind, const Bank& bank) {
     for (int b = 0; b < bank.count(); ++b) {
         giver[b] = b;
         if (may_win(kind, bank[b])) offering.push_back(b);
-        if (bank[b].own[kind.where.rms] > settings.at_the_noise) asking.push_back(b);
+        if (asks(kind, bank[b])) asking.push_back(b);
     }
     if (asking.empty()) return giver;
     Askers<F> askers(kind, bank, asking);

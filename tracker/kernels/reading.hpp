@@ -58,13 +58,13 @@ inline void read_settings() {
     settings.neighbours = load("ticks").attr("NEIGHBOURS").cast<int>();
     settings.first_ticks = number("FIRST_TICKS");
     settings.at_rest = number("AT_REST");
-    settings.wait_nats = number("WAIT_NATS");
     settings.far_nats = number("FAR_NATS");
     settings.fall_nats = number("FALL_NATS");
     settings.lift = number("LIFT");
     settings.at_the_noise = number("AT_THE_NOISE");
     settings.least_gain = number("LEAST_GAIN");
     settings.met_patience = number("MET_PATIENCE");
+    settings.grace_nats = number("GRACE_NATS");
     settings.grace_ticks = number("GRACE_TICKS");
     settings.residual_ticks = number("RESIDUAL_TICKS");
     settings.refine_steps = count("REFINE_STEPS");

@@ -59,6 +59,9 @@ inline double joint(const Where& where, const double* row) {
     return row[where.entry] + row[where.log_likelihood];
 }
 
+// As `bank.is_near`.
+inline bool is_near(const Where& where, const double* row) { return joint(where, row) >= -settings.far_nats; }
+
 // What is known of hypotheses by themselves, and since their onsets.
 template <class Own, class Since>
 struct Halves {
@@ -110,7 +113,12 @@ private:
     std::vector<int> since_;
 };
 
-// As `bank.patient`.
+// As `bank.has_grace`.
+inline bool has_grace(const Kind& kind, const Hypothesis& one) {
+    return one.since[kind.since.told] <= one.own[kind.where.grace];
+}
+
+// As `search.patient`.
 inline bool patient(const Kind& kind, const Hypothesis& one) {
     const double share = whole(one.own, kind.where.met) != 0 ? settings.met_patience : 1.0;
     return one.since[kind.since.told] <= share * kind.patience && whole(one.own, kind.where.searched) != 0;
