@@ -223,15 +223,13 @@ def test_evidence_of_twenty_to_one_separates():
 
 def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
     """Of an onset the best, and none that is hopeless, though it began when the rival did."""
-    onsets, tick_ns = np.array([0, 0, 1, 2, 2]), 50_000_000
+    onsets = np.array([0, 0, 1, 2, 2])
     banks = [blank(model, 0) for model in CONTACT_MODELS]
     edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]
     evidence = [5.0, 2.0, -300.0, -1.0, 4.0]
-    edges = blank(edge, 5).seeing(onset_ns=np.arange(5) * tick_ns)
-    banks[Contact.EF.column] = edges.having(onset=onsets, log_likelihood=evidence)
-    banks[Contact.VF.column] = blank(vertex, 1).seeing(onset=1, onset_ns=tick_ns)
-    banks[Contact.VF.column] = banks[Contact.VF.column].having(onset=1, log_likelihood=3.0)
-    judged = separability.rivals_since(banks, Contact.EF, 0, 20 * tick_ns, tick_ns)
+    banks[Contact.EF.column] = blank(edge, 5).having(onset=onsets, log_likelihood=evidence)
+    banks[Contact.VF.column] = blank(vertex, 1).having(onset=1, log_likelihood=3.0)
+    judged = separability.rivals_since(banks, Contact.EF, 0, 20)
     assert judged.evidence[Contact.VF.column] == pytest.approx(3.0 - 0.5 * (5.0 + 4.0))
     assert judged.evidence[-1] == pytest.approx(-5.0)
     assert judged.evidence[Contact.FF.column] == -np.inf

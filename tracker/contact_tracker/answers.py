@@ -63,18 +63,19 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
     label = STATES[int(np.argmax(probability))]
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
-        onset_ns = state.banks[label.column].began_ns(int(state.leaders[label.column]))
+        best = state.banks[label.column].alone(int(state.leaders[label.column]))
+        onset_ns = int(best.onsets.onset_ns[0])
     return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 
 def weighed_up(state: TrackerState, belief: Belief) -> Belief:
     """The same with the states that the motion does not tell from its label: they share its probability."""
-    label, tick_ns = belief.contact, state.model.tick_ns
+    label, now = belief.contact, state.ticks - 1
     if label is Contact.FREE:
-        onset = state.ticks - 1 - (belief.stamp_ns - belief.onset_ns) // tick_ns
+        onset = now - (belief.stamp_ns - belief.onset_ns) // state.model.tick_ns
     else:
         onset = int(state.banks[label.column].onset[state.leaders[label.column]])
-    rivals = separability.rivals_since(state.banks, label, belief.onset_ns, belief.stamp_ns, tick_ns)
+    rivals = separability.rivals_since(state.banks, label, onset, now)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     idle = separability.is_idle(label, since, onset < state.window.index[0])
     others = separability.inseparable(label, rivals, idle)

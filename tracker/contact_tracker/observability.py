@@ -31,14 +31,13 @@ OPEN: Final = 0.1
 
 
 def observed_geometry(
-    bank: Bank,
-    row: int,
+    one: Bank,
     model: ContactModel,
     scales: Scales,
     variance: Array,
     information: Array | None = None,
 ) -> ContactGeometry:
-    """Elements of hypothesis ``row``, with covariance, and with the directions that the motion left open.
+    """Elements of a hypothesis by itself, with covariance, and with the directions that the motion left open.
 
     Parameters
     ----------
@@ -49,7 +48,6 @@ def observed_geometry(
     -------
     ContactGeometry in the frames in which the bank works.
     """
-    one = bank.pick(np.array([row]))
     x = one.x[0].copy()  # it is given away
     tangent = model.family.tangent(x, anchors_of(one, model)[0])
     if information is None:

@@ -29,9 +29,10 @@ def geometry_of(
     ``window`` gives the noise of the ticks, ``origin_m`` is the world's origin in which the bank works;
     ``information`` as in ``observability``.
     """
-    found = observed_geometry(bank, row, model, scales, window.usual_variance, information)
-    if not np.isnan(bank.pivot[row]).all():  # else lines are given by the feet that are asked for
-        body_m = bank.place_sum[row] / bank.weight[row]
+    one = bank.alone(row)
+    found = observed_geometry(one, model, scales, window.usual_variance, information)
+    if not np.isnan(one.pivot).all():  # else lines are given by the feet that are asked for
+        body_m = one.place_sum[0] / one.weight[0]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
     return ContactGeometry(found.object, shifted(found.environment, origin_m))
 

@@ -20,6 +20,7 @@ from contact_tracker.table import Bank
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 DECISIVE: Final = float(np.log(20.0))
 """Evidence (nats) that tells two contacts apart: twenty to one."""
@@ -141,33 +142,32 @@ def used_directions(window: Window) -> int:
     return int(np.count_nonzero(small.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
 
 
-def rivals_since(banks: Sequence[Bank], label: Contact, onset_ns: int, now_ns: int, tick_ns: int) -> Rivals:
-    """How well each state explains the data since about ``onset_ns``, against the label.
+def rivals_since(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> Rivals:
+    """How well each state explains the ticks since about ``onset``, against the label.
 
     Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
     just that onset on. -inf where none is left.
     """
-    slack_ns = int(max(SAME_SPAN_TICKS * tick_ns, SAME_SPAN * (now_ns - onset_ns)))
-    span_ns = np.array([onset_ns - slack_ns, onset_ns + slack_ns + 1])
+    slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
+    span = np.array([onset - slack, onset + slack + 1])
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
-    after_ns = np.zeros(len(STATES))
+    since = np.full(len(STATES), onset)
     for column, bank in enumerate(banks):
-        first, end = bank.onset_ns.searchsorted(span_ns)  # they are in order
+        first, end = bank.onset.searchsorted(span)  # they are in order
         if first < end:
             best = first + bank.joint[first:end].argmax()
             evidence[column], rms[column] = bank.log_likelihood[best], bank.rms[best]
-            after_ns[column] = bank.onset_ns[best] - onset_ns
+            since[column] = bank.onset[best]
     evidence[-1], rms[-1] = 0.0, 1.0
     if label is not Contact.FREE:
-        evidence -= _evidence(banks[label.column], after_ns, onset_ns)
+        evidence -= _evidence(banks[label.column], since)
     evidence[label.column] = 0.0
     return Rivals(evidence, rms)
 
 
-def _evidence(bank: Bank, after_ns: Array, onset_ns: int) -> Array:
-    """A contact's evidence against free motion since ``after_ns`` after an onset, between its hypotheses: of
-    each onset the best, and none that is far behind."""
+def _evidence(bank: Bank, since: Index) -> Array:
+    """A contact's evidence against free motion ``since`` some ticks, between its hypotheses: the best of each
+    onset, and none that is far behind."""
     near = np.flatnonzero(bank.joint >= bank.best - FAR_NATS)
     near = near[best_of(bank.onset[near], bank.joint[near])]
-    since = (bank.onset_ns[near] - onset_ns).astype(float)  # stamps since 1970 do not fit into floats
-    return np.interp(after_ns, since, bank.log_likelihood[near])
+    return np.interp(since, bank.onset[near], bank.log_likelihood[near])

@@ -42,7 +42,7 @@ class Bank(Table):
     Parameters
     ----------
     onsets : those of all hypotheses, and maybe more. What they have is known of each hypothesis as well:
-        ``onset_ns``, ``weight``, ``told``, ``place_sum``, ``first``, ``moments`` (H, ...).
+        ``weight``, ``told``, ``place_sum``, ``first``, ``moments`` (H, ...).
     past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
 
     Columns
@@ -103,10 +103,6 @@ class Bank(Table):
         return row
 
     @cached_property
-    def onset_ns(self) -> Index:
-        return self.onsets.onset_ns[self.window]
-
-    @cached_property
     def weight(self) -> Array:
         return self.onsets.weight[self.window]
 
@@ -147,9 +143,11 @@ class Bank(Table):
         """Log weight of the best hypothesis; -inf without any."""
         return float(self.joint.max()) if len(self) else -np.inf
 
-    def began_ns(self, row: int) -> int:
-        """``onset_ns`` of one hypothesis."""
-        return int(self.onsets.cells("onset_ns")[self.onsets.cells("onset").searchsorted(self.onset[row])])
+    def alone(self, row: int) -> "Bank":
+        """One hypothesis with its onset."""
+        own, since = self.words[row : row + 1], int(self.onsets.cells("onset").searchsorted(self.onset[row]))
+        onsets = replace(self.onsets, words=self.onsets.words[since : since + 1])
+        return Bank(own, self.layout, onsets, self.past[row : row + 1])
 
     def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``, which need not be in order."""

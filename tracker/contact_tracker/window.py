@@ -57,8 +57,8 @@ class Window:
     @property
     def usual_variance(self) -> Array:
         """Median (2,) over the ticks; ``np.median`` takes several times as long for few of them."""
-        middle = np.array([(len(self) - 1) // 2, len(self) // 2])
-        return np.asarray(np.sort(self.variance, axis=0)[middle].mean(axis=0))
+        rising, half = np.sort(self.variance, axis=0), len(self) // 2
+        return np.asarray(0.5 * (rising[len(self) - 1 - half] + rising[half]))
 
     @property
     def unrest(self) -> float:

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import small
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.contacts.base import Array
 from contact_tracker.geometry import Element, Line, Plane, numbers
@@ -168,7 +169,7 @@ def _inverse(covariance: Array, lengths: int) -> Array:
     """Inverse on directions in which there is variance; the last ``lengths`` are in m, others in rad."""
     variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
     weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
-    values, axes = np.linalg.eigh(weight[:, None] * covariance * weight)
+    values, axes = small.eigenvectors(weight[:, None] * covariance * weight)
     good = values > _SMALLEST * max(float(values[-1]), 0.0)
     axes = weight[:, None] * axes[:, good]
     return np.asarray((axes / values[good]) @ axes.T)
