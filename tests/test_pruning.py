@@ -158,6 +158,9 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
         assert after.joint[after.number == number] == pytest.approx(
             right.joint[right.number == number], abs=0.2
         )
+    far = caught(stepped, bank.joint - 1.1 * FAR_NATS, model, window, scales)
+    assert (far.grace > stepped.grace).any()
+    np.testing.assert_array_equal(far.having(grace=stepped.grace).words, stepped.words)  # without more steps
     hopeless = caught(stepped, bank.joint - 1.1 * GRACE_NATS, model, window, scales)
     np.testing.assert_array_equal(hopeless.words, stepped.words)
 
