@@ -16,7 +16,7 @@ from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, weak_prior
-from contact_tracker.following import NOT_AT_ALL, grow, information, learn
+from contact_tracker.following import NOT_AT_ALL, before, grow, information, learn
 from contact_tracker.forward import forward
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
@@ -246,14 +246,28 @@ def test_relaxed_problems_of_too_few_poses_are_left_out(model):
 
 @each_model
 def test_what_others_offer_agrees(model):
-    takers, rng = 0, np.random.default_rng(9)
+    """Also at the bounds of who offers and who takes."""
+    takers, refused, rng = 0, 0, np.random.default_rng(9)
     for state in states():
         bank = state.banks[model.contact.column]
-        bank = bank.having(rms=np.where(rng.random(len(bank)) < 0.8, 2.0, 1.0))  # these fit
+        some = rng.random((3, len(bank)))
+        behind = rng.choice([0.0, -FAR_NATS, np.nextafter(-FAR_NATS, -np.inf), -50.0, np.nan], len(bank))
+        bank = bank.having(
+            rms=np.where(some[0] < 0.8, 2.0, 1.0),  # these fit
+            entry=0.0,
+            log_likelihood=np.where(some[1] < 0.5, 0.0, behind),
+            grace=np.where(some[2] < 0.3, bank.told, 0.0),
+        )
         giver = search.givers(bank, model, SCALES)
-        np.testing.assert_array_equal(kernels.givers(bank, model, REACH_M), giver)
+        compiled_ = kernels.givers(bank, model, REACH_M)
+        known, every = before(bank, model, SCALES).prior, np.arange(len(bank))
+        cost = fit.every_cost(model.family, bank.moments, bank.row_weight, known, bank.x)
+        np.testing.assert_array_equal(compiled_ == every, giver == every)
+        np.testing.assert_allclose(cost[compiled_, every], cost[giver, every], rtol=1e-6)  # some are as good
         takers += (giver != np.arange(len(bank))).sum()
-    assert takers or model.contact is Contact.FF  # which has one minimum
+        all_ask = search.givers(bank.having(grace=np.inf), model, SCALES)
+        refused += (giver != all_ask).sum()
+    assert (takers and refused) or model.contact is Contact.FF  # which has one minimum
 
 
 @each_model

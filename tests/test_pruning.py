@@ -34,6 +34,7 @@ from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from contact_tracker.search import givers, is_due, lost, patient
 from contact_tracker.state import scales_of
+from contact_tracker.table import Bank
 from short import FACE_TO_EDGE, MODEL, recorded
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def test_without_dropping_anything_the_same_is_said(path: Path) -> None:
     poses, model = Poses.collect(open_log(str(path))), load_model()
     own = pruning.follow(poses, model)
     other = pruning.follow(poses, pruning.with_margin(model, np.inf))
-    assert other.hypotheses > 1.5 * own.hypotheses
+    assert other.hypotheses > 1.3 * own.hypotheses
     same, apart = compared(own, other)
     assert same.all()
     assert apart.max() < 1e-3
@@ -79,7 +80,7 @@ def compared(own: pruning.Run, other: pruning.Run) -> tuple[Bools, Array]:
     return tied | same, np.abs(own.probability - other.probability).max(axis=1)
 
 
-def test_with_twice_the_margin_the_same_is_said() -> None:
+def test_with_a_wider_margin_the_same_is_said() -> None:
     poses = recorded(FACE_TO_EDGE).poses[:800]
     own, other = pruning.follow(poses, MODEL), pruning.follow(poses, pruning.with_margin(MODEL, 40.0))
     assert other.hypotheses > own.hypotheses
@@ -129,7 +130,7 @@ def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searchi
 
 
 def test_what_is_far_behind():
-    behind = [-0.9 * FAR_NATS, -1.1 * FAR_NATS, np.nan]
+    behind = [-FAR_NATS, -1.01 * FAR_NATS, np.nan]
     bank = blank(EDGE_FACE, 3).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
     assert is_near(bank).tolist() == [True, False, False]
 
@@ -252,22 +253,33 @@ def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkey
     assert (bank.joint[bank.number == knocked.number[row]] > -FAR_NATS).tolist() == [True] * has_grace
 
 
-@pytest.mark.parametrize("told", [3.0, 60.0])
-@pytest.mark.parametrize("behind", [0.9, 1.1])
-def test_who_is_hopeless_offers_nothing(told, behind):
-    """Unless it is so young that it may only not have found its minimum yet."""
+def giver_and_taker() -> Bank:
+    """One that fits, and one that has seen 20 ticks and does not."""
     model, seen = EDGE_FACE, next(islice(forward(recorded(FACE_TO_EDGE).poses, MODEL), 39, None))
     bank = seen.state.banks[model.contact.column]
     fitting, lost_one = bank.leader, int(np.flatnonzero(bank.told > 10.0)[0])
     two = bank.pick(np.array([fitting, lost_one]))
     x = np.array([two.x[0], model.turned(two.x, np.eye(3)[[1, 2, 0]])[1]])
     assert two.onset[0] != two.onset[1]
-    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], told, 20.0)).having(
-        x=x,
-        rms=[1.0, 50.0],
-        entry=0.0,
-        log_likelihood=[-behind * FAR_NATS, 0.0],
-        searched=1,
-    )
-    offered = told < patience(model.needed) or behind < 1.0
-    assert givers(two, model, scales_of(MODEL)).tolist() == [0, 0 if offered else 1]
+    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], 60.0, 20.0))
+    return two.having(x=x, rms=[1.0, 50.0], entry=0.0, log_likelihood=0.0, searched=1, grace=0.0)
+
+
+@pytest.mark.parametrize("told", [3.0, 60.0])
+@pytest.mark.parametrize("behind", [0.9, 1.1])
+def test_who_is_hopeless_offers_nothing(told, behind):
+    """Unless it is so young that it may only not have found its minimum yet."""
+    two = giver_and_taker()
+    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], told, 20.0))
+    two = two.having(log_likelihood=[-behind * FAR_NATS, 0.0])
+    offered = told < patience(EDGE_FACE.needed) or behind < 1.0
+    assert givers(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if offered else 1]
+
+
+@pytest.mark.parametrize("grace", [19.9, 20.0])
+@pytest.mark.parametrize("behind", [1.0, 1.01])
+def test_who_is_hopeless_takes_nothing(grace, behind):
+    """Unless it has grace."""
+    two = giver_and_taker().having(grace=[0.0, grace], log_likelihood=[0.0, -behind * FAR_NATS])
+    takes = behind == 1.0 or grace == 20.0
+    assert givers(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if takes else 1]

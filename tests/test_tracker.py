@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from contact_tracker import tracker
+from contact_tracker.forward import forward
 from contact_tracker.free_motion import SETTLING_TICKS
 from contact_tracker.geometry import Line, Plane, Point
 from contact_tracker.labels import CONTACTS, STATES, Contact
@@ -97,6 +98,19 @@ def test_free_motion_has_lasted_since_it_was_first_believed():
     assert all(a.onset_ns == b.onset_ns for a, b in both_free)
     began = [b for a, b in pairwise(beliefs) if a.contact is not Contact.FREE and b.contact is Contact.FREE]
     assert all(0 <= b.stamp_ns - b.onset_ns <= MODEL.tick_s * 1e9 for b in began)
+
+
+def test_the_tick_since_when_it_is_free_is_known_across_a_long_gap():
+    """Of which only the beginning is followed tick by tick."""
+    poses = moving(np.random.default_rng(3), 6.0, 100.0, 3e-4, 2.6e-3)
+    torn = replace(poses, stamp_ns=poses.stamp_ns + (np.arange(len(poses)) >= 400) * 65 * 10**9)
+    began_ns, across = [], 0
+    for seen in forward(torn, MODEL):
+        began_ns.append(seen.tick.start_ns)
+        if seen.belief.contact is Contact.FREE:
+            assert began_ns[seen.state.free_since] == seen.belief.onset_ns
+            across += seen.belief.stamp_ns - seen.belief.onset_ns > 65 * 10**9
+    assert across
 
 
 def test_residuals_of_what_holds_are_at_the_noise():

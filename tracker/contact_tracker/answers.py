@@ -70,12 +70,10 @@ def believe(state: TrackerState, stamp_ns: int) -> Belief:
 
 def weighed_up(state: TrackerState, belief: Belief) -> Belief:
     """The same with the states that the motion does not tell from its label: they share its probability."""
-    label, now = belief.contact, state.ticks - 1
-    if label is Contact.FREE:
-        onset = now - (belief.stamp_ns - belief.onset_ns) // state.model.tick_ns
-    else:
+    label, onset = belief.contact, state.free_since
+    if label is not Contact.FREE:
         onset = int(state.banks[label.column].onset[state.leaders[label.column]])
-    rivals = separability.rivals_since(state.banks, label, onset, now)
+    rivals = separability.rivals_since(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     idle = separability.is_idle(label, since, onset < state.window.index[0])
     others = separability.inseparable(label, rivals, idle)

@@ -136,7 +136,7 @@ def is_near(bank: Bank) -> Bools:
 
 
 def has_grace(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are kept however bad."""
+    """Which hypotheses (H,) are kept, and may take the geometry of others, however bad."""
     return bank.told <= bank.grace
 
 

@@ -85,7 +85,7 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
 
 def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:
     """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; what
-    is fallen then, and was not far from the best, is kept for a while (see ``Bank.grace``)."""
+    is fallen then, and was within ``GRACE_NATS``, is kept for a while (see ``Bank.grace``)."""
     fallen = _fallen(bank, was, FAR_NATS)
     if fallen.any():
         bank = learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))

@@ -100,7 +100,7 @@ class Search:
     window_s: float
     """Poses older than this are summed up, not looked at again."""
     margin_nats: float
-    """Hypotheses this much worse than the best are dropped, once they could take the geometry of others."""
+    """Hypotheses this much worse than the best are dropped, once they have been weighed anew."""
 
 
 @dataclass(frozen=True)

@@ -10,19 +10,19 @@ FIRST_STEPS: Final = 3
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
-FAR_NATS: Final = 10.0
+FAR_NATS: Final = 11.0
 """What is further behind the best learns only when searches are due: until then it grows. Once patience is
 over it neither searches nor offers its geometry, and without grace it takes none from others. It is no
 evidence for its contact, either."""
 FALL_NATS: Final = 3.0
 FALLEN_STEPS: Final = 12
-"""What is not far behind, falls by more than so many nats in a tick and does not fit its window takes so many
-steps more: what had been open until then may lie far off."""
+"""What is not far behind, falls by more than so many nats when it learns and does not fit its window takes so
+many steps more: what had been open until then may lie far off."""
 GRACE_NATS: Final = 20.0
 GRACE_TICKS: Final = 6.0
-"""What was no further behind and has fallen, by that much and in spite of those steps, is kept for so many
-ticks with motion, however bad: others may find its geometry, and offer it. Old onsets get sparser all the
-same."""
+"""What was no further behind and falls by that much, if need be in spite of those steps, is kept for so many
+ticks with motion, however bad, and may take the geometry of others: they may find its own. Old onsets get
+sparser all the same."""
 AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """After so many ticks with motion a hypothesis searches: what fitted the first of them need not fit more."""
 EVERY: Final = 3
@@ -53,7 +53,7 @@ RESIDUAL_TICKS: Final = 25.0
 
 
 def patience(needed: float) -> float:
-    """Up to so many ticks with motion a hypothesis is kept, searches and offers its geometry however bad,
+    """Up to so many ticks with motion a hypothesis is kept, searches, offers and takes geometry however bad,
     whose geometry ``needed`` poses tell: it may not be found yet.
 
     That is short for f-f, of which most never search unless they are near the best.

@@ -31,10 +31,10 @@ class TrackerState(NamedTuple):
     has been ``reminded`` of; ``log_left`` (7,) weights of the states at the last boundary, up to a
     constant, the ``residual`` (6,) of each contact (see ``Belief``), the rows of their best hypotheses, the
     ``leaders`` (6,), and all that is ``alive``; ``ticks`` seen, ``numbers`` of hypotheses given out,
-    ``outliers`` among the poses; the label and since when it has been free; ``exposure`` to change at the
-    last boundary, ``change`` (7, 7) and ``entry`` (7,), the log chances of change there and the log weights
-    with which states began; the exposure that is ``withheld`` while ticks say nothing; ``past`` (7, L, 7) of
-    each state and ``recent`` beliefs, where answers lag; the last ``belief``.
+    ``outliers`` among the poses; the label, tick and time since when it is free; ``exposure`` to change
+    at the last boundary, ``change`` (7, 7) and ``entry`` (7,), the log chances of change there and the log
+    weights with which states began; the exposure that is ``withheld`` while ticks say nothing; ``past``
+    (7, L, 7) of each state and ``recent`` beliefs, where answers lag; the last ``belief``.
     """
 
     model: Model
@@ -52,6 +52,7 @@ class TrackerState(NamedTuple):
     numbers: int
     outliers: int
     label: Contact | None
+    free_since: int
     free_since_ns: int
     exposure: float
     change: Array
@@ -93,6 +94,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         numbers=0,
         outliers=0,
         label=None,
+        free_since=0,
         free_since_ns=0,
         exposure=0.0,
         change=np.zeros((states, states)),

@@ -196,6 +196,7 @@ def _weigh(state: TrackerState, tick: Tick) -> TrackerState:
         numbers=state.numbers + births.many + 1,
         outliers=state.outliers + tick.outliers,
         label=label,
+        free_since=state.free_since if state.label is Contact.FREE else state.ticks,
         free_since_ns=state.free_since_ns if state.label is Contact.FREE else tick.start_ns,
         exposure=exposed,
         change=change,

@@ -5,15 +5,15 @@
 
 // In the file of a family (`heavy.hpp`) compiled for processors with wide registers as well; which of both is
 // called is found when the module is loaded.
-#if __GNUC__ >= 12
-#define PROCESSOR "arch=x86-64-v3"
-#else
-#define PROCESSOR "fma"
-#endif
 #if !defined(__GNUC__)
 #define WIDE
 #elif defined(HERE) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__)
-#define WIDE __attribute__((flatten, noinline, target_clones(PROCESSOR, "default")))
+#if __GNUC__ >= 12  // which knows these levels in clones
+#define WIDE_PROCESSOR "arch=x86-64-v3"
+#else
+#define WIDE_PROCESSOR "fma"
+#endif
+#define WIDE __attribute__((flatten, noinline, target_clones(WIDE_PROCESSOR, "default")))
 #else
 #define WIDE __attribute__((noinline))  // what another file has compiled is called
 #endif

@@ -12,8 +12,8 @@ inline bool may_win(const Kind& kind, const Hypothesis& one) {
 
 // As `search._asks`.
 inline bool asks(const Kind& kind, const Hypothesis& one) {
-    const bool could_win = is_near(kind.where, one.own) || has_grace(kind, one);
-    return could_win && one.own[kind.where.rms] > settings.at_the_noise;
+    const bool may_return = is_near(kind.where, one.own) || has_grace(kind, one);
+    return may_return && one.own[kind.where.rms] > settings.at_the_noise;
 }
 
 // What geometries cost some hypotheses of a bank.
