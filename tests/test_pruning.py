@@ -15,7 +15,7 @@ from contact_tracker import compiled, tracker
 from contact_tracker.bank import Birth, add, blank, is_near, prune
 from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.following import caught, follow, grow
+from contact_tracker.following import caught, follow, grow, waits
 from contact_tracker.forward import forward
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.pace import (
@@ -26,6 +26,7 @@ from contact_tracker.pace import (
     GRACE_NATS,
     GRACE_TICKS,
     MET_PATIENCE,
+    WAIT_NATS,
     YOUNG,
     patience,
 )
@@ -135,6 +136,12 @@ def test_what_is_far_behind():
     assert is_near(bank).tolist() == [True, False, False]
 
 
+def test_what_is_behind_waits():
+    behind = [-WAIT_NATS, -1.01 * WAIT_NATS, np.nan]
+    bank = blank(EDGE_FACE, 3).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
+    assert waits(bank).tolist() == [False, True, True]
+
+
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
 def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
     """In the same tick: with the steps that all take it would not."""
@@ -144,7 +151,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
     state, window = seen[39].state, seen[40].state.window
     assert not is_due(model, 40)
     bank = state.banks[model.contact.column]
-    near = (bank.joint > -FAR_NATS) & (bank.told > 10.0)
+    near = (bank.joint > -WAIT_NATS) & (bank.told > 10.0)
     off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
     knocked = bank.having(x=np.where(near[:, None], off, bank.x))
     stepped = follow(grow(knocked, model, window), model, window, scales)
@@ -159,7 +166,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
         assert after.joint[after.number == number] == pytest.approx(
             right.joint[right.number == number], abs=0.2
         )
-    far = caught(stepped, bank.joint - 1.1 * FAR_NATS, model, window, scales)
+    far = caught(stepped, bank.joint - 1.1 * WAIT_NATS, model, window, scales)
     assert (far.grace > stepped.grace).any()
     np.testing.assert_array_equal(far.having(grace=stepped.grace).words, stepped.words)  # without more steps
     hopeless = caught(stepped, bank.joint - 1.1 * GRACE_NATS, model, window, scales)
@@ -182,7 +189,7 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
         known=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
     )
     group = np.arange(len(bank)) % 3
-    was = np.array([-0.9 * FAR_NATS, -1.1 * FAR_NATS, -1.1 * GRACE_NATS])[group]
+    was = np.array([-0.9 * WAIT_NATS, -1.1 * WAIT_NATS, -1.1 * GRACE_NATS])[group]
     told_too_much = bank.log_likelihood + 100.0  # by which it falls
     long = np.arange(len(bank)) % 8 == 0  # some have more than they would get
     bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=1e3 * long)
@@ -235,7 +242,7 @@ def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkey
     assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
     state = seen[start - 1].state
     bank = state.banks[column]
-    near = (bank.told > patience(model.needed)) & (bank.joint > -FAR_NATS)
+    near = (bank.told > patience(model.needed)) & (bank.joint > -WAIT_NATS)
     near[bank.leader] = False
     row = int(np.flatnonzero(near)[-1])
     this = np.arange(len(bank)) == row

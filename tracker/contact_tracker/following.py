@@ -16,12 +16,12 @@ from contact_tracker.pace import (
     AT_THE_NOISE,
     FALL_NATS,
     FALLEN_STEPS,
-    FAR_NATS,
     FIRST_STEPS,
     FIRST_TICKS,
     GRACE_NATS,
     GRACE_TICKS,
     REFINE_STEPS,
+    WAIT_NATS,
 )
 from contact_tracker.prior import Prior
 from contact_tracker.summed import Sums, summed
@@ -83,10 +83,15 @@ def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
     return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
+def waits(bank: Bank) -> Bools:
+    """Which hypotheses (H,) learn only when searches are due."""
+    return ~(bank.joint >= -WAIT_NATS)
+
+
 def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:
     """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; what
     is fallen then, and was within ``GRACE_NATS``, is kept for a while (see ``Bank.grace``)."""
-    fallen = _fallen(bank, was, FAR_NATS)
+    fallen = _fallen(bank, was, WAIT_NATS)
     if fallen.any():
         bank = learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
     fallen = _fallen(bank, was, GRACE_NATS)

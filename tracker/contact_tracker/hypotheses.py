@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.bank import Birth, Births, add, assuming, blank, is_near, joined, prune, residual
+from contact_tracker.bank import Birth, Births, add, assuming, blank, joined, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales
-from contact_tracker.following import caught, follow, grow, grow_whole
+from contact_tracker.following import caught, follow, grow, grow_whole, waits
 from contact_tracker.lift import R
 from contact_tracker.pace import AT_REST
 from contact_tracker.search import adopted, directions, is_due, lost, searched
@@ -122,7 +122,7 @@ def _advanced(
     due, old = is_due(model, birth.onset), len(bank)
     bank = add(bank, model, birth)
     # what assumes met elements begins with them: one tick, which is given, changes no weight
-    idle = ~(is_near(bank) | due) | bank.met & (np.arange(len(bank)) >= old)
+    idle = waits(bank) & (not due) | bank.met & (np.arange(len(bank)) >= old)
     was = bank.joint
     bank = follow(grow(bank, model, window, log_stay), model, window, scales, idle)
     bank = caught(bank, was, model, window, scales)

@@ -10,14 +10,15 @@ FIRST_STEPS: Final = 3
 """In its first ticks with motion the geometry moves far, and takes so many steps."""
 AT_REST: Final = 1e-7
 """Weight of a tick without motion: it fixes where the object rests, and tells next to nothing."""
-FAR_NATS: Final = 11.0
-"""What is further behind the best learns only when searches are due: until then it grows. Once patience is
-over it neither searches nor offers its geometry, and without grace it takes none from others. It is no
-evidence for its contact, either."""
+WAIT_NATS: Final = 10.0
+"""What is further behind the best learns only when searches are due: until then it grows."""
+FAR_NATS: Final = 14.0
+"""What is further behind the best neither searches nor offers its geometry once patience is over, and without
+grace it takes none from others. It is no evidence for its contact, either."""
 FALL_NATS: Final = 3.0
 FALLEN_STEPS: Final = 12
-"""What is not far behind, falls by more than so many nats when it learns and does not fit its window takes so
-many steps more: what had been open until then may lie far off."""
+"""What learns in every tick, falls by more than so many nats in one and does not fit its window takes so many
+steps more: what had been open until then may lie far off."""
 GRACE_NATS: Final = 20.0
 GRACE_TICKS: Final = 6.0
 """What was no further behind and falls by that much, if need be in spite of those steps, is kept for so many

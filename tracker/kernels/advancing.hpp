@@ -124,13 +124,12 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
         const bool begins = b >= old;
         was[b] = joint(kind.where, row);
         // what assumes met elements begins with them: one tick, which is given, changes no weight
-        const bool idle =
-            !(is_near(kind.where, row) || directions) || (begins && whole(row, kind.where.met) != 0);
+        const bool idle = (waits(kind, row) && !directions) || (begins && whole(row, kind.where.met) != 0);
         if (!idle) learners.add(kind, bank[b], steps_of(kind, bank[b]));
     }
     learners.learn<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
-        if (fell(kind, bank[b].own, was[b], settings.far_nats))
+        if (fell(kind, bank[b].own, was[b], settings.wait_nats))
             learners.add(kind, bank[b], settings.fallen_steps);
     }
     learners.learn<F>(kind, ticks, weights, work);

@@ -110,6 +110,11 @@ inline int steps_of(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.told] < settings.first_ticks ? settings.first_steps : settings.refine_steps;
 }
 
+// As `following.waits`.
+inline bool waits(const Kind& kind, const double* row) {
+    return !(joint(kind.where, row) >= -settings.wait_nats);
+}
+
 // Whether a hypothesis has fallen, whose log weight was that before the tick, from no more than so many
 // `nats` behind the best: as in `following.caught`.
 inline bool fell(const Kind& kind, const double* row, double was, double nats) {

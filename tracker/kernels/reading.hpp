@@ -58,6 +58,7 @@ inline void read_settings() {
     settings.neighbours = load("ticks").attr("NEIGHBOURS").cast<int>();
     settings.first_ticks = number("FIRST_TICKS");
     settings.at_rest = number("AT_REST");
+    settings.wait_nats = number("WAIT_NATS");
     settings.far_nats = number("FAR_NATS");
     settings.fall_nats = number("FALL_NATS");
     settings.lift = number("LIFT");

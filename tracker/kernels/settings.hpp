@@ -37,7 +37,7 @@ struct Settings {
     double sine_sq_floor, tiny, edge_ridge;  // contacts.edge_edge
     double vertex_ridge;                     // contacts.vertex_face
     // pace, as all below
-    double first_ticks, at_rest, far_nats, fall_nats, lift, at_the_noise, least_gain, met_patience,
+    double first_ticks, at_rest, wait_nats, far_nats, fall_nats, lift, at_the_noise, least_gain, met_patience,
         grace_nats, grace_ticks, residual_ticks;
     int refine_steps, first_steps, fallen_steps, screened, weighed, young;
     std::vector<double> ages;
