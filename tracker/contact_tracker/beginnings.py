@@ -29,8 +29,16 @@ class Frame(NamedTuple):
     @classmethod
     def around(cls, origin_m: Array, place_m: Array) -> "Frame":
         """With the body at ``place_m`` from the origin."""
-        cell_m = CELL_M * np.round(place_m / CELL_M)
-        return cls(tuple(origin_m.tolist()), tuple(cell_m.tolist()))
+        cell_m = [CELL_M * round(coordinate / CELL_M) for coordinate in place_m.tolist()]
+        return cls(tuple(origin_m.tolist()), tuple(cell_m))
+
+
+class Reminded(NamedTuple):
+    """What a contact may begin with, and what that follows from: what was remembered, about where."""
+
+    memory: Memory
+    frame: Frame | None
+    begins: Begins
 
 
 def beginnings(

@@ -5,13 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker import hmm
-from contact_tracker.beginnings import Frame, beginnings
+from contact_tracker.beginnings import Frame, Reminded, beginnings
 from contact_tracker.begins import Begins
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.encounter import foreseen, meeting
 from contact_tracker.geometry import Array
 from contact_tracker.lift import T
-from contact_tracker.memory import Memory
 from contact_tracker.search import is_due
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.transitions import chances, exposure
@@ -24,7 +23,7 @@ class Outlook(NamedTuple):
     ``entry`` (7,), the log weights with which states begin."""
 
     begins: tuple[Begins, ...]
-    reminded: tuple[Memory, ...]
+    reminded: tuple[Reminded, ...]
     exposure: float
     change: Array
     stay: Array
@@ -35,17 +34,12 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
     """The outlook at the newest tick of ``window``, which ``state`` has not taken in."""
     assert state.averaging is not None
     model = state.model
-    first, origin_m = state.ticks == 0, state.averaging.origin_m
-    # contacts take turns: what one tick has taught is not told to all of them in the next
+    first, frame = state.ticks == 0, Frame.around(state.averaging.origin_m, window.zeta[-1, T])
     reminded = tuple(
-        state.memory if is_due(contact, state.ticks) else earlier
+        _reminded(contact, earlier, state, frame)
         for contact, earlier in zip(CONTACT_MODELS, state.reminded, strict=True)
     )
-    frame = Frame.around(origin_m, window.zeta[-1, T])
-    begins = tuple(
-        beginnings(contact, state.knowledge, memory, model.geometry.recognised, frame)
-        for contact, memory in zip(CONTACT_MODELS, reminded, strict=True)
-    )
+    begins = tuple(now.begins for now in reminded)
     exposed = exposure(window.latest_activity) + state.withheld
     if not state.knowledge:
         change, stay = chances(model, exposed)
@@ -64,3 +58,12 @@ def outlook(state: TrackerState, window: Window) -> Outlook:
         return Outlook(begins, reminded, exposed, change, stay, hmm.enter(state.log_left, change))
     entry = state.log_left + np.array([*(m.log_odds for m in met), 0.0])
     return Outlook(begins, reminded, exposed, change, stay, entry - hmm.log_sum_exp(entry))
+
+
+def _reminded(contact: ContactModel, earlier: Reminded, state: TrackerState, frame: Frame) -> Reminded:
+    """Contacts take turns: what one tick has taught is not told to all of them in the next."""
+    memory = state.memory if is_due(contact, state.ticks) else earlier.memory
+    if memory is earlier.memory and frame == earlier.frame:
+        return earlier
+    begins = beginnings(contact, state.knowledge, memory, state.model.geometry.recognised, frame)
+    return Reminded(memory, frame, begins)

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import bank
+from contact_tracker.beginnings import Reminded
+from contact_tracker.begins import fresh
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales
@@ -43,7 +45,7 @@ class TrackerState(NamedTuple):
     sliding: Sliding
     banks: tuple[Bank, ...]
     memory: Memory
-    reminded: tuple[Memory, ...]
+    reminded: tuple[Reminded, ...]
     log_left: Array
     residual: Array
     leaders: NDArray[np.int64]
@@ -85,7 +87,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         sliding=NOTHING_SEEN,
         banks=banks,
         memory=NOTHING_MET,
-        reminded=(NOTHING_MET,) * len(CONTACT_MODELS),
+        reminded=tuple(Reminded(NOTHING_MET, None, fresh(contact)) for contact in CONTACT_MODELS),
         log_left=initial,
         residual=np.full(len(CONTACT_MODELS), np.nan),
         leaders=np.full(len(CONTACT_MODELS), -1),
