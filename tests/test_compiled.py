@@ -18,6 +18,7 @@ from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, weak_prior
 from contact_tracker.following import NOT_AT_ALL, before, grow, information, learn
 from contact_tracker.forward import forward
+from contact_tracker.hypotheses import Moment
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
 from contact_tracker.pace import FAR_NATS, MET_PATIENCE, patience
@@ -346,14 +347,15 @@ def test_what_begins_joins_alike(model, old, many):
     entry = np.array([-2.0, -2.0, -2.0, -2.0, -2.0, -2.0, 0.0])
     births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
     shorter = window.cut(3, None)  # it has lost some
-    seen = shorter, before_.window, BEYOND
-    advanced = both(hypotheses.advance, banks, births, *seen, SCALES, np.full(7, -0.1), margin=1e4)
+    moment = Moment(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
+    advanced = both(hypotheses.advance, banks, moment, BEYOND, SCALES, margin=1e4)
     numpy, kernel = (living.banks[column] for living in advanced)
-    for name in ("log_left", "residual"):
-        np.testing.assert_allclose(*(getattr(living, name) for living in advanced), atol=5e-3)
-    np.testing.assert_array_equal(*(living.leaders for living in advanced))
+    told = [weighed for living in advanced for weighed in living.weighed]
+    for name in ("entry", "log_left", "residual"):
+        np.testing.assert_allclose(*(getattr(weighed, name) for weighed in told), atol=5e-3)
+    np.testing.assert_array_equal(*(weighed.leaders for weighed in told))
     for name in ("state", "onset"):
-        np.testing.assert_array_equal(*(getattr(living.alive, name) for living in advanced))
+        np.testing.assert_array_equal(*(getattr(weighed.alive, name) for weighed in told))
     new = kernel.number >= 1000
     assert new.sum() == many
     np.testing.assert_array_equal(kernel.grace[new], numpy.grace[new])

@@ -5,14 +5,13 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from multiprocessing import get_context
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from contact_tracker.belief import Detail
 from contact_tracker.evaluation.geometry_errors import geometry_errors
-from contact_tracker.forward import Pass, forward
+from contact_tracker.forward import Pass, Seen, forward
 from contact_tracker.knowledge import NOTHING
 from contact_tracker.labels import Contact
 from contact_tracker.segmentation import Segmentation
@@ -129,7 +128,7 @@ def again_and_again(times):
             alive, tick, change = seen.state.alive, seen.tick, seen.state.change
             if number:  # nothing lasts from one to the next
                 change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.change
-            yield SimpleNamespace(
+            yield Seen(
                 state=seen.state._replace(
                     change=change, outliers=0, alive=alive._replace(onset=alive.onset + before)
                 ),
@@ -141,7 +140,7 @@ def again_and_again(times):
 def in_pieces(executor=None, times=1):
     segmenter, found, most = Segmenter(executor), [], 0
     for seen in again_and_again(times):
-        segmenter.note(seen)
+        segmenter.note(seen.state, seen.glimpse, seen.belief)
         if segmenter.due:
             found.append(segmenter.conclude())
             most = max(most, segmenter.open_ticks)

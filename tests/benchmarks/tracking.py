@@ -49,8 +49,9 @@ def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Track
     def follow(state: TrackerState, closed: list[Tick]) -> TrackerState:
         for tick in closed:
             state, belief = tracker.observe(state, tick)
-            for watching in (seen, segmenter):
-                watching.note(Seen(state, tick, belief))
+            now = Seen(state, tick, belief)
+            seen.note(now)
+            segmenter.note(state, now.glimpse, belief)
             for lag_s, lag in lags.items():
                 if len(seen.beliefs) > lag:
                     lagged[lag_s].append(looking_back(state, len(state.recent) - 1 - lag).probability)

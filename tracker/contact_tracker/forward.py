@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from contact_tracker import hmm, ticks, tracker
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.hypotheses import Alive
+from contact_tracker.intake import FREE
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose, Poses, batches
 from contact_tracker.state import TrackerState
+from contact_tracker.strides import Averaged, Glimpse, strides
 from contact_tracker.table import Bank
 from contact_tracker.ticks import Tick, TickState
-from contact_tracker.tracker import FREE
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
@@ -29,6 +30,11 @@ class Seen(NamedTuple):
     state: TrackerState
     tick: Tick
     belief: Belief
+
+    @property
+    def glimpse(self) -> Glimpse:
+        """What hypotheses weighed."""
+        return Glimpse.of(self.state, self.tick)
 
     @property
     def numbers(self) -> Index:
@@ -66,6 +72,27 @@ def forward(
     for tick in closed:
         state, belief = tracker.observe(state, tick, detail)
         yield Seen(state, tick, belief)
+
+
+def glimpses(
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    knowledge: Knowledge = NOTHING,
+) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
+    """``forward`` for who asks for no beliefs: some ticks at a time, and the state that they have led to."""
+    state, count = tracker.start(model, knowledge=knowledge), 0
+    for batch in batches(poses):
+        steps = _averaged(state, batch)
+        closed = [Averaged(averaging, tick) for averaging, some, _ in steps for tick in some]
+        for state, seen in strides(state, closed):  # noqa: B020
+            yield state, seen
+        state, count = state._replace(averaging=steps[-1][0]), count + len(batch)
+        if progress is not None:
+            progress(count)
+    state, rest = tracker.gather_rest(state)
+    for state, seen in strides(state, [Averaged(state.averaging, tick) for tick in rest]):  # noqa: B020
+        yield state, seen
 
 
 def _averaged(state: TrackerState, poses: Poses) -> list[tuple[TickState | None, list[Tick], int]]:

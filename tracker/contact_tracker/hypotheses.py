@@ -1,6 +1,6 @@
 """How the hypotheses of all contacts live: each has its onset, a window since then and its own geometry."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -21,6 +21,7 @@ from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 class Alive(NamedTuple):
@@ -40,55 +41,66 @@ class Alive(NamedTuple):
         )
 
 
-class Living(NamedTuple):
-    """What lives on after a tick: a bank of each contact, the ``log_left`` weight (7,) of each state against
-    the best hypothesis, -inf of an empty one; the ``residual`` (6,) of each contact, and which hypothesis
-    ``leaders`` (6,) are, -1 of an empty bank; all that is ``alive``."""
+class Moment(NamedTuple):
+    """A tick as hypotheses meet it: what begins, and when the tick ends; the window with it, and that
+    ``before``; the log chances of a ``change`` (7, 7) at its beginning, and the price ``log_stay`` (7,) of
+    not having changed."""
 
-    banks: list[Bank]
+    births: Births
+    stamp_ns: int
+    window: Window
+    before: Window
+    change: Array
+    log_stay: Array
+
+
+class Weighed(NamedTuple):
+    """What a tick has made of the hypotheses: the ``entry`` (7,) with which states began, the ``log_left``
+    weight (7,) of each against the best hypothesis, -inf of an empty one; the ``residual`` (6,) of each
+    contact, and which hypothesis ``leaders`` (6,) are, -1 of an empty bank; all that is ``alive``."""
+
+    entry: Array
     log_left: Array
     residual: Array
     leaders: Index
     alive: Alive
 
 
+class Until(NamedTuple):
+    """When ticks are to be looked at: one contact has this posterior ``probability``, where weights count by
+    their power ``sureness``, and its onset is none of those that are due later (``due_ns``)."""
+
+    probability: float
+    sureness: float
+    due_ns: Mapping[int, int]
+
+
+class Living(NamedTuple):
+    """What lives on: a bank of each contact, and what each tick has ``weighed``."""
+
+    banks: list[Bank]
+    weighed: list[Weighed]
+
+
 def advance(
     banks: Sequence[Bank],
-    births: Births,
-    window: Window,
-    before: Window,
+    moment: Moment,
     beyond: Sequence[tuple[float, float]],
     scales: Scales,
-    log_stay: Array,
     margin: float,
 ) -> Living:
-    """Take in the newest tick of the ``window`` and what begins with it, and drop what is hopeless beside the
-    best of all, free motion included; ``log_stay`` (7,) is the price of not having changed.
+    """Take in the newest tick of a window and what begins with it, and drop what is hopeless beside the best
+    of all, free motion included.
 
     Hopeless is what is further behind the best than the ``margin`` (nats) when its contact has just searched:
     before that it may only have lost its minimum. What is far behind (see ``pace``) may wait for that, while
     its moments grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond``
     (m^2, rad^2) that of the windows.
     """
-    now = births.onset
     if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        born = [assuming(model, begins) for model, begins in zip(CONTACT_MODELS, births.begins, strict=True)]
-        drawn = [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
-        words, seen = [(bank.words, bank.onsets.words) for bank in banks], (window, before, beyond)
-        left = calls.advance(words, births, born, *seen, scales, log_stay, margin, drawn)
-        each = zip(banks, births.begins, births.past[:-1], left.rows, left.words, strict=True)
-        kept = [
-            Bank(
-                words,
-                bank.layout,
-                Onsets(since, bank.onsets.layout),
-                joined(bank.past, past, begins.many, rows),
-            )
-            for bank, begins, past, rows, (words, since) in each
-        ]
-        return Living(kept, left.log_left, left.residual, left.leaders, Alive(*left.alive))
+        return stride(banks, [moment], beyond, scales, margin)
+    births, _, window, before, _, log_stay = moment
+    now = births.onset
     grown, oldest = [], before.lost_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         settled = settle(bank, model, oldest.with_error(beyond[column]), scales)
@@ -100,13 +112,53 @@ def advance(
         prune(bank, now, best, margin if is_due(model, now) else np.inf)
         for bank, model in zip(grown, CONTACT_MODELS, strict=True)
     ]
-    return Living(
-        kept,
+    weighed = Weighed(
+        births.entry,
         np.array([*(bank.log_weight for bank in kept), free - best]),
         np.array([residual(bank) for bank in kept]),
         np.array([bank.leader for bank in kept]),
         Alive.of(kept, now),
     )
+    return Living(kept, [weighed])
+
+
+def stride(
+    banks: Sequence[Bank],
+    moments: Sequence[Moment],
+    beyond: Sequence[tuple[float, float]],
+    scales: Scales,
+    margin: float,
+    until: Until | None = None,
+) -> Living:
+    """``advance`` through several ticks, as far as there is nothing to be looked at; without kernels one.
+
+    The entry of all but the first follows from what was weighed before. Hypotheses have no past if there are
+    several.
+    """
+    if not compiled.in_use():
+        return advance(banks, moments[0], beyond, scales, margin)
+    from contact_tracker.compiled import calls
+
+    first, words = moments[0].births, [(bank.words, bank.onsets.words) for bank in banks]
+    seen = [calls.moment(moment, *_begun(moment.births)) for moment in moments]
+    kept = calls.stride(words, seen, first.number, first.entry, beyond, scales, margin, until)
+    last = moments[len(kept.weighed) - 1].births
+    pasts = [
+        joined(bank.past, past, begins.many, rows)
+        for bank, begins, past, rows in zip(banks, last.begins, last.past[:-1], kept.rows, strict=True)
+    ]
+    left = [
+        Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past)
+        for bank, past, (words, since) in zip(banks, pasts, kept.words, strict=True)
+    ]
+    return Living(left, [Weighed(*told[:-1], Alive(*told[-1])) for told in kept.weighed])
+
+
+def _begun(births: Births) -> tuple[list[tuple[Array, Bools]], list[Array | None]]:
+    """What is assumed of each contact by what begins, and random directions where it searches."""
+    assumed = [assuming(model, begins) for model, begins in zip(CONTACT_MODELS, births.begins, strict=True)]
+    now = births.onset
+    return assumed, [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
 
 
 def _advanced(

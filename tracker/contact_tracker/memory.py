@@ -8,7 +8,7 @@ has fewer unknowns to pay for.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -65,10 +65,17 @@ class Memory:
             _kept(self.object, *when, ours, here), _kept(self.environment, *when, theirs, position_m)
         )
 
+    @cached_property
+    def due_ns(self) -> dict[int, int]:
+        """When each onset that has taught something can teach more."""
+        looked_ns = dict[int, int]()
+        for met in (*self.object, *self.environment):
+            looked_ns[met.onset_ns] = max(met.stamp_ns, looked_ns.get(met.onset_ns, met.stamp_ns))
+        return {onset: onset + math.ceil(LONGER * (stamp - onset)) for onset, stamp in looked_ns.items()}
+
     def is_due(self, onset_ns: int, stamp_ns: int) -> bool:
         """Whether what began then can teach more at ``stamp_ns`` than it has, whatever contact it is."""
-        looked_ns = [met.stamp_ns for met in (*self.object, *self.environment) if met.onset_ns == onset_ns]
-        return stamp_ns - onset_ns >= LONGER * (max(looked_ns) - onset_ns) if looked_ns else True
+        return stamp_ns >= self.due_ns.get(onset_ns, stamp_ns)
 
     def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
         """Pairs of elements met before, or of one and an unknown one, as far as they ``_go_together``."""

@@ -17,16 +17,17 @@ from contact_tracker import hmm, separability, ticks
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.closed import Closed
 from contact_tracker.columns import Columns
-from contact_tracker.forward import Seen, forward
+from contact_tracker.forward import Seen, forward, glimpses
 from contact_tracker.hypotheses import Alive
+from contact_tracker.intake import FREE
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import CONTACTS, STATES
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose
 from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.state import TrackerState
+from contact_tracker.strides import Glimpse
 from contact_tracker.telling import Stretch, Told, tell
-from contact_tracker.tracker import FREE
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
@@ -98,21 +99,28 @@ def pieces(
     filtered since then: that is ahead of the beliefs, tells as much as ``online`` asks for, and nothing with
     mere ``Detail.WEIGHTS``.
     """
-    segmenter = Segmenter(executor, keeps_online=online >= Detail.SHARED)
-    for seen in forward(poses, model, progress, knowledge, online):
-        segmenter.note(seen)
-        if watch is not None:
-            watch(seen)
-        if segmenter.due:
-            yield segmenter.conclude()
+    segmenter = Segmenter(executor)
+    if watch is None and online < Detail.SHARED:
+        for state, some in glimpses(poses, model, progress, knowledge):
+            for glimpse in some:
+                segmenter.note(state, glimpse)
+            if segmenter.due:
+                yield segmenter.conclude()
+    else:
+        for seen in forward(poses, model, progress, knowledge, online):
+            segmenter.note(seen.state, seen.glimpse, seen.belief if online >= Detail.SHARED else None)
+            if watch is not None:
+                watch(seen)
+            if segmenter.due:
+                yield segmenter.conclude()
     yield segmenter.finish()
 
 
 class Segmenter:
     """Takes in the ticks of a forward pass and tells segments as they become certain."""
 
-    def __init__(self, executor: Executor | None = None, keeps_online: bool = True) -> None:
-        self._executor, self._keeps_online = executor, keeps_online
+    def __init__(self, executor: Executor | None = None) -> None:
+        self._executor = executor
         self._forward: hmm.Forward | None = None
         self._waiting: list[tuple[Alive, Array, tuple[Any, ...]]] = []
         self._past, self._survivors = hmm.Past(), hmm.Survivors()
@@ -126,16 +134,16 @@ class Segmenter:
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
-    def note(self, seen: Seen) -> None:
-        """Take in the next tick."""
-        state, tick, belief = seen.state, seen.tick, seen.belief
+    def note(self, state: TrackerState, seen: Glimpse, belief: Belief | None = None) -> None:
+        """Take in the next tick of those that have led to the ``state``, and what was said of it."""
+        tick = seen.tick
         if self._forward is None:
-            self._forward = hmm.begin(state.entry)
-        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, belief.residual)
-        self._waiting.append((state.alive, state.change, row))
+            self._forward = hmm.begin(seen.entry)
+        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, seen.residual)
+        self._waiting.append((seen.alive, seen.change, row))
         if len(self._waiting) == _TOGETHER:
             self._followed()
-        if self._keeps_online:
+        if belief is not None:
             self._online.append(belief)
         if len(self._online) == _FEW:  # objects are large
             self._filtered.append(Beliefs.of(self._online))

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <limits>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -63,6 +64,17 @@ inline Left left_of(const Model& model, Floats& words, Floats& onsets, std::int6
             leader};
 }
 
+// As `hypotheses.Moment`, with what is `assumed` of each contact by what begins, and random `directions`
+// where it searches.
+struct Moment {
+    std::vector<std::pair<Floats, Bools>> assumed;
+    std::vector<std::optional<Floats>> directions;
+    Floats turn;
+    std::int64_t onset, onset_ns, stamp_ns;
+    std::shared_ptr<Seeable> window, before;
+    Floats change, log_stay;
+};
+
 // What is told of a contact's hypotheses when a tick begins.
 struct Task {
     const Model& model;
@@ -95,44 +107,50 @@ inline py::tuple alive_of(const std::vector<const Model*>& models, const std::ve
     return py::make_tuple(state, onset, log_likelihood);
 }
 
-// All contacts through a tick, before which the window had the ticks `before`, and what is kept against the
-// best of all and of free motion, whose `entry` is the last.
-inline py::tuple advanced(const std::vector<const Model*>& models,
-                          const std::vector<std::pair<Floats, Floats>>& words,
-                          const std::vector<std::pair<Floats, Bools>>& assumed, const Floats& turn,
-                          std::int64_t onset, std::int64_t onset_ns, std::int64_t number, const Floats& entry,
-                          const Seeable& window, const Seeable* before, const std::vector<Two>& beyond,
-                          const Weights& weights, const Floats& log_stay, double margin,
-                          const std::vector<std::optional<Floats>>& directions) {
+// As `hypotheses.Weighed`, with what is left of each contact.
+struct Lived {
+    std::vector<Left> left;
+    Floats entry, log_left, residual;
+    Ints leaders;
+};
+
+// Tables of the hypotheses of each contact and of their onsets.
+using Tables = std::vector<std::pair<Floats, Floats>>;
+
+// All contacts through a tick; what begins is numbered from `number` on, which goes on to the next. What is
+// kept is so against the best of all and of free motion, whose `entry` is the last.
+inline Lived live(const std::vector<const Model*>& models, const Tables& words, const Moment& moment,
+                  std::int64_t& number, const Floats& entry, const std::vector<Two>& beyond,
+                  const Weights& weights, double margin) {
     const std::size_t contacts = models.size();
-    for (std::size_t size : {words.size(), assumed.size(), beyond.size(), directions.size()})
+    for (std::size_t size : {moment.assumed.size(), moment.directions.size()})
         require(size == contacts, "something is not told of each contact");
-    require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
     const auto states = static_cast<py::ssize_t>(contacts) + 1;
-    require_shape(turn, {3, 3}, "a turn is a matrix");
-    require_shape(entry, {states}, "states do not have one entry each");
-    require_shape(log_stay, {states}, "states do not have one chance to stay each");
+    require_shape(moment.turn, {3, 3}, "a turn is a matrix");
+    require_shape(moment.log_stay, {states}, "states do not have one chance to stay each");
     std::vector<Task> all;
     for (std::size_t i = 0; i < contacts; ++i) {
         const Model& model = *models[i];
-        const auto& [born, told] = assumed[i];
+        const auto& [born, told] = moment.assumed[i];
         const Table old = table_of(words[i].first, model.words), fresh = table_of(born, model.words);
         const Table earlier = table_of(words[i].second, model.onset_words);
         const int size = visit(model, [](auto family) { return decltype(family)::S; });
         require_shape(told, {fresh.count, size}, "what is told is not of these births");
-        const Birth birth{fresh, told.data(), turn.data(), onset, onset_ns, number, entry.at(i)};
+        const Birth birth{fresh,           told.data(), moment.turn.data(), moment.onset,
+                          moment.onset_ns, number,      entry.at(i)};
         number += fresh.count;
-        const Ticks ticks = window.ticks(model, beyond[i]);
-        Ticks gone = (before ? *before : window).ticks(model, beyond[i]);
-        gone.count = before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
+        const Ticks ticks = moment.window->ticks(model, beyond[i]);
+        Ticks gone = (moment.before ? *moment.before : *moment.window).ticks(model, beyond[i]);
+        gone.count = moment.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
         Floats both({old.count + fresh.count, old.words});
         Floats onsets({earlier.count + (fresh.count > 0), earlier.words});
         const Table all_rows = table_of(both, model.words), all_onsets = table_of(onsets, model.onset_words);
         visit(model, [&](auto family) {
             join<decltype(family)>(model.kind, old, earlier, birth, all_rows, all_onsets);
         });
-        all.push_back({model, old.count, both, onsets, ticks, gone, log_stay.at(i), std::nullopt});
-        if (directions[i]) all[i].directions = directions_of(model, *directions[i], turn);
+        all.push_back({model, old.count, both, onsets, ticks, gone, moment.log_stay.at(i), std::nullopt});
+        if (moment.directions[i])
+            all[i].directions = directions_of(model, *moment.directions[i], moment.turn);
     }
     double best = entry.at(contacts);
     for (Task& one : all) {
@@ -145,23 +163,18 @@ inline py::tuple advanced(const std::vector<const Model*>& models,
         for (int b = 0; b < bank.count(); ++b)
             best = std::max(best, joint(one.model.kind.where, bank[b].own));
     }
-    py::list kept, rows;
-    Floats log_left(states), residual(states - 1);
-    Ints leaders(states - 1);
-    std::vector<Left> left;
-    for (Task& one : all) {  // who has not searched may only have lost its minimum
-        const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
-        left.push_back(left_of(one.model, one.words, one.onsets, onset, best, least));
-    }
+    Lived lived{{}, entry, Floats(states), Floats(states - 1), Ints(states - 1)};
     for (std::size_t i = 0; i < contacts; ++i) {
-        kept.append(py::make_tuple(left[i].words, left[i].onsets));
-        rows.append(left[i].rows);
-        log_left.mutable_at(i) = left[i].log_weight;
-        residual.mutable_at(i) = left[i].residual;
-        leaders.mutable_at(i) = left[i].leader;
+        Task& one = all[i];  // who has not searched may only have lost its minimum
+        const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
+        lived.left.push_back(left_of(one.model, one.words, one.onsets, moment.onset, best, least));
+        lived.log_left.mutable_at(i) = lived.left[i].log_weight;
+        lived.residual.mutable_at(i) = lived.left[i].residual;
+        lived.leaders.mutable_at(i) = lived.left[i].leader;
     }
-    log_left.mutable_at(contacts) = entry.at(contacts) - best;
-    return py::make_tuple(kept, rows, log_left, residual, leaders, alive_of(models, left, onset));
+    lived.log_left.mutable_at(contacts) = entry.at(contacts) - best;
+    number += 1;  // of free motion
+    return lived;
 }
 
 }  // namespace kernels

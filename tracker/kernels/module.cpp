@@ -2,11 +2,11 @@
 #include "averaging.hpp"
 #include "bindings.hpp"
 #include "inference.hpp"
-#include "living.hpp"
 #include "parts.hpp"
 #include "products.hpp"
 #include "reading.hpp"
 #include "sliding.hpp"
+#include "striding.hpp"
 
 #define QUOTED(text) #text
 #define AS_TEXT(text) QUOTED(text)
@@ -191,14 +191,32 @@ PYBIND11_MODULE(kernels, module) {
                             pull,      relaxed, where_of(bank), since_of(onsets)};
             return Model{kind, which, bank.first, onsets.first};
         }));
-    py::class_<Seeable>(module, "Ticks")
+    py::class_<Seeable, std::shared_ptr<Seeable>>(module, "Ticks")
         .def(py::init<Ints, Floats, Floats, Floats, Floats, Floats, std::optional<Floats>>());
     py::class_<Weights>(module, "Weights")
         .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
             return Weights{{radius_sq, pull}, foreknowledge, independence};
         }));
     module.def("summed", &summed);
-    module.def("advanced", &advanced);
+    py::class_<Moment>(module, "Moment")
+        .def(py::init([](std::vector<std::pair<Floats, Bools>> assumed,
+                         std::vector<std::optional<Floats>> directions, Floats turn, std::int64_t onset,
+                         std::int64_t onset_ns, std::int64_t stamp_ns, std::shared_ptr<Seeable> window,
+                         std::shared_ptr<Seeable> before, Floats change, Floats log_stay) {
+            require(window != nullptr, "a moment is seen in a window");
+            return Moment{std::move(assumed), std::move(directions),
+                          std::move(turn),    onset,
+                          onset_ns,           stamp_ns,
+                          std::move(window),  std::move(before),
+                          std::move(change),  std::move(log_stay)};
+        }));
+    py::class_<Until>(module, "Until")
+        .def(py::init(
+            [](double probability, double sureness, std::vector<std::pair<std::int64_t, std::int64_t>> due) {
+                return Until{probability, sureness, std::move(due)};
+            }));
+    module.def("strode", &strode);
+    module.def("entered", &entered);
     module.def("learned", &learned, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
                py::arg("ticks"), py::arg("steps"), py::arg("weights"));
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),

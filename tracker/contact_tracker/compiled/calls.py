@@ -1,6 +1,6 @@
 """From the arrays of the numpy code to those of the kernels, and back."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from typing import NamedTuple, Protocol
 
@@ -47,22 +47,44 @@ class Births(Protocol):
     def onset(self) -> int: ...
     @property
     def onset_ns(self) -> int: ...
-    @property
-    def number(self) -> int: ...
-    @property
-    def entry(self) -> Array: ...
 
 
-class Advanced(NamedTuple):
+class Moment(Protocol):
+    """What is read of ``hypotheses.Moment``."""
+
+    @property
+    def births(self) -> Births: ...
+    @property
+    def stamp_ns(self) -> int: ...
+    @property
+    def window(self) -> Window: ...
+    @property
+    def before(self) -> Window: ...
+    @property
+    def change(self) -> Array: ...
+    @property
+    def log_stay(self) -> Array: ...
+
+
+class Until(Protocol):
+    """What is read of ``hypotheses.Until``."""
+
+    @property
+    def probability(self) -> float: ...
+    @property
+    def sureness(self) -> float: ...
+    @property
+    def due_ns(self) -> Mapping[int, int]: ...
+
+
+class Strode(NamedTuple):
     """Of each contact the ``words`` of the hypotheses that are kept and of their onsets, and which ``rows``
-    they had, of all that there were and then began; the rest as in ``hypotheses.Living``."""
+    they had in the last tick, of all that there were and then began; what each tick has ``weighed``, as in
+    ``hypotheses.Weighed``."""
 
     words: list[tuple[Array, Array]]
     rows: list[Index]
-    log_left: Array
-    residual: Array
-    leaders: Index
-    alive: tuple[Index, Index, Array]
+    weighed: list[tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]]
 
 
 def summed(
@@ -80,42 +102,37 @@ def summed(
     )
 
 
-def advance(
+def moment(
+    one: Moment, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
+) -> kernels.Moment:
+    """With what is ``assumed`` of each contact (see ``bank.assuming``); with random ``directions`` of the
+    body's frame it searches from scratch as well."""
+    births = one.births
+    window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
+    when = births.onset, births.onset_ns, one.stamp_ns
+    return kernels.Moment(assumed, directions, births.turn, *when, window, before, one.change, one.log_stay)
+
+
+def stride(
     words: Sequence[tuple[Array, Array]],
-    births: Births,
-    assumed: Sequence[tuple[Array, NDArray[np.bool_]]],
-    window: Window,
-    before: Window,
+    moments: Sequence[kernels.Moment],
+    number: int,
+    entry: Array,
     beyond: Sequence[tuple[float, float]],
     scales: Scales,
-    log_stay: Array,
     margin: float,
-    directions: Sequence[Array | None],
-) -> Advanced:
-    """The rows of all banks and of their onsets, with those of one tick's ``births`` (see ``bank.assuming``),
-    a tick on; with random ``directions`` of the body's frame they search from scratch as well.
+    until: Until | None,
+) -> Strode:
+    """The rows of all banks and of their onsets through some moments; what begins is numbered from ``number``
+    on, with the first by this ``entry`` (7,).
 
-    The rest as in ``hypotheses.advance``.
+    The rest as in ``hypotheses.stride``.
     """
-    return Advanced(
-        *kernels.advanced(
-            _models(scales.reach_m),
-            words,
-            assumed,
-            births.turn,
-            births.onset,
-            births.onset_ns,
-            births.number,
-            births.entry,
-            ticks_of(window),
-            ticks_of(before) if len(before.index) else None,
-            beyond,
-            _weights(scales),
-            log_stay,
-            margin,
-            directions,
-        )
-    )
+    limit = None
+    if until is not None:
+        limit = kernels.Until(until.probability, until.sureness, list(until.due_ns.items()))
+    told = words, moments, number, entry, beyond, _weights(scales), margin, limit
+    return Strode(*kernels.strode(_models(scales.reach_m), *told))
 
 
 def learn(

@@ -57,28 +57,47 @@ class Weights:
 
     def __init__(self, radius_sq: float, pull: float, foreknowledge: float, independence: float) -> None: ...
 
+class Moment:
+    """As ``hypotheses.Moment``, see ``calls.moment``."""
+
+    def __init__(
+        self,
+        assumed: Sequence[tuple[Numbers, Bools]],
+        directions: Sequence[Numbers | None],
+        turn: Numbers,
+        onset: int,
+        onset_ns: int,
+        stamp_ns: int,
+        window: Ticks,
+        before: Ticks | None,
+        change: Numbers,
+        log_stay: Numbers,
+    ) -> None: ...
+
+class Until:
+    """As ``hypotheses.Until``."""
+
+    def __init__(self, probability: float, sureness: float, due: Sequence[tuple[int, int]]) -> None: ...
+
 def summed(
     model: Model, x: Numbers, onset: Index, certain: Bools, ticks: Ticks, weights: Weights
 ) -> tuple[Numbers, Numbers, Numbers]: ...
-def advanced(
+def strode(
     models: Sequence[Model],
     words: Sequence[tuple[Numbers, Numbers]],
-    assumed: Sequence[tuple[Numbers, Bools]],
-    turn: Numbers,
-    onset: int,
-    onset_ns: int,
+    moments: Sequence[Moment],
     number: int,
     entry: Numbers,
-    window: Ticks,
-    before: Ticks | None,
     beyond: Sequence[tuple[float, float]],
     weights: Weights,
-    log_stay: Numbers,
     margin: float,
-    directions: Sequence[Numbers | None],
+    until: Until | None,
 ) -> tuple[
-    list[tuple[Numbers, Numbers]], list[Index], Numbers, Numbers, Index, tuple[Index, Index, Numbers]
+    list[tuple[Numbers, Numbers]],
+    list[Index],
+    list[tuple[Numbers, Numbers, Numbers, Index, tuple[Index, Index, Numbers]]],
 ]: ...
+def entered(log_left: Numbers, change: Numbers) -> Numbers: ...
 def learned(
     model: Model, words: Numbers, onsets: Numbers, ticks: Ticks, steps: Index, weights: Weights
 ) -> None: ...

@@ -1,0 +1,147 @@
+"""Ticks that are taken in some at a time lead to what they lead to one by one."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contact_tracker import hmm, hypotheses
+from contact_tracker.belief import Detail
+from contact_tracker.forward import forward, glimpses
+from contact_tracker.hypotheses import Until
+from contact_tracker.intake import coming, slid_on
+from contact_tracker.knowledge import NOTHING
+from contact_tracker.labels import Contact
+from contact_tracker.memory import LONGER, SURE, Memory, Met
+from contact_tracker.poses import Poses
+from contact_tracker.state import scales_of
+from contact_tracker.strides import MOST
+from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
+from test_encounter import CUBE_ON_TABLE
+
+both = pytest.importorskip("kernels").both
+SECOND = 1_000_000_000
+
+
+def with_a_rest():
+    """Motion, rest long enough to say nothing, a gap, and motion again."""
+    poses = recorded(FACE_TO_EDGE).poses[:900]
+    held = np.concatenate([np.arange(450), np.full(400, 449), np.arange(450, 900)])
+    gap = np.repeat([0, 2 * SECOND], [850, len(held) - 850])
+    stamp_ns = poses.stamp_ns[0] + np.arange(len(held)) * (SECOND // 200) + gap
+    return Poses(stamp_ns, poses.position_m[held], poses.quat_xyzw[held])
+
+
+RECORDINGS = {
+    "contacts": (recorded(FACE_TO_EDGE).poses[:1200], NOTHING),
+    "edges": (recorded(EDGE_TO_EDGES).poses[:900], NOTHING),
+    "rest and gap": (with_a_rest(), NOTHING),
+    "known elements": (recorded(FACE_TO_EDGE).poses[:300], CUBE_ON_TABLE),
+}
+
+
+@cache
+def one_by_one(name):
+    poses, knowledge = RECORDINGS[name]
+    return list(forward(poses, MODEL, knowledge=knowledge, detail=Detail.WEIGHTS))
+
+
+@cache
+def some_at_a_time(name):
+    poses, knowledge = RECORDINGS[name]
+    return list(glimpses(poses, MODEL, knowledge=knowledge))
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
+    expected, found = one_by_one(name), some_at_a_time(name)
+    seen = [glimpse for _, some in found for glimpse in some]
+    assert [one.tick.stamp_ns for one in seen] == [one.tick.stamp_ns for one in expected]
+    for glimpse, one in zip(seen, expected, strict=True):
+        for name_ in ("entry", "change", "residual"):
+            np.testing.assert_array_equal(getattr(glimpse, name_), getattr(one.glimpse, name_))
+        for a, b in zip(glimpse.alive, one.state.alive, strict=True):
+            np.testing.assert_array_equal(a, b)
+    many = np.cumsum([len(some) for _, some in found])
+    for end, (state, _) in zip(many, found, strict=True):  # the states in between are the same as well
+        then = expected[end - 1].state
+        for ours, theirs in zip(state.banks, then.banks, strict=True):
+            np.testing.assert_array_equal(ours.words, theirs.words)
+            np.testing.assert_array_equal(ours.onsets.words, theirs.onsets.words)
+        for field in ("ticks", "numbers", "outliers", "label", "free_since", "free_since_ns", "withheld"):
+            assert getattr(state, field) == getattr(then, field), field
+        assert state.averaging.noise.sigma_position_m == then.averaging.noise.sigma_position_m
+        assert state.memory.due_ns == then.memory.due_ns
+        np.testing.assert_array_equal(state.window.variance, then.window.variance)
+
+
+def test_the_recordings_have_what_strides_stop_at():
+    """Else they would say little: things learnt, ticks that say nothing, and all states but one or two."""
+    resting = one_by_one("rest and gap")
+    assert sum(seen.state.withheld > 0.0 for seen in resting) > 10
+    assert sum(seen.tick.count == 0 for seen in resting) >= 5
+    for name in ("contacts", "edges", "rest and gap"):
+        assert len({tuple(seen.state.memory.due_ns.items()) for seen in one_by_one(name)}) > 3
+    assert {seen.state.label for seen in one_by_one("contacts")} >= {Contact.FF, Contact.EF}
+
+
+def test_many_ticks_are_taken_at_once():
+    sizes = [len(some) for _, some in some_at_a_time("contacts")]
+    assert max(sizes) == MOST
+    assert np.mean(sizes) > 3.0
+
+
+def moments(k, count):
+    """A state, and so many ticks after it as hypotheses meet them."""
+    seen = one_by_one("contacts")
+    state, ahead = seen[k].state, []
+    for later in seen[k + 1 : k + 1 + count]:
+        state = state._replace(averaging=later.state.averaging)
+        ahead.append(coming(state, later.tick, slid_on(state, later.tick)).moment)
+        state = later.state
+    return seen[k].state, ahead
+
+
+@pytest.mark.parametrize("k", [1, 9, 24])
+def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
+    """That is for whoever looks at what is believed to say; none that teaches may be passed."""
+    state, ahead = moments(k, 20)
+    seen = one_by_one("contacts")[k + 1 : k + 21]
+    weights = [np.exp(one.state.log_left - one.state.log_left.max()) for one in seen]
+    sureness = MODEL.certainty.sureness
+    sure = [(w**sureness).max() / (w**sureness).sum() for w in weights]
+    given = state.banks, ahead, MODEL.noise.beyond_floor, scales_of(MODEL), MODEL.search.margin_nats
+    for probability in (0.5, 0.8, SURE, 0.99):
+        for due in ({}, {seen[10].belief.onset_ns: seen[10].tick.stamp_ns}):
+            teaches = [
+                one.state.label is not Contact.FREE
+                and p >= probability
+                and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
+                for one, p in zip(seen, sure, strict=True)
+            ]
+            living = hypotheses.stride(*given, Until(probability, sureness, due))
+            assert len(living.weighed) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
+    assert len(hypotheses.stride(*given).weighed) == 20
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_states_begin_alike(seed):
+    """With kernels to the last digit as in numpy, of empty states as well."""
+    rng = np.random.default_rng(seed)
+    left = np.where(rng.random(7) > 0.3, -30.0 * rng.random(7), -np.inf)
+    change = np.where(rng.random((7, 7)) > 0.2, -9.0 * rng.random((7, 7)), -np.inf)
+    numpy, kernel = both(hmm.enter, left, change)
+    np.testing.assert_array_equal(kernel, numpy)
+
+
+def test_what_has_taught_is_due_when_it_has_lasted_longer_by_half():
+    met = [Met(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))]
+    memory = Memory((met[0],), tuple(met[1:]))
+    assert memory.due_ns == {0: 152, 500: 500}
+    assert LONGER * 101 == 151.5
+    assert not memory.is_due(0, 151)
+    assert memory.is_due(0, 152)
+    assert memory.is_due(7, 8)

@@ -1,0 +1,103 @@
+"""Several ticks at once, where nobody asks what is believed of each: the same as one by one, in less time.
+
+What is known before hypotheses are weighed is worked out for all of them first. Then hypotheses go on from
+tick to tick, until one teaches something.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import compiled, hypotheses
+from contact_tracker.belief import Detail
+from contact_tracker.hypotheses import Alive, Until
+from contact_tracker.intake import Coming, after, coming, is_mute, passed, slid_on, wait
+from contact_tracker.memory import SURE
+from contact_tracker.sliding import Sliding
+from contact_tracker.state import TrackerState, scales_of
+from contact_tracker.ticks import Tick, TickState
+from contact_tracker.tracker import look
+
+Array = NDArray[np.float64]
+
+MOST: Final = 8
+"""So many ticks at most: what is worked out for those after one that teaches something is lost."""
+
+
+class Averaged(NamedTuple):
+    """A tick, and how averaging stood after it."""
+
+    averaging: TickState | None
+    tick: Tick
+
+
+class Glimpse(NamedTuple):
+    """Of one ``tick`` what hypotheses weighed in it, as in ``TrackerState``."""
+
+    tick: Tick
+    entry: Array
+    change: Array
+    alive: Alive
+    residual: Array
+
+    @classmethod
+    def of(cls, state: TrackerState, tick: Tick) -> "Glimpse":
+        """The tick that has led to a state."""
+        return cls(tick, state.entry, state.change, state.alive, state.residual)
+
+
+def strides(
+    state: TrackerState, averaged: Sequence[Averaged]
+) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
+    """Take in ticks that have been averaged; some at a time, each time with the state that they lead to."""
+    slidings, first = _slidings(state, averaged), 0
+    while first < len(averaged):
+        state, glimpses = _stride(state, averaged[first:], slidings[first:])
+        first += len(glimpses)
+        yield state, glimpses
+
+
+def _slidings(state: TrackerState, averaged: Sequence[Averaged]) -> list[Sliding]:
+    """The windows of all ticks."""
+    slidings = []
+    for averaging, tick in averaged:
+        sliding = slid_on(state._replace(averaging=averaging), tick)
+        state = state._replace(sliding=sliding, ticks=state.ticks + 1)
+        slidings.append(sliding)
+    return slidings
+
+
+def _stride(
+    state: TrackerState, averaged: Sequence[Averaged], slidings: Sequence[Sliding]
+) -> tuple[TrackerState, list[Glimpse]]:
+    """As far as nothing is to be looked at: a tick at least."""
+    averaging, tick = averaged[0]
+    if is_mute(state, tick):
+        state = wait(state._replace(averaging=averaging), tick, slidings[0])
+        return state, [Glimpse.of(state, tick)]
+    model, ahead = state.model, _ahead(state, averaged, slidings)
+    until = Until(SURE, model.certainty.sureness, state.memory.due_ns)
+    moments, beyond = [one.moment for one in ahead], model.noise.beyond_floor
+    banks, weighed = hypotheses.stride(
+        state.banks, moments, beyond, scales_of(model), model.search.margin_nats, until
+    )
+    glimpses = []
+    for (averaging, tick), one, told in zip(averaged, ahead, weighed, strict=False):  # all that were weighed
+        state = after(state._replace(averaging=averaging), tick, one, banks, told)
+        glimpses.append(Glimpse.of(state, tick))
+    return look(state, tick, Detail.WEIGHTS)[0], glimpses
+
+
+def _ahead(state: TrackerState, averaged: Sequence[Averaged], slidings: Sequence[Sliding]) -> list[Coming]:
+    """What is known before hypotheses are weighed, up to a tick that is mute; of one tick, where there are
+    no kernels or answers lag."""
+    ahead, many = list[Coming](), MOST if compiled.in_use() and not state.past.shape[1] else 1
+    for (averaging, tick), sliding in zip(averaged[:many], slidings[:many], strict=True):
+        if ahead and is_mute(state, tick):
+            break
+        one = coming(state._replace(averaging=averaging), tick, sliding)
+        ahead.append(one)
+        state = passed(state, one)
+    return ahead

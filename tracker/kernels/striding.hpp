@@ -1,0 +1,91 @@
+// Tick after tick, for as long as nobody has to look at what they teach: as `hypotheses.stride`.
+#pragma once
+
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "living.hpp"
+
+namespace kernels {
+
+// As `hypotheses.Until`: since when each onset may teach more.
+struct Until {
+    double probability, sureness;
+    std::vector<std::pair<std::int64_t, std::int64_t>> due;
+};
+
+// As `numpy.logaddexp`.
+inline double add_logs(double a, double b) {
+    const double lead = a - b;
+    if (lead == 0.0 || a == b) return a + std::log(2.0);
+    if (lead > 0.0) return a + std::log1p(std::exp(-lead));
+    return lead <= 0.0 ? b + std::log1p(std::exp(lead)) : lead;
+}
+
+// As `hmm.enter`.
+inline Floats entered(const Floats& log_left, const Floats& change) {
+    const py::ssize_t states = log_left.size();
+    require_shape(log_left, {states}, "states do not have one weight each");
+    require_shape(change, {states, states}, "changes are from state to state");
+    Floats entry(states);
+    for (py::ssize_t j = 0; j < states; ++j) {
+        double sum = -std::numeric_limits<double>::infinity();
+        for (py::ssize_t i = 0; i < states; ++i) sum = add_logs(sum, log_left.at(i) + change.at(i, j));
+        entry.mutable_at(j) = sum;
+    }
+    return entry;
+}
+
+// Whether a tick may teach something: one contact is that probable, and has not just been looked at.
+inline bool teaches(const Until& until, const std::vector<const Model*>& models, const Lived& lived,
+                    std::int64_t stamp_ns) {
+    const double* log_left = lived.log_left.data();
+    const std::size_t contacts = models.size(),
+                      best = std::max_element(log_left, log_left + contacts + 1) - log_left;
+    if (best == contacts) return false;
+    double sum = 0.0;
+    for (std::size_t i = 0; i <= contacts; ++i)
+        sum += std::exp(until.sureness * (log_left[i] - log_left[best]));
+    constexpr double nearly = 1.0 - 1e-9;  // who is asked then knows exactly
+    if (1.0 / sum < nearly * until.probability) return false;
+    const Left& left = lived.left[best];
+    const Bank bank = bank_of(*models[best], left.words, left.onsets);
+    const std::int64_t onset_ns =
+        whole(bank.since(static_cast<int>(left.leader)), models[best]->kind.since.onset_ns);
+    for (const auto& [of, due_ns] : until.due) {
+        if (of == onset_ns) return stamp_ns >= due_ns;
+    }
+    return true;
+}
+
+// Through the `moments`, of which there are some, up to the first that `teaches`; with the first the states
+// begin by this `entry`.
+inline py::tuple strode(const std::vector<const Model*>& models, const Tables& words,
+                        const std::vector<const Moment*>& moments, std::int64_t number, Floats entry,
+                        const std::vector<Two>& beyond, const Weights& weights, double margin,
+                        const std::optional<Until>& until) {
+    for (std::size_t size : {words.size(), beyond.size()})
+        require(size == models.size(), "something is not told of each contact");
+    require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
+    require(!moments.empty() && !std::count(moments.begin(), moments.end(), nullptr), "there are no moments");
+    require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");
+    Tables now = words;
+    Lived lived;
+    py::list weighed, kept, rows;
+    for (const Moment* moment : moments) {
+        if (moment != moments.front()) entry = entered(lived.log_left, moment->change);
+        lived = live(models, now, *moment, number, entry, beyond, weights, margin);
+        for (std::size_t i = 0; i < models.size(); ++i) now[i] = {lived.left[i].words, lived.left[i].onsets};
+        weighed.append(py::make_tuple(lived.entry, lived.log_left, lived.residual, lived.leaders,
+                                      alive_of(models, lived.left, moment->onset)));
+        if (until && teaches(*until, models, lived, moment->stamp_ns)) break;
+    }
+    for (const Left& left : lived.left) {
+        kept.append(py::make_tuple(left.words, left.onsets));
+        rows.append(left.rows);
+    }
+    return py::make_tuple(kept, rows, weighed);
+}
+
+}  // namespace kernels
