@@ -4,6 +4,7 @@ What is known before hypotheses are weighed is worked out for all of them first.
 tick to tick, until one teaches something.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
@@ -22,7 +23,7 @@ from contact_tracker.tracker import look
 
 Array = NDArray[np.float64]
 
-MOST: Final = 8
+MOST: Final = 12
 """So many ticks at most: what is worked out for those after one that teaches something is lost."""
 
 
@@ -91,11 +92,12 @@ def _stride(
 
 
 def _ahead(state: TrackerState, averaged: Sequence[Averaged], slidings: Sequence[Sliding]) -> list[Coming]:
-    """What is known before hypotheses are weighed, up to a tick that is mute; of one tick, where there are
-    no kernels or answers lag."""
+    """What is known before hypotheses are weighed, up to a tick that is mute or to where what is believed now
+    may teach more; of one tick, where there are no kernels or answers lag."""
     ahead, many = list[Coming](), MOST if compiled.in_use() and not state.past.shape[1] else 1
+    due_ns = math.inf if state.belief is None else state.memory.due_ns.get(state.belief.onset_ns, math.inf)
     for (averaging, tick), sliding in zip(averaged[:many], slidings[:many], strict=True):
-        if ahead and is_mute(state, tick):
+        if ahead and (is_mute(state, tick) or ahead[-1].moment.stamp_ns >= due_ns):
             break
         one = coming(state._replace(averaging=averaging), tick, sliding)
         ahead.append(one)
