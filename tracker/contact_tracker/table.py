@@ -145,9 +145,12 @@ class Bank(Table):
 
     def alone(self, row: int) -> "Bank":
         """One hypothesis with its onset."""
-        own, since = self.words[row : row + 1], int(self.onsets.cells("onset").searchsorted(self.onset[row]))
-        onsets = replace(self.onsets, words=self.onsets.words[since : since + 1])
-        return Bank(own, self.layout, onsets, self.past[row : row + 1])
+        own = self.words[row : row + 1]
+        since = int(self.onsets.cells("onset").searchsorted(self.cells("onset")[row]))
+        onsets = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
+        one = Bank(own, self.layout, onsets, self.past[row : row + 1])
+        vars(one)["window"] = _FIRST
+        return one
 
     def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``, which need not be in order."""
@@ -166,5 +169,6 @@ class Bank(Table):
         return other
 
 
+_FIRST: Final = np.zeros(1, np.int64)
 FOUND: Final = ("x", "row_weight", "log_likelihood", "rms")
 """Columns that change when a hypothesis learns."""

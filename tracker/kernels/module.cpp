@@ -5,6 +5,7 @@
 #include "parts.hpp"
 #include "products.hpp"
 #include "reading.hpp"
+#include "separating.hpp"
 #include "sliding.hpp"
 #include "striding.hpp"
 
@@ -217,6 +218,8 @@ PYBIND11_MODULE(kernels, module) {
             }));
     module.def("strode", &strode);
     module.def("entered", &entered);
+    module.def("used_directions", &used_directions);
+    module.def("rivals", &rivals);
     module.def("learned", &learned, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
                py::arg("ticks"), py::arg("steps"), py::arg("weights"));
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),

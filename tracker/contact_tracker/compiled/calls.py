@@ -162,6 +162,11 @@ def searched(
     kernels.searched(kind, words, onsets, ticks, rows, directions, turn, _weights(scales))
 
 
+def rivals(words: Sequence[Array], label: Contact, onset: int, slack: int, far: float) -> tuple[Array, Array]:
+    """Evidence and residuals of ``separability.Rivals``, from the rows of all banks."""
+    return kernels.rivals(_models(1.0), words, label.column, onset, slack, far)  # the reach is not asked for
+
+
 def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
     """As ``batched.minimise_batched``."""
     f = form(contact)
