@@ -12,6 +12,7 @@ import pytest
 from contact_tracker.belief import Detail
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.forward import Pass, Seen, forward
+from contact_tracker.geometry import numbers
 from contact_tracker.knowledge import NOTHING
 from contact_tracker.labels import Contact
 from contact_tracker.segmentation import Segmentation
@@ -164,6 +165,28 @@ def test_pieces_together_are_the_whole(monkeypatch):
     for a, b in zip(found.segments, expected.segments, strict=True):  # the noise was not known as well then
         assert a.geometry.environment.normal @ b.geometry.environment.normal > np.cos(2e-3)
     assert len(found.segments) == 12
+
+
+def test_segments_are_the_same_whoever_watches(monkeypatch):
+    """Who looks at each tick has them taken in one by one; what is concluded on the way is the same."""
+    monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 30)
+    poses, watched = recorded("f-e e-e f-e e-f e-e f-f e-e").poses, []
+    found = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
+    expected = list(pieces(poses, MODEL, watch=watched.append, online=Detail.WEIGHTS))
+    assert len(watched) > 100
+    assert sum(len(piece.segments) > 0 for piece in found) >= 2
+    for ours, theirs in zip(found, expected, strict=True):
+        assert ours.outliers == theirs.outliers
+        np.testing.assert_array_equal(ours.beliefs.probability, theirs.beliefs.probability)
+        for a, b in zip(ours.segments, theirs.segments, strict=True):
+            assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
+            assert (numbers(a.geometry.environment) == numbers(b.geometry.environment)).all()
+
+
+def test_progress_is_told_where_nobody_watches_as_well():
+    told = []
+    list(pieces(recorded(FACE_TO_EDGE).poses[:1101], MODEL, told.append, online=Detail.WEIGHTS))
+    assert told == [500, 1000, 1101]
 
 
 def test_segments_are_the_same_however_much_is_told_online():

@@ -1,5 +1,6 @@
 """Ticks that are taken in some at a time lead to what they lead to one by one."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contact_tracker import hmm, hypotheses
+from contact_tracker import hmm, hypotheses, tracker
+from contact_tracker import strides as strides_
+from contact_tracker.bank import blank
 from contact_tracker.belief import Detail
+from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.forward import forward, glimpses
 from contact_tracker.hypotheses import Until
 from contact_tracker.intake import coming, slid_on
@@ -17,7 +21,7 @@ from contact_tracker.labels import Contact
 from contact_tracker.memory import LONGER, SURE, Memory, Met
 from contact_tracker.poses import Poses
 from contact_tracker.state import scales_of
-from contact_tracker.strides import MOST
+from contact_tracker.strides import MOST, Averaged, strides
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from test_encounter import CUBE_ON_TABLE
 
@@ -70,8 +74,22 @@ def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
         for ours, theirs in zip(state.banks, then.banks, strict=True):
             np.testing.assert_array_equal(ours.words, theirs.words)
             np.testing.assert_array_equal(ours.onsets.words, theirs.onsets.words)
-        for field in ("ticks", "numbers", "outliers", "label", "free_since", "free_since_ns", "withheld"):
+        for field in (
+            "ticks",
+            "numbers",
+            "outliers",
+            "label",
+            "free_since",
+            "free_since_ns",
+            "withheld",
+            "exposure",
+        ):
             assert getattr(state, field) == getattr(then, field), field
+        for field in ("log_left", "leaders"):
+            np.testing.assert_array_equal(getattr(state, field), getattr(then, field))
+        assert (state.belief.stamp_ns, state.belief.onset_ns) == (then.belief.stamp_ns, then.belief.onset_ns)
+        for ours, theirs in zip(state.reminded, then.reminded, strict=True):
+            np.testing.assert_array_equal(ours.begins.known_mean, theirs.begins.known_mean)
         assert state.averaging.noise.sigma_position_m == then.averaging.noise.sigma_position_m
         assert state.memory.due_ns == then.memory.due_ns
         np.testing.assert_array_equal(state.window.variance, then.window.variance)
@@ -124,6 +142,55 @@ def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
             living = hypotheses.stride(*given, Until(probability, sureness, due))
             assert len(living.weighed) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
     assert len(hypotheses.stride(*given).weighed) == 20
+
+
+def averaged(poses, state):
+    """All ticks, as ``strides`` takes them; and the state in which averaging begins."""
+    ticks = [Averaged(one.state.averaging, one.tick) for one in forward(poses, MODEL)]
+    return state._replace(averaging=ticks[0].averaging), ticks
+
+
+def test_where_answers_lag_ticks_are_taken_one_by_one():
+    """Hypotheses have pasts, which kernels do not see."""
+    poses = recorded(FACE_TO_EDGE).poses[:400]
+    start, ticks = averaged(poses, tracker.start(MODEL, lag_s=0.5))
+    taken = list(strides(start, ticks))
+    assert [len(seen) for _, seen in taken] == [1] * len(ticks)
+    for (averaging, tick), (state, _) in zip(ticks, taken, strict=True):
+        start, _ = tracker.observe(start._replace(averaging=averaging), tick, Detail.WEIGHTS)
+        np.testing.assert_array_equal(state.past, start.past)
+        assert state.past.any()
+
+
+def test_windows_are_worked_out_for_a_few_ticks_ahead_only(monkeypatch):
+    """However many a batch of poses closes: of sparse ones each closes many."""
+    poses = recorded(FACE_TO_EDGE).poses[:400:40]
+    stamp_ns = poses.stamp_ns[0] + 5 * SECOND * np.arange(len(poses))
+    start, ticks = averaged(replace(poses, stamp_ns=stamp_ns), tracker.start(MODEL))
+    assert len(ticks) > 400
+    most, slidings = [], strides_._slidings
+
+    def counted(*args):
+        found = slidings(*args)
+        most.append(len(found))
+        return found
+
+    monkeypatch.setattr(strides_, "_slidings", counted)
+    assert sum(len(seen) for _, seen in strides(start, ticks)) == len(ticks)
+    assert max(most) == MOST
+
+
+def test_weights_that_are_no_numbers_end_a_stride():
+    """With nothing of the contact that would be the first of those that weigh most."""
+    state, ahead = moments(9, 3)
+    begins = (ahead[0].births.begins[0].pick([]), *ahead[0].births.begins[1:])
+    births = ahead[0].births._replace(begins=begins, entry=np.full(7, np.nan))
+    banks = (blank(CONTACT_MODELS[0], 0), *state.banks[1:])
+    given = MODEL.noise.beyond_floor, scales_of(MODEL), MODEL.search.margin_nats
+    living = hypotheses.stride(
+        banks, [ahead[0]._replace(births=births), *ahead[1:]], *given, Until(SURE, 0.5, {})
+    )
+    assert len(living.weighed) == 1
 
 
 @settings(max_examples=50, deadline=None)

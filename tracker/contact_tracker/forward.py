@@ -80,19 +80,22 @@ def glimpses(
     progress: Callable[[int], None] | None = None,
     knowledge: Knowledge = NOTHING,
 ) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
-    """``forward`` for who asks for no beliefs: some ticks at a time, and the state that they have led to."""
+    """``forward`` for who asks for no beliefs: some ticks at a time, and the state that they have led to.
+
+    Parameters as there; ``progress`` is called after each batch of poses.
+    """
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
         steps = _averaged(state, batch)
         closed = [Averaged(averaging, tick) for averaging, some, _ in steps for tick in some]
-        for state, seen in strides(state, closed):  # noqa: B020
-            yield state, seen
+        for then, seen in strides(state, closed):
+            yield then, seen
+            state = then
         state, count = state._replace(averaging=steps[-1][0]), count + len(batch)
         if progress is not None:
             progress(count)
     state, rest = tracker.gather_rest(state)
-    for state, seen in strides(state, [Averaged(state.averaging, tick) for tick in rest]):  # noqa: B020
-        yield state, seen
+    yield from strides(state, [Averaged(state.averaging, tick) for tick in rest])
 
 
 def _averaged(state: TrackerState, poses: Poses) -> list[tuple[TickState | None, list[Tick], int]]:

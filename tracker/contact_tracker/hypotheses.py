@@ -132,9 +132,10 @@ def stride(
 ) -> Living:
     """``advance`` through several ticks, as far as there is nothing to be looked at; without kernels one.
 
-    The entry of all but the first follows from what was weighed before. Hypotheses have no past if there are
-    several.
+    With the first, states begin by its entry; with the others by what was weighed before, whatever their
+    births say. Hypotheses have no past if there are several.
     """
+    assert len(moments) == 1 or not moments[0].births.past.shape[1]
     if not compiled.in_use():
         return advance(banks, moments[0], beyond, scales, margin)
     from contact_tracker.compiled import calls

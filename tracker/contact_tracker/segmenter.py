@@ -104,8 +104,8 @@ def pieces(
         for state, some in glimpses(poses, model, progress, knowledge):
             for glimpse in some:
                 segmenter.note(state, glimpse)
-            if segmenter.due:
-                yield segmenter.conclude()
+                if segmenter.due:
+                    yield segmenter.conclude()
     else:
         for seen in forward(poses, model, progress, knowledge, online):
             segmenter.note(seen.state, seen.glimpse, seen.belief if online >= Detail.SHARED else None)
@@ -148,7 +148,7 @@ class Segmenter:
         if len(self._online) == _FEW:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
-        self._state = state
+        self._state = state._replace(averaging=seen.averaging, outliers=seen.outliers)
 
     @property
     def open_ticks(self) -> int:

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from contact_tracker import compiled, hypotheses
 from contact_tracker.belief import Detail
 from contact_tracker.hypotheses import Alive, Until
-from contact_tracker.intake import Coming, after, coming, is_mute, passed, slid_on, wait
+from contact_tracker.intake import Coming, after, coming, is_mute, passed, slid_on
 from contact_tracker.memory import SURE
 from contact_tracker.sliding import Sliding
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.ticks import Tick, TickState
-from contact_tracker.tracker import look
+from contact_tracker.tracker import hold, look
 
 Array = NDArray[np.float64]
 
@@ -35,38 +35,44 @@ class Averaged(NamedTuple):
 
 
 class Glimpse(NamedTuple):
-    """Of one ``tick`` what hypotheses weighed in it, as in ``TrackerState``."""
+    """Of one ``tick`` what hypotheses weighed in it, and how averaging stood, as in ``TrackerState``."""
 
     tick: Tick
     entry: Array
     change: Array
     alive: Alive
     residual: Array
+    averaging: TickState | None
+    outliers: int
 
     @classmethod
     def of(cls, state: TrackerState, tick: Tick) -> "Glimpse":
         """The tick that has led to a state."""
-        return cls(tick, state.entry, state.change, state.alive, state.residual)
+        weighed = state.entry, state.change, state.alive, state.residual
+        return cls(tick, *weighed, state.averaging, state.outliers)
 
 
 def strides(
     state: TrackerState, averaged: Sequence[Averaged]
 ) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
     """Take in ticks that have been averaged; some at a time, each time with the state that they lead to."""
-    slidings, first = _slidings(state, averaged), 0
+    slidings, first = list[Sliding](), 0
     while first < len(averaged):
-        state, glimpses = _stride(state, averaged[first:], slidings[first:])
-        first += len(glimpses)
-        yield state, glimpses
+        some = averaged[first : first + MOST]
+        slidings = _slidings(state, some, slidings)
+        state, seen = _stride(state, some, slidings)
+        slidings = slidings[len(seen) :]
+        first += len(seen)
+        yield state, seen
 
 
-def _slidings(state: TrackerState, averaged: Sequence[Averaged]) -> list[Sliding]:
-    """The windows of all ticks."""
-    slidings = []
-    for averaging, tick in averaged:
-        sliding = slid_on(state._replace(averaging=averaging), tick)
-        state = state._replace(sliding=sliding, ticks=state.ticks + 1)
-        slidings.append(sliding)
+def _slidings(state: TrackerState, averaged: Sequence[Averaged], known: Sequence[Sliding]) -> list[Sliding]:
+    """The windows of some ticks, of which the first are known."""
+    slidings = [*known]
+    for averaging, tick in averaged[len(known) :]:
+        before = slidings[-1] if slidings else state.sliding
+        then = state._replace(averaging=averaging, sliding=before, ticks=state.ticks + len(slidings))
+        slidings.append(slid_on(then, tick))
     return slidings
 
 
@@ -76,7 +82,7 @@ def _stride(
     """As far as nothing is to be looked at: a tick at least."""
     averaging, tick = averaged[0]
     if is_mute(state, tick):
-        state = wait(state._replace(averaging=averaging), tick, slidings[0])
+        state, _ = hold(state._replace(averaging=averaging), tick, slidings[0])
         return state, [Glimpse.of(state, tick)]
     model, ahead = state.model, _ahead(state, averaged, slidings)
     until = Until(SURE, model.certainty.sureness, state.memory.due_ns)
@@ -84,17 +90,17 @@ def _stride(
     banks, weighed = hypotheses.stride(
         state.banks, moments, beyond, scales_of(model), model.search.margin_nats, until
     )
-    glimpses = []
+    seen = []
     for (averaging, tick), one, told in zip(averaged, ahead, weighed, strict=False):  # all that were weighed
         state = after(state._replace(averaging=averaging), tick, one, banks, told)
-        glimpses.append(Glimpse.of(state, tick))
-    return look(state, tick, Detail.WEIGHTS)[0], glimpses
+        seen.append(Glimpse.of(state, tick))
+    return look(state, tick, Detail.WEIGHTS)[0], seen
 
 
 def _ahead(state: TrackerState, averaged: Sequence[Averaged], slidings: Sequence[Sliding]) -> list[Coming]:
     """What is known before hypotheses are weighed, up to a tick that is mute or to where what is believed now
     may teach more; of one tick, where there are no kernels or answers lag."""
-    ahead, many = list[Coming](), MOST if compiled.in_use() and not state.past.shape[1] else 1
+    ahead, many = list[Coming](), len(averaged) if compiled.in_use() and not state.past.shape[1] else 1
     due_ns = math.inf if state.belief is None else state.memory.due_ns.get(state.belief.onset_ns, math.inf)
     for (averaging, tick), sliding in zip(averaged[:many], slidings[:many], strict=True):
         if ahead and (is_mute(state, tick) or ahead[-1].moment.stamp_ns >= due_ns):

@@ -12,6 +12,7 @@ from contact_tracker.labels import Contact
 from contact_tracker.lift import T
 from contact_tracker.memory import SURE
 from contact_tracker.poses import Pose, Poses
+from contact_tracker.sliding import Sliding
 from contact_tracker.state import TrackerState, scales_of, start
 from contact_tracker.ticks import Tick
 
@@ -90,9 +91,14 @@ def observe(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -
     """Take in one tick, and tell of it in ``detail``."""
     sliding = intake.slid_on(state, tick)
     if intake.is_mute(state, tick):
-        assert state.belief is not None
-        return _remember(intake.wait(state, tick, sliding), replace(state.belief, stamp_ns=tick.stamp_ns))
+        return hold(state, tick, sliding)
     return look(intake.weigh(state, tick, sliding), tick, detail)
+
+
+def hold(state: TrackerState, tick: Tick, sliding: Sliding) -> tuple[TrackerState, Belief]:
+    """Wait through a tick that says nothing: what was believed is believed on."""
+    assert state.belief is not None
+    return _remember(intake.wait(state, tick, sliding), replace(state.belief, stamp_ns=tick.stamp_ns))
 
 
 def look(state: TrackerState, tick: Tick, detail: Detail) -> tuple[TrackerState, Belief]:

@@ -50,6 +50,7 @@ inline bool teaches(const Until& until, const std::vector<const Model*>& models,
     constexpr double nearly = 1.0 - 1e-9;  // who is asked then knows exactly
     if (1.0 / sum < nearly * until.probability) return false;
     const Left& left = lived.left[best];
+    if (left.leader < 0) return true;  // weights are no numbers
     const Bank bank = bank_of(*models[best], left.words, left.onsets);
     const std::int64_t onset_ns =
         whole(bank.since(static_cast<int>(left.leader)), models[best]->kind.since.onset_ns);
