@@ -16,11 +16,12 @@ from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, weak_prior
-from contact_tracker.following import NOT_AT_ALL, before, grow, information, learn
+from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
 from contact_tracker.hypotheses import Moment
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
+from contact_tracker.observability import shown
 from contact_tracker.pace import FAR_NATS, MET_PATIENCE, patience
 from contact_tracker.prior import Prior
 from contact_tracker.summed import summed
@@ -372,13 +373,16 @@ def test_what_begins_joins_alike(model, old, many):
 
 @each_model
 @pytest.mark.parametrize("k", [14, 29])
-def test_information_is_alike(model, k):
+@pytest.mark.parametrize("variance", [(1e-7, 1e-5), (1e-5, 1e-7)])
+def test_what_is_shown_is_alike(model, k, variance):
     bank = passed()[k].state.banks[model.contact.column]
-    bank = bank.pick(np.flatnonzero(bank.told > 4.0))  # else lines may be anywhere
-    numpy, kernel = both(information, bank, model, SCALES)
-    size = np.sqrt(np.einsum("hpp->hp", numpy))
-    scale = size[:, None] * size[:, :, None]
-    np.testing.assert_allclose(kernel / scale, numpy / scale, atol=1e-6)
+    for row in np.flatnonzero(bank.told > 4.0):  # else lines may be anywhere
+        numpy, kernel = both(shown, bank.alone(row), model, SCALES, np.array(variance))
+        np.testing.assert_allclose(kernel.tangent, numpy.tangent, atol=1e-9)
+        for ours, theirs in zip(kernel[1:], numpy[1:], strict=True):
+            size = np.sqrt(theirs.diagonal())
+            scale = size[:, None] * size + 1e-12  # nobody tells how high a face is on a face
+            np.testing.assert_allclose(ours / scale, theirs / scale, atol=1e-6)
 
 
 @settings(max_examples=30, deadline=None)

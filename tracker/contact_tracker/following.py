@@ -141,10 +141,6 @@ def information(bank: Bank, model: ContactModel, scales: Scales) -> Array:
 
     Its coordinates are taken where they cost least.
     """
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        return calls.information(model, bank.words, bank.onsets.words, scales.reach_m)
     known = before(bank, model, scales)
     found = fit.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, 0)
     return np.asarray(found.hessian.sum(axis=1))

@@ -6,12 +6,12 @@ motion tells is what exceeds what the noise of the poses alone would feign.
 
 from dataclasses import replace
 from functools import cache
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import fit, following, lift, small
+from contact_tracker import compiled, fit, following, lift, small
 from contact_tracker.bank import anchors_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import cross
@@ -49,12 +49,9 @@ def observed_geometry(
     ContactGeometry in the frames in which the bank works.
     """
     x = one.x[0].copy()  # it is given away
-    tangent = model.family.tangent(x, anchors_of(one, model)[0])
-    if information is None:
-        information = following.information(one, model, scales)[0]
+    tangent, of_window, feigned = shown(one, model, scales, variance)
     prior = tangent.T @ (_vague(model, scales.reach_m) + one.known[0]) @ tangent
-    known = prior + feigned_information(one, model, tangent, variance)
-    told, ways = small.eigenvectors(information, known)
+    told, ways = small.eigenvectors(of_window if information is None else information, prior + feigned)
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
     found = model.geometry(x, covariance, scales.reach_m)
     left = ways[:, : told.searchsorted(SHOWN)]
@@ -69,6 +66,27 @@ def observed_geometry(
         replace(found.object, unobserved=_ways(open_.object, scales.reach_m)),
         replace(found.environment, unobserved=_ways(open_.environment, scales.reach_m)),
     )
+
+
+class Shown(NamedTuple):
+    """Of one hypothesis the free directions at x, its ``tangent`` (S, P), and along it what its window tells
+    of x, ``information`` (P, P), and what noise alone would have it tell, ``feigned`` (P, P)."""
+
+    tangent: Array
+    information: Array
+    feigned: Array
+
+
+def shown(one: Bank, model: ContactModel, scales: Scales, variance: Array) -> Shown:
+    """What its window shows of a hypothesis by itself; the rest as in ``observed_geometry``."""
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        off, rows = _perturbations(model), (one.words, one.onsets.words)
+        return Shown(*calls.shown(model, *rows, variance, off, scales.reach_m))
+    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
+    information = following.information(one, model, scales)[0]
+    return Shown(tangent, information, feigned_information(one, model, tangent, variance))
 
 
 @cache

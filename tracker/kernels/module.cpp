@@ -2,6 +2,7 @@
 #include "averaging.hpp"
 #include "bindings.hpp"
 #include "inference.hpp"
+#include "observing.hpp"
 #include "parts.hpp"
 #include "products.hpp"
 #include "reading.hpp"
@@ -96,30 +97,6 @@ void learned(const Model& model, Floats words, const Floats& onsets, const Seeab
             if (own >= 0) learners.add(model.kind, bank[b], own);
         }
         learners.learn<decltype(family)>(model.kind, seen.ticks(model), weights, work);
-    });
-}
-
-// As `following.information` of a table (H, words): upper triangles (H, U).
-Floats information(const Model& model, const Floats& words, const Floats& onsets) {
-    const Bank bank = bank_of(model, words, onsets);
-    return visit(model, [&](auto family) {
-        using F = decltype(family);
-        Floats out({bank.count(), F::U});
-        Work<F> work;
-        for (int first = 0; first < bank.count(); first += lanes) {
-            const auto own = [&](int i) { return std::min(first + i, bank.count() - 1); };
-            const Rows rows = rows_of([&](int i) { return bank[own(i)]; });
-            Lanes x[F::S];
-            read(rows.own, model.kind.where.x, F::S, x);
-            know<F>(model.kind, rows, work.prior);
-            descend<F>(Moments<F>(model.kind, rows), x, 0, work);
-            for (int u = 0; u < F::U; ++u) {
-                Lanes sum = 0.0;
-                for (int k = 0; k < F::K; ++k) sum += work.near.hessian[k][u];
-                for (int i = 0; i < lanes; ++i) out.mutable_at(own(i), u) = sum[i];
-            }
-        }
-        return out;
     });
 }
 
@@ -224,7 +201,7 @@ PYBIND11_MODULE(kernels, module) {
                py::arg("ticks"), py::arg("steps"), py::arg("weights"));
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
                py::arg("ticks"), py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
-    module.def("information", &information);
+    module.def("shown", &shown);
     module.def("minimised", &minimised);
     module.def("slid", &slid, py::arg("trail").noconvert(), py::arg("first"), py::arg("end"),
                py::arg("number"), py::arg("newest"), py::arg("excess"), py::arg("count"), py::arg("sensor"),

@@ -15,7 +15,7 @@ from contact_tracker.lift import R
 from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
-from contact_tracker.rows import entries, layout
+from contact_tracker.rows import layout
 from contact_tracker.table import Bank, Onsets
 from contact_tracker.window import Window
 
@@ -142,9 +142,13 @@ def learn(
     kernels.learned(model_of(model, scales.reach_m), words, onsets, ticks_of(window), steps, _weights(scales))
 
 
-def information(model: ContactModel, words: Array, onsets: Array, reach_m: float) -> Array:
-    """As ``following.information`` of a bank."""
-    return kernels.information(model_of(model, reach_m), words, onsets)[:, entries(model.family.PARAMETERS)]
+def shown(
+    model: ContactModel, words: Array, onsets: Array, variance: Array, off: Array, reach_m: float
+) -> tuple[Array, Array, Array]:
+    """As ``observability.shown`` of a bank's first hypothesis; ``off`` (C, 6 C) is what a lifted pose changes
+    by when it is a little off."""
+    found = kernels.shown(model_of(model, reach_m), words, onsets, variance.tolist(), off)
+    return found[0].T, *found[1:]
 
 
 def searched(

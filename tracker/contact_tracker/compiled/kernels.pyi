@@ -107,9 +107,9 @@ def entered(log_left: Numbers, change: Numbers) -> Numbers: ...
 def learned(
     model: Model, words: Numbers, onsets: Numbers, ticks: Ticks, steps: Index, weights: Weights
 ) -> None: ...
-def information(model: Model, words: Numbers, onsets: Numbers) -> Numbers:
-    """Upper triangles, row after row."""
-
+def shown(
+    model: Model, words: Numbers, onsets: Numbers, variance: Sequence[float], off: Numbers
+) -> tuple[Numbers, Numbers, Numbers]: ...
 def searched(
     model: Model,
     words: Numbers,
