@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.echoes import LEAST_SCALE, Errors, learnt, new_in
@@ -31,9 +32,15 @@ FEW_TICKS: Final = 15
 STRANGE_SIGMAS: Final = 2.5
 """A tick at an end of the stretch is left out if it is so far off, unless there are only ``FEW_TICKS``."""
 LEAST_CURVATURE: Final = 1e-9
+FIRST_DAMPING: Final = 1e-6
 LEAST_DAMPING: Final = 1e-9
-_STEP: Final = 1e-6
+LESS: Final = 0.1
+MORE: Final = 100.0
+"""Times the damping after a step that has lowered the cost, and after one that has not."""
+STEP: Final = 1e-6
 """Of finite differences, in radians and metres."""
+LEAST_SHOWN: Final = 1e-15
+"""A direction of which ticks tell less than this share of the most is not shown at all."""
 
 
 class Polished(NamedTuple):
@@ -54,16 +61,29 @@ def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> P
     -------
     Polished; its x is that of ``bank`` if no step improves on it.
     """
-    polished, errors = _settle(bank, model, window, scales)
-    if len(window) < FEW_TICKS:
-        return polished
-    begins, ends = _belong(polished, errors, model, window, scales)[[0, -1]]
-    inner = window.cut(0 if begins else 1, None if ends else -1)
-    return polished if begins and ends else _settle(polished.bank, model, inner, scales)[0]
+    settled = _settle(bank, model, window, scales)
+    if len(window) < FEW_TICKS or (settled.begins and settled.ends):
+        return settled.polished
+    inner = window.cut(0 if settled.begins else 1, None if settled.ends else -1)
+    return _settle(settled.polished.bank, model, inner, scales).polished
 
 
-def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> tuple[Polished, Errors]:
-    """``polish`` with all ticks of the window, and what is left."""
+class _Settled(NamedTuple):
+    """With all ticks of a window; whether the first and the last are where the others foretell them."""
+
+    polished: Polished
+    begins: bool
+    ends: bool
+
+
+def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> _Settled:
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        x, row_weight, moments, information, begins, ends = calls.polished(
+            model, bank.words, bank.onsets.words, window, scales.reach_m
+        )
+        return _Settled(_polished(bank, x, row_weight, moments, information), begins, ends)
     family = model.family
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)
@@ -73,26 +93,26 @@ def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> 
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
         held = tangent.T @ prior.precision[0] @ tangent
         errors = learnt(errors, whitened, jacobian, held, window.index)
-    jacobian = new_in(jacobian, errors.echo, window.index)
+    new = new_in(jacobian, errors.echo, window.index)
+    information = np.einsum("ktp,k,ktq->pq", new, errors.weight, new)
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
     # to what does not echo, the sensor's own noise, a tick beside its neighbours is worth more
     alone = (1.0 + errors.echo**2) / (1.0 - errors.echo**2)
-    row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1], axis=2)
+    row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
-    polished = bank.having(x=x, row_weight=row_weight).seeing(moments=moments)
-    return Polished(polished, np.einsum("ktp,k,ktq->pq", jacobian, errors.weight, jacobian)), errors
+    belong = _belong(whitened, jacobian, errors.weight, information + held)
+    begins, ends = bool(belong[0]), bool(belong[-1])
+    return _Settled(_polished(bank, x[0], row_weight, moments, information), begins, ends)
 
 
-def _belong(
-    polished: Polished, errors: Errors, model: ContactModel, window: Window, scales: Scales
-) -> NDArray[np.bool_]:
+def _polished(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Polished:
+    return Polished(bank.having(x=x, row_weight=row_weight).seeing(moments=moments), information)
+
+
+def _belong(whitened: Array, jacobian: Array, weight: Array, information: Array) -> NDArray[np.bool_]:
     """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
-    bank, information = polished
-    anchors, weight = anchors_of(bank, model), errors.weight
-    whitened, jacobian, tangent = _linearised(model, bank.x, anchors, window)
-    held = tangent.T @ prior_of(bank, model, anchors, scales.reach_m).precision[0] @ tangent
     # what the stretch has not shown at all has no leverage
-    covariance = np.linalg.pinv(information + held, hermitian=True)
+    covariance = np.linalg.pinv(information, LEAST_SHOWN, hermitian=True)
     leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, covariance, jacobian)
     square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
     return np.asarray(np.all(square < STRANGE_SIGMAS**2, axis=0))
@@ -110,7 +130,7 @@ def _maximise(
         cost = float(0.5 * weight @ np.sum(residual**2, axis=1) + prior.cost(x)[0])
         return cost, residual, new_in(jacobian, echo, window.index), tangent
 
-    damping, (now, residual, jacobian, tangent) = 1e-6, new(x)
+    damping, (now, residual, jacobian, tangent) = FIRST_DAMPING, new(x)
     for _ in range(STEPS):
         pull = tangent.T @ prior.precision[0]
         weighted = weight[:, None, None] * jacobian
@@ -121,10 +141,10 @@ def _maximise(
         proposal = model.family.normalise(x + step @ tangent.T, anchors)
         there = new(proposal)  # its cost alone would take nearly as long
         if there[0] < now:
-            x, damping = proposal, max(0.1 * damping, LEAST_DAMPING)
+            x, damping = proposal, max(LESS * damping, LEAST_DAMPING)
             now, residual, jacobian, tangent = there
         else:
-            damping *= 100.0
+            damping *= MORE
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x
@@ -145,9 +165,9 @@ def _whitened(model: ContactModel, x: Array, window: Window) -> Array:
 def _linearised(model: ContactModel, x: Array, anchors: Array, window: Window) -> tuple[Array, Array, Array]:
     """Whitened residuals (K, W) at x (1, S), their derivative (K, W, P) along the tangent (S, P)."""
     tangent = model.family.tangent(x, anchors)[0]
-    steps = _STEP * tangent.T
+    steps = STEP * tangent.T
     around = model.family.normalise(x + np.concatenate([steps, -steps]), anchors)
     seen = _whitened(model, np.concatenate([x, around]), window)
     half = len(steps)
-    jacobian: Array = (seen[1 : half + 1] - seen[half + 1 :]) / (2.0 * _STEP)
+    jacobian: Array = (seen[1 : half + 1] - seen[half + 1 :]) / (2.0 * STEP)
     return seen[0], np.moveaxis(jacobian, 0, -1), tangent

@@ -4,6 +4,7 @@
 #include "inference.hpp"
 #include "observing.hpp"
 #include "parts.hpp"
+#include "polished.hpp"
 #include "products.hpp"
 #include "reading.hpp"
 #include "separating.hpp"
@@ -208,5 +209,6 @@ PYBIND11_MODULE(kernels, module) {
                py::arg("floor"), py::arg("position_m2"));
     add_averaging(module);
     add_inference(module);
+    add_polishing(module);
     parts::add(module.def_submodule("parts"));
 }

@@ -37,6 +37,20 @@ inline NoiseSettings noise_of(const pybind11::module_& module) {
             number("TINY"),     module.attr("STRIDE").cast<int>()};
 }
 
+inline PolishSettings polish_of(const pybind11::module_& module) {
+    const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
+    const auto count = [&](const char* name) { return module.attr(name).cast<int>(); };
+    return {number("STEP"),        number("FIRST_DAMPING"),  number("LEAST_DAMPING"),   number("LESS"),
+            number("MORE"),        number("TOLERANCE_NATS"), number("LEAST_CURVATURE"), number("FIRST_ECHO"),
+            number("LEAST_SHOWN"), number("STRANGE_SIGMAS"), count("ROUNDS"),           count("STEPS")};
+}
+
+inline EchoSettings echoes_of(const pybind11::module_& module) {
+    const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
+    return {number("PRIOR_TICKS"), number("MOST_ECHO"), number("LEAST_SCALE"), number("LEAST_SHARE"),
+            module.attr("LEARNING_STEPS").cast<int>()};
+}
+
 // Raises what Python raises where one is missing.
 inline void read_settings() {
     const auto load = [](const char* name) {
@@ -54,6 +68,8 @@ inline void read_settings() {
     settings.vertex_ridge = load("contacts.vertex_face").attr("RIDGE").cast<double>();
     settings.motion = motion_of(load("free_motion"));
     settings.noise = noise_of(load("noise"));
+    settings.polish = polish_of(load("polish"));
+    settings.echoes = echoes_of(load("echoes"));
     settings.least_sine = load("quaternions").attr("TINY").cast<double>();
     settings.neighbours = load("ticks").attr("NEIGHBOURS").cast<int>();
     settings.first_ticks = number("FIRST_TICKS");

@@ -27,9 +27,24 @@ struct NoiseSettings {
     int stride;
 };
 
+// Of `polish`.
+struct PolishSettings {
+    double step, first_damping, least_damping, less, more, tolerance, least_curvature, first_echo,
+        least_shown, strange_sigmas;
+    int rounds, steps;
+};
+
+// Of `echoes`.
+struct EchoSettings {
+    double prior_ticks, most_echo, least_scale, least_share;
+    int learning_steps;
+};
+
 struct Settings {
     MotionSettings motion;
     NoiseSettings noise;
+    PolishSettings polish;
+    EchoSettings echoes;
     double least_sine;  // quaternions
     int neighbours;     // ticks
     Damping fits, products;

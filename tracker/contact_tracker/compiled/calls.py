@@ -171,6 +171,14 @@ def rivals(words: Sequence[Array], label: Contact, onset: int, slack: int, far: 
     return kernels.rivals(_models(1.0), words, label.column, onset, slack, far)  # the reach is not asked for
 
 
+def polished(
+    model: ContactModel, words: Array, onsets: Array, window: Window, reach_m: float
+) -> tuple[Array, Array, Array, Array, bool, bool]:
+    """As ``polish._settle`` of a bank's first hypothesis: its x (S,), row_weight (K,), moments (C, C) and
+    information (P, P); whether the first and the last tick belong."""
+    return kernels.polished(model_of(model, reach_m), words, onsets, ticks_of(window))
+
+
 def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
     """As ``batched.minimise_batched``."""
     f = form(contact)

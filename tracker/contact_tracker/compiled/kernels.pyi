@@ -120,6 +120,9 @@ def searched(
     turn: Numbers,
     weights: Weights,
 ) -> None: ...
+def polished(
+    model: Model, words: Numbers, onsets: Numbers, ticks: Ticks
+) -> tuple[Numbers, Numbers, Numbers, Numbers, bool, bool]: ...
 def minimised(
     of_x: str, of_y: str, k: Numbers, x: Numbers, y: Numbers, tolerance: float, iterations: int
 ) -> tuple[Numbers, Numbers, Numbers, Bools]: ...
