@@ -33,6 +33,7 @@ LAYERS = (
         "memory",
         "evidence",
         "following",
+        "given",
         "hypotheses",
         "observability",
         "polish",

@@ -18,6 +18,7 @@ from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, weak_prior
 from contact_tracker.following import NOT_AT_ALL, before, grow, learn
 from contact_tracker.forward import forward
+from contact_tracker.given import Given
 from contact_tracker.hypotheses import Moment
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
@@ -340,6 +341,7 @@ def test_what_begins_joins_alike(model, old, many):
         certain=np.zeros(many, bool),
         searched=rng.random(many) > 0.5,
         met=rng.random(many) > 0.5,
+        told=Given(mean, known).told(model),
     )
     turn = Rotation.random(random_state=8).as_matrix()
     args = [(blank(other, 0, 2), fresh(other).pick([])) for other in CONTACT_MODELS]

@@ -10,9 +10,9 @@ from contact_tracker.assumptions import UNLISTED, assumptions
 from contact_tracker.bank import Birth, add, blank
 from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.contacts import CONTACT_MODELS, face_face
-from contact_tracker.contacts.given import Given, by_feet, given
 from contact_tracker.forward import forward
 from contact_tracker.geometry import Line, by_foot, canonical, numbers
+from contact_tracker.given import Given, by_feet, given
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, Up, known_to
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.lift import lift

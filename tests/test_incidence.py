@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.belief import Detail
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts import given as contacts_given
 from contact_tracker.forward import forward
 from contact_tracker.geometry import Line, Plane, Point, numbers
+from contact_tracker.given import given as prior_given
 from contact_tracker.incidence import LENGTH_M, incident
 from contact_tracker.labels import Contact
 from contact_tracker.presets import load_model
@@ -54,7 +54,7 @@ def cost(kind, known, element, body_m):
     """Half the squared distance of an object's element from what is known of it."""
     model = CONTACT_MODELS[WITH[kind].column]
     anchors = np.tile(body_m, 2)
-    prior, (pivot,) = contacts_given.given(model, [(known, None)])
+    prior, (pivot,) = prior_given(model, [(known, None)])
     x, size = np.ones(model.family.SIZE), len(numbers(element))
     part = slice(0, size) if model.body_in_1 else slice(model.family.SIZE - size, model.family.SIZE)
     x[part] = numbers(element)

@@ -21,9 +21,9 @@ from tracking import Tracked
 from contact_tracker import evidence, hmm, hypotheses
 from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.contacts.given import given
 from contact_tracker.evidence import Scales
 from contact_tracker.geometry import ContactGeometry
+from contact_tracker.given import given
 from contact_tracker.knowledge import Accuracy, known_to
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import T

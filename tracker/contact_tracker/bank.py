@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import weak_prior
 from contact_tracker.labels import STATES
 from contact_tracker.pace import FAR_NATS, RESIDUAL_TICKS, YOUNG, patience
@@ -127,7 +126,7 @@ def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
     share = begins.log_share
     grace = np.where(begins.searched, patience(model.needed), 0.0)
     new = blank(model, begins.many).having(**begins.assumed, lasted=share, log_likelihood=share, grace=grace)
-    return new.words, Given(begins.known_mean, begins.known).told(model)
+    return new.words, begins.told
 
 
 def is_near(bank: Bank) -> Bools:

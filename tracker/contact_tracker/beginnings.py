@@ -11,8 +11,8 @@ from contact_tracker.assumptions import Assumption, assumptions
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.form import directions
-from contact_tracker.contacts.given import Given, by_feet, given
 from contact_tracker.geometry import Array, ContactGeometry, Element, Plane, canonical
+from contact_tracker.given import Given, by_feet, given
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
 
@@ -71,7 +71,7 @@ def _beginnings(
         return fresh(model).pick(np.zeros(0, np.int64))
     assumed, log_share, pair, is_met = zip(*rows, strict=True)
     prior, pivot = given(model, [one.pair(origin_m) for one in assumed])
-    recalled, told = np.array(is_met), prior.told(model)[:, directions(model.family.FORM)]
+    recalled, told = np.array(is_met), prior.told(model)
     something = prior.information.any(axis=(1, 2)) | recalled
     return Begins(
         source=np.where(something, 1 + np.arange(len(rows)), 0),
@@ -81,8 +81,11 @@ def _beginnings(
         pivot=pivot,
         pair=np.array(pair),
         certain=np.array([one.certain for one in assumed]) & ~recalled,
-        searched=np.array(~told.all(axis=1)),  # directions are unknown: the rest is a linear problem
+        searched=np.array(
+            ~told[:, directions(model.family.FORM)].all(axis=1)
+        ),  # the rest is a linear problem
         met=recalled,
+        told=told,
     )
 
 

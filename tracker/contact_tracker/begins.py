@@ -15,7 +15,8 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Begins:
-    """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight."""
+    """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight, and
+    what of x is ``told`` (n, S) by that (see ``Given``)."""
 
     source: Index
     log_share: Array
@@ -26,6 +27,7 @@ class Begins:
     certain: Bools
     searched: Bools
     met: Bools
+    told: Bools
 
     @property
     def many(self) -> int:
@@ -34,7 +36,7 @@ class Begins:
     @property
     def assumed(self) -> dict[str, NDArray[Any]]:
         """The columns that a bank has as well."""
-        return {name: column for name, column in vars(self).items() if name != "log_share"}
+        return {name: column for name, column in vars(self).items() if name not in {"log_share", "told"}}
 
     def sharing(self, log_share: Array) -> "Begins":
         """The same with other shares."""
@@ -48,4 +50,4 @@ def fresh(model: ContactModel) -> Begins:
     """One of which nothing is known."""
     size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
     mean, known, pivot = np.zeros((1, size)), np.zeros((1, size, size)), np.full((1, 6), np.nan)
-    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no, no)
+    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no, no, mean != 0.0)

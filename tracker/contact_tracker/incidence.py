@@ -31,7 +31,7 @@ def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
 
 
 def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
-    """Its direction may be any; see what ``contacts.given.given`` returns."""
+    """Its direction may be any; see what ``given.given`` returns."""
     whole = np.zeros((6, 6))
     whole[3:, 3:] = covariance
     return Line(np.zeros(3), vertex.point_m, whole)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from contact_tracker import compiled, fit
 from contact_tracker.bank import best_of, has_grace, is_near
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.given import Given
 from contact_tracker.evidence import Scales
 from contact_tracker.following import before, follow
+from contact_tracker.given import Given
 from contact_tracker.lift import R
 from contact_tracker.pace import (
     AGES,

@@ -1,6 +1,7 @@
 // The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
 #include "averaging.hpp"
 #include "bindings.hpp"
+#include "elements.hpp"
 #include "inference.hpp"
 #include "observing.hpp"
 #include "parts.hpp"
@@ -203,6 +204,8 @@ PYBIND11_MODULE(kernels, module) {
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
                py::arg("ticks"), py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
     module.def("shown", &shown);
+    module.def("part_row", &part_row);
+    module.def("face_row", &face_row);
     module.def("minimised", &minimised);
     module.def("slid", &slid, py::arg("trail").noconvert(), py::arg("first"), py::arg("end"),
                py::arg("number"), py::arg("newest"), py::arg("excess"), py::arg("count"), py::arg("sensor"),

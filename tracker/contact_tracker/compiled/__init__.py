@@ -1,4 +1,5 @@
-"""Kernels for what every tick does, averaging, ``sliding``, ``hypotheses``, ``hmm``; and ``paper.batched``.
+"""Kernels for what every tick does, averaging, ``sliding``, ``hypotheses``, ``hmm``, what is told of it;
+``given`` and ``polish``; and ``paper.batched``.
 
 They are C++ (``tracker/kernels``), which is built when the package is installed. The numpy code is the
 reference, and what runs where there was no compiler. They are imported when the first tick needs them.
