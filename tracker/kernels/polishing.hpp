@@ -70,12 +70,7 @@ struct Stretch {
     // Residuals of some geometries in tick w, and their noise variances.
     void see(const Lanes* x, int w, Lanes (&residual)[F::K], Lanes (&noise)[F::K]) const {
         Seen<F> seen;
-        const double* pose = ticks.pose + w * Ticks::entries;
-        if constexpr (F::crosses) {
-            crossed<F>(x, pose, seen);
-        } else {
-            faced<F>(kind.body_in_1, x, pose, seen);
-        }
+        kernels::see<F>(kind, x, ticks, w, seen);
         std::copy_n(seen.residual, F::K, residual);
         std::fill_n(noise, F::last, Lanes(ticks.noise(w, 1)));
         noise[F::last] = ticks.noise(w, 0) + ticks.noise(w, 1) * seen.lever_sq;

@@ -102,6 +102,17 @@ void crossed(const Lanes* x, const double* r, Seen<F>& seen) {
     seen.lever_sq = larger<Lanes>(seen.reach_sq - d2_r_m1 * d2_r_m1 * inverse_sq, 0.0);
 }
 
+// What hypotheses measure in tick w.
+template <class F>
+void see(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, Seen<F>& seen) {
+    const double* pose = ticks.pose + w * Ticks::entries;
+    if constexpr (F::crosses) {
+        crossed<F>(x, pose, seen);
+    } else {
+        faced<F>(kind.body_in_1, x, pose, seen);
+    }
+}
+
 // What hypotheses say of tick w, in whose windows it `counts` and comes `after` their first; `narrowed` (K,)
 // is by how many times the variance under free motion exceeds the noise, multiplied over ticks: a logarithm
 // takes longer.
@@ -110,12 +121,7 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
          const Mask& after, const Lengths& lengths, Lanes (&narrowed)[F::K], Sums<F>& sums) {
     const Lanes most = 1e100, none = 0.0;  // before it overflows
     Seen<F> seen;
-    const double* pose = ticks.pose + w * Ticks::entries;
-    if constexpr (F::crosses) {
-        crossed<F>(x, pose, seen);
-    } else {
-        faced<F>(kind.body_in_1, x, pose, seen);
-    }
+    see<F>(kind, x, ticks, w, seen);
     const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
     const double *fitted = ticks.excess + 2 * w, *known = ticks.unheld + 2 * w, *uneven = ticks.uneven;
     const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
