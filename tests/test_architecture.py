@@ -46,7 +46,7 @@ LAYERS = (
     ("belief",),
     ("segmentation",),
     ("model",),
-    ("ticks", "transitions", "encounter", "beginnings"),
+    ("averaging", "ticks", "transitions", "encounter", "beginnings"),
     ("sliding",),
     ("state", "answers", "fixed_lag", "outlook"),
     ("intake",),

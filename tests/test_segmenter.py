@@ -15,6 +15,7 @@ from contact_tracker.forward import Pass, Seen, forward
 from contact_tracker.geometry import numbers
 from contact_tracker.knowledge import NOTHING
 from contact_tracker.labels import Contact
+from contact_tracker.poses import BATCH
 from contact_tracker.segmentation import Segmentation
 from contact_tracker.segmenter import Segmenter, pieces, segment
 from contact_tracker.telling import Stretch, tell
@@ -70,7 +71,7 @@ def test_every_tick_has_the_noise_that_is_known_at_the_end():
     seen, state = Pass.over(ticks), ticks[-1].state
     deviation_m, _ = np.sqrt(seen.window(state).variance).T
     frames = np.sqrt(seen.frames)
-    per_tick = np.hypot(state.averaging.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
+    per_tick = np.hypot(state.averaging.learnt.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
     np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
     assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick[0]
 
@@ -107,8 +108,8 @@ def test_a_moment_is_one_segment(count):
 
 def test_progress_is_the_number_of_poses_read():
     told = []
-    segment(recorded(FACE_TO_EDGE).poses[:101], MODEL, told.append)
-    assert told == [20, 40, 60, 80, 100]
+    segment(recorded(FACE_TO_EDGE).poses[: 2 * BATCH + 1], MODEL, told.append)
+    assert told == [BATCH, 2 * BATCH, 2 * BATCH + 1]
 
 
 # --- in pieces ---------------------------------------------------------------------------------------------

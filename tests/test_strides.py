@@ -21,7 +21,7 @@ from contact_tracker.labels import Contact
 from contact_tracker.memory import LONGER, SURE, Memory, Met
 from contact_tracker.poses import Poses
 from contact_tracker.state import scales_of
-from contact_tracker.strides import MOST, Averaged, strides
+from contact_tracker.strides import MOST, strides
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from test_encounter import CUBE_ON_TABLE
 
@@ -90,7 +90,6 @@ def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
         assert (state.belief.stamp_ns, state.belief.onset_ns) == (then.belief.stamp_ns, then.belief.onset_ns)
         for ours, theirs in zip(state.reminded, then.reminded, strict=True):
             np.testing.assert_array_equal(ours.begins.known_mean, theirs.begins.known_mean)
-        assert state.averaging.noise.sigma_position_m == then.averaging.noise.sigma_position_m
         assert state.memory.due_ns == then.memory.due_ns
         np.testing.assert_array_equal(state.window.variance, then.window.variance)
 
@@ -116,7 +115,6 @@ def moments(k, count):
     seen = one_by_one("contacts")
     state, ahead = seen[k].state, []
     for later in seen[k + 1 : k + 1 + count]:
-        state = state._replace(averaging=later.state.averaging)
         ahead.append(coming(state, later.tick, slid_on(state, later.tick)).moment)
         state = later.state
     return seen[k].state, ahead
@@ -146,8 +144,8 @@ def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
 
 def averaged(poses, state):
     """All ticks, as ``strides`` takes them; and the state in which averaging begins."""
-    ticks = [Averaged(one.state.averaging, one.tick) for one in forward(poses, MODEL)]
-    return state._replace(averaging=ticks[0].averaging), ticks
+    state, ticks = tracker.gather_some(state, poses)
+    return state, ticks
 
 
 def test_where_answers_lag_ticks_are_taken_one_by_one():
@@ -156,8 +154,8 @@ def test_where_answers_lag_ticks_are_taken_one_by_one():
     start, ticks = averaged(poses, tracker.start(MODEL, lag_s=0.5))
     taken = list(strides(start, ticks))
     assert [len(seen) for _, seen in taken] == [1] * len(ticks)
-    for (averaging, tick), (state, _) in zip(ticks, taken, strict=True):
-        start, _ = tracker.observe(start._replace(averaging=averaging), tick, Detail.WEIGHTS)
+    for tick, (state, _) in zip(ticks, taken, strict=True):
+        start, _ = tracker.observe(start, tick, Detail.WEIGHTS)
         np.testing.assert_array_equal(state.past, start.past)
         assert state.past.any()
 

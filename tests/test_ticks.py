@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker import ticks
+from contact_tracker.averaging import tick_variances
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.labels import Contact
 from contact_tracker.lift import ONE, R, T, lift
@@ -26,10 +27,8 @@ def averaged(poses, model=MODEL, batch=None):
     """All ticks of a stream, of which so many poses come at once."""
     state, closed = ticks.begin(model, poses), []
     for first in range(0, len(poses), batch or len(poses)):
-        left = poses[first : first + (batch or len(poses))]
-        while len(left):
-            state, more, left = ticks.advance(state, left, model)
-            closed += more
+        state, more = ticks.advance(state, poses[first : first + (batch or len(poses))], model)
+        closed += more
     state, last = ticks.close(state, model)
     return [*closed, last]
 
@@ -242,7 +241,7 @@ def test_turning_the_sign_of_quaternions_changes_nothing():
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
     state = ticks.begin(MODEL, moving(np.random.default_rng(0), 1.0, 30.0))
-    position, rotation = ticks.tick_variances(state.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
+    position, rotation = tick_variances(state.learnt.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
     floor = MODEL.noise.floor_position_m**2
     assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)
     assert position[2] - floor == pytest.approx(MODEL.noise.sigma_position_m**2 / 100.0)

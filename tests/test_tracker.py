@@ -287,15 +287,6 @@ def in_parts(poses, cuts, lag_s=0.0):
     return [belief for belief in said if belief is not None]
 
 
-def gathered(state, left):
-    """All ticks that poses close which come at once, and the state after."""
-    ticks = []
-    while len(left):
-        state, closed, left = tracker.gather_some(state, left)
-        ticks += closed
-    return state, ticks
-
-
 def test_poses_may_come_one_by_one_and_many_at_once():
     poses = recorded(FACE_TO_EDGE).poses[:200]
     state, found = tracker.start(MODEL), []
@@ -305,9 +296,9 @@ def test_poses_may_come_one_by_one_and_many_at_once():
                 state, closed = tracker.gather(state, pose)
                 found += closed
         else:
-            state, closed = gathered(state, poses[first:end])
+            state, closed = tracker.gather_some(state, poses[first:end])
             found += closed
-    _, whole = gathered(tracker.start(MODEL), poses)
+    _, whole = tracker.gather_some(tracker.start(MODEL), poses)
     assert [tick.count for tick in found] == [tick.count for tick in whole]
     np.testing.assert_array_equal([tick.zeta for tick in found], [tick.zeta for tick in whole])
 

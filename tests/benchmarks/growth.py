@@ -39,14 +39,15 @@ class Taken(NamedTuple):
 
 
 def follow(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, Taken]]:
-    """Each tick that ends within the poses."""
-    while len(poses):
+    """Each tick that ends within the poses; of what averaging takes all that end in a batch have a share."""
+    for batch in poses.batches():
         began_s = time.process_time()
-        state, closed, poses = tracker.gather_some(state, poses)
+        state, closed = tracker.gather_some(state, batch)
+        share_s = (time.process_time() - began_s) / max(len(closed), 1)
         for tick in closed:
-            state, _ = tracker.observe(state, tick, Detail.WEIGHTS)
-            yield state, Taken(time.process_time() - began_s, sum(map(len, state.banks)))
             began_s = time.process_time()
+            state, _ = tracker.observe(state, tick, Detail.WEIGHTS)
+            yield state, Taken(share_s + time.process_time() - began_s, sum(map(len, state.banks)))
 
 
 def minutes(log: Path, after_s: float, seconds: float) -> tuple[Poses, Poses, Poses]:

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from contact_tracker import hypotheses, ticks, tracker
+from contact_tracker import hypotheses, tracker
+from contact_tracker.averaging import tick_unevenness, tick_variances
 from contact_tracker.belief import Segment
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao, errors
@@ -112,13 +113,14 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
     state, some = tracker.gather_rest(state)
     closed += some
     assert state.averaging is not None
+    noise = closed[-1].noise
     counts = np.array([float(tick.count) for tick in closed])
     window = Window(
         np.arange(len(closed)),
         np.array([tick.zeta for tick in closed]),
-        ticks.tick_variances(state.averaging.noise, counts, state.model),
+        tick_variances(noise, counts, state.model),
         np.array([[tick.excess.position_m2, tick.excess.rotation_rad2] for tick in closed]),
-        ticks.tick_unevenness(state.averaging.noise, counts),
+        tick_unevenness(noise, counts),
     )
     model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
     fitted, information = polish(hypotheses.fit_stretch(model, window, scales), model, window, scales)

@@ -9,6 +9,7 @@ from scores import LAGS_S, OFFLINE, Answer, Method
 
 from contact_tracker import tracker
 from contact_tracker.answers import looking_back
+from contact_tracker.averaging import Tick
 from contact_tracker.evaluation.scoring import tick_containing, tick_in_force
 from contact_tracker.forward import Pass, Seen
 from contact_tracker.model import Model
@@ -16,7 +17,6 @@ from contact_tracker.poses import Poses
 from contact_tracker.segmentation import Beliefs, Segmentation
 from contact_tracker.segmenter import Segmenter
 from contact_tracker.state import TrackerState
-from contact_tracker.ticks import Tick
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]

@@ -7,17 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, ticks, tracker
+from contact_tracker import averaging, hmm, tracker
+from contact_tracker.averaging import Tick
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.hypotheses import Alive
 from contact_tracker.intake import FREE
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
-from contact_tracker.poses import Pose, Poses, batches
+from contact_tracker.poses import Pose, batches
 from contact_tracker.state import TrackerState
-from contact_tracker.strides import Averaged, Glimpse, strides
+from contact_tracker.strides import Glimpse, strides
 from contact_tracker.table import Bank
-from contact_tracker.ticks import Tick, TickState
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
@@ -54,20 +54,19 @@ def forward(
     Parameters
     ----------
     poses : validated poses in order of time.
-    progress : called now and then with the number of poses read so far.
+    progress : called after each batch of poses with the number of those read so far.
     knowledge : what is known of the object and its surroundings.
     detail : how much the beliefs tell.
     """
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
+        state, closed = tracker.gather_some(state, batch)
+        for tick in closed:
+            state, belief = tracker.observe(state, tick, detail)
+            yield Seen(state, tick, belief)
         count += len(batch)
-        for averaging, closed, left in _averaged(state, batch):
-            state = state._replace(averaging=averaging)
-            for tick in closed:
-                state, belief = tracker.observe(state, tick, detail)
-                yield Seen(state, tick, belief)
-            if progress is not None and closed:
-                progress(count - left)
+        if progress is not None:
+            progress(count)
     state, closed = tracker.gather_rest(state)
     for tick in closed:
         state, belief = tracker.observe(state, tick, detail)
@@ -82,32 +81,19 @@ def glimpses(
 ) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
     """``forward`` for who asks for no beliefs: some ticks at a time, and the state that they have led to.
 
-    Parameters as there; ``progress`` is called after each batch of poses.
+    Parameters as there.
     """
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
-        steps = _averaged(state, batch)
-        closed = [Averaged(averaging, tick) for averaging, some, _ in steps for tick in some]
+        state, closed = tracker.gather_some(state, batch)
         for then, seen in strides(state, closed):
             yield then, seen
             state = then
-        state, count = state._replace(averaging=steps[-1][0]), count + len(batch)
+        count += len(batch)
         if progress is not None:
             progress(count)
     state, rest = tracker.gather_rest(state)
-    yield from strides(state, [Averaged(state.averaging, tick) for tick in rest])
-
-
-def _averaged(state: TrackerState, poses: Poses) -> list[tuple[TickState | None, list[Tick], int]]:
-    """How averaging stands after each step through the poses, the ticks closed in it, and how many are left.
-
-    It needs nothing of what the ticks say, and the processor is faster at it when it does nothing else.
-    """
-    steps, left = [], poses
-    while len(left):
-        state, closed, left = tracker.gather_some(state, left)
-        steps.append((state.averaging, closed, len(left)))
-    return steps
+    yield from strides(state, rest)
 
 
 @dataclass
@@ -156,9 +142,9 @@ class Pass:
     def window(self, state: TrackerState) -> Window:
         """All ticks, with the variances that the final estimate of the noise gives them."""
         assert state.averaging is not None
-        counts = np.array(self.frames, float)
-        variance = ticks.tick_variances(state.averaging.noise, counts, state.model)
-        uneven = ticks.tick_unevenness(state.averaging.noise, counts)
+        counts, noise = np.array(self.frames, float), state.averaging.learnt.noise
+        variance = averaging.tick_variances(noise, counts, state.model)
+        uneven = averaging.tick_unevenness(noise, counts)
         return replace(Window.join(self.newest), variance=variance, uneven=uneven)
 
     @property

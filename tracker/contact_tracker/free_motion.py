@@ -13,7 +13,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.quaternions import between, from_rotation_vectors, nearest, product, rotation_vectors
 
 Array = NDArray[np.float64]
@@ -30,7 +29,8 @@ STILL: Final = 3.0
 LOG_BIAS: Final = 1.446
 """exp(-E log(chi^2_3 / 3)): from the geometric to the arithmetic mean of squares in three axes."""
 TINY: Final = 1e-20
-_PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
+PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
+"""Deviations of value, rate and acceleration at first."""
 _EYE: Final = np.eye(3)
 _VALUE: Final = np.kron(np.eye(2), np.eye(1, 3))
 """(2, 6): what of the states is measured."""
@@ -112,7 +112,7 @@ def begin(rotation: Array, position_m: Array) -> FreeMotion:
     x[0, 0] = position_m
     return FreeMotion(
         x,
-        np.diag(np.square(_PRIOR_SPREAD * 2)),
+        np.diag(np.square(PRIOR_SPREAD * 2)),
         last=x[:, 0],
         orientation=nearest(rotation),
         log_square=np.zeros((2, 2)),
@@ -131,21 +131,25 @@ def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
     return position, product(state.orientation, from_rotation_vectors(turn - state.last[1]))
 
 
-class _Tick(NamedTuple):
-    """What one tick does to the states (6,), ``jerk`` (6, 6) by a unit of white jerk."""
+class Onward(NamedTuple):
+    """What one tick does to the states (6,), ``jerk`` (6, 6) by a unit of white jerk; by how much it makes
+    errors ``fade`` and what is known of their shape."""
 
     onward: Array
     jerk: Array
-    jerk_of_value: float
+    fade: float
+    fade_shape: float
 
 
 @lru_cache(maxsize=8)
-def _tick(tick_s: float) -> _Tick:
+def onward(tick_s: float, memory_s: float) -> Onward:
+    """Of a tick of this length, where errors are remembered for ``memory_s``."""
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
     grown = np.array([tick_s**2 / 2, tick_s, 1.0])  # what a unit of jerk has made of the states by then
     jerk = np.asarray(np.outer(grown, grown) * tick_s / _POWERS_OF_JERK, float)
     both = np.eye(2)
-    return _Tick(np.kron(both, rate), np.kron(both, jerk), float(jerk[0, 0]))
+    fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
+    return Onward(np.kron(both, rate), np.kron(both, jerk), fade, fade_shape)
 
 
 def advance(
@@ -157,16 +161,11 @@ def advance(
     memory_s: float,
 ) -> tuple[FreeMotion, Excess]:
     """One tick on: the mean pose of the tick and its noise ``variance`` (2,) per axis (m^2, rad^2)."""
-    fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
-
-        tick, mean = _tick(tick_s), (rotation, position_m, variance)
-        moved, *beyond = kernels.moved(state, *mean, tick.onward, tick.jerk, fade, fade_shape)
-        return FreeMotion(*moved), Excess(*beyond)
+    tick = onward(tick_s, memory_s)
+    fade, fade_shape = tick.fade, tick.fade_shape
     orientation = nearest(rotation)
     value = np.array([position_m, state.last[1] + rotation_vectors(between(state.orientation, orientation))])
-    x, covariance, innovation = _filtered(state, value, variance, _tick(tick_s))
+    x, covariance, innovation = _filtered(state, value, variance, tick)
     ticks = state.ticks + 1
     if state.ticks < SETTLING_TICKS:
         state = state._replace(x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks)
@@ -192,7 +191,7 @@ def advance(
     return state, Excess(float(excess[0]), float(excess[1]))
 
 
-def _filtered(state: FreeMotion, value: Array, variance: Array, tick: _Tick) -> tuple[Array, Array, Array]:
+def _filtered(state: FreeMotion, value: Array, variance: Array, tick: Onward) -> tuple[Array, Array, Array]:
     """States (2, 3, 3) and covariance after the values (2, 3) of a tick, which were off by so much (2, 3)."""
     from filterpy.kalman import predict, update  # kernels do without: it takes longer to load than all else
 
@@ -201,7 +200,7 @@ def _filtered(state: FreeMotion, value: Array, variance: Array, tick: _Tick) -> 
     # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
     carried = covariance.diagonal()[::3]
     unexplained = np.maximum(state.spread - variance - carried, 0.0) if state.weight else variance
-    covariance = covariance + tick.jerk * (unexplained * (JERK_SHARE / tick.jerk_of_value)).repeat(3)
+    covariance = covariance + tick.jerk * (unexplained * (JERK_SHARE / tick.jerk[0, 0])).repeat(3)
     innovation = value - x[:, 0]
     # the gain is what a measurement of 1 makes of 0
     gain, covariance = update(_REST, covariance, _UNIT, variance * np.eye(2), _VALUE)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import fixed_lag, hmm, hypotheses
+from contact_tracker.averaging import Tick
 from contact_tracker.bank import Births
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.free_motion import NO_EXCESS
@@ -18,7 +19,6 @@ from contact_tracker.outlook import Outlook, outlook
 from contact_tracker.sliding import Sliding, slid
 from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.table import Bank
-from contact_tracker.ticks import Tick
 from contact_tracker.transitions import chances, exposure
 
 Array = NDArray[np.float64]
@@ -123,8 +123,7 @@ def passed(state: TrackerState, ahead: Coming) -> TrackerState:
 
 def slid_on(state: TrackerState, tick: Tick) -> Sliding:
     """The window with the tick."""
-    assert state.averaging is not None
-    return slid(state.sliding, state.ticks, tick, state.averaging.noise, state.model)
+    return slid(state.sliding, state.ticks, tick, state.model)
 
 
 def _older(living: Bank, column: int) -> Bank:

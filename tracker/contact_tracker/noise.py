@@ -15,8 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
-from contact_tracker.poses import Poses
+from contact_tracker.poses import NO_POSES, Poses
 from contact_tracker.quaternions import between, matrices, rotation_vectors
 
 Array = NDArray[np.float64]
@@ -82,10 +81,10 @@ class Heard(NamedTuple):
     """
 
     differences: Array
-    frames: tuple[Poses, ...]
+    frames: Poses
 
 
-NOTHING_HEARD: Final = Heard(np.zeros((15, 0)), ())
+NOTHING_HEARD: Final = Heard(np.zeros((15, 0)), NO_POSES)
 
 
 def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
@@ -98,14 +97,12 @@ def advance(
     heard: Heard, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
 ) -> tuple[Heard, NoiseEstimate]:
     """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad)."""
-    untold, known = (*heard.frames, frames), heard.differences.shape[1]
-    new = (sum(map(len, untold)) - ORDER + 1) // STRIDE
+    untold, known = Poses.join([heard.frames, frames]), heard.differences.shape[1]
+    new = (len(untold) - ORDER + 1) // STRIDE
     if new < UNTOLD * min(known + new, MEMORY):
         return Heard(heard.differences, untold), estimate
-    frames = Poses.join(untold)
-    differences = np.concatenate([heard.differences, _third_differences(frames)], axis=1)[:, -MEMORY:]
-    left = frames[max(new, 0) * STRIDE :]
-    return Heard(differences, (left,)), _told(estimate, differences, prior)
+    differences = np.concatenate([heard.differences, _third_differences(untold)], axis=1)[:, -MEMORY:]
+    return Heard(differences, untold[max(new, 0) * STRIDE :]), _told(estimate, differences, prior)
 
 
 def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
@@ -113,11 +110,6 @@ def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float
     if differences.shape[1] < 2 * ORDER:
         return begin(*prior)
     deviation = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
-
-        start = estimate.position_m2, estimate.rotation_rad2, estimate.shape
-        return NoiseEstimate(*kernels.told(*start, differences, deviation, np.array(prior)))
     across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
     shape = _shape(differences[:6] / deviation.repeat(3)[:, None], estimate.shape)
     centre_m = _centre(shape, deviation[0] / deviation[1], differences.shape[1])
@@ -142,10 +134,6 @@ def _third_differences(frames: Poses) -> Array:
     """Columns (15, n) of what is ``Heard``."""
     if len(frames) <= ORDER:
         return NOTHING_HEARD.differences
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
-
-        return kernels.third_differences(frames.stamp_ns, frames.position_m, frames.quat_xyzw).T
     quat, position, interval = frames.quat_xyzw, frames.position_m, np.diff(frames.stamp_ns)
     turns = rotation_vectors(between(quat[:-1], quat[1:]))
     steps = np.concatenate([position[1:] - position[:-1], turns], axis=1)

@@ -63,6 +63,11 @@ class Poses:
             np.concatenate([part.quat_xyzw for part in columns]),
         )
 
+    @property
+    def columns(self) -> tuple[NDArray[np.int64], Array, Array]:
+        """All three."""
+        return self.stamp_ns, self.position_m, self.quat_xyzw
+
     def __len__(self) -> int:
         return len(self.stamp_ns)
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm, separability, ticks
+from contact_tracker import averaging, hmm, separability
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.closed import Closed
 from contact_tracker.columns import Columns
@@ -126,6 +126,7 @@ class Segmenter:
         self._past, self._survivors = hmm.Past(), hmm.Survivors()
         self._due = PIECE_TICKS
         self._state: TrackerState
+        self._newest: Glimpse
         self._outliers = 0  # that were told
         self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet told
         self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
@@ -148,7 +149,7 @@ class Segmenter:
         if len(self._online) == _FEW:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
-        self._state = state._replace(averaging=seen.averaging, outliers=seen.outliers)
+        self._state, self._newest = state, seen
 
     @property
     def open_ticks(self) -> int:
@@ -224,15 +225,14 @@ class Segmenter:
 
     def _fit(self, column: int, rows: NDArray[np.void]) -> Callable[[], Told]:
         """Have the elements of a segment fitted, with today's estimate of the noise."""
-        state = self._state
+        state, noise = self._state, self._newest.tick.noise
         assert state.averaging is not None
-        variance = ticks.tick_variances(state.averaging.noise, rows["count"], state.model)
         window = Window(
             self._first + np.arange(len(rows)),
             rows["zeta"],
-            variance,
+            averaging.tick_variances(noise, rows["count"], state.model),
             rows["excess"],
-            ticks.tick_unevenness(state.averaging.noise, rows["count"]),
+            averaging.tick_unevenness(noise, rows["count"]),
             self._before if self._first else None,
         )
         stretch = Stretch(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
@@ -245,6 +245,6 @@ class Segmenter:
         found = [self._jobs.popleft().told() for _ in range(count)]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
-        outliers, self._outliers = self._state.outliers - self._outliers, self._state.outliers
+        outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers
         beliefs = Beliefs.join([of_one for _, of_one in found])
         return Segmentation(tuple(one for one, _ in found), beliefs, Beliefs.join(online), outliers)

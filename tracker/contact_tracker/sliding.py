@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
+from contact_tracker.averaging import Tick, tick_unevenness, tick_variances, variances
 from contact_tracker.model import Model
-from contact_tracker.noise import NoiseEstimate
-from contact_tracker.ticks import Tick, tick_unevenness, tick_variances, variances
 from contact_tracker.window import Index, Window
 
 Array = NDArray[np.float64]
@@ -74,9 +73,9 @@ NOTHING_SEEN = Sliding(
 )
 
 
-def slid(sliding: Sliding, number: int, tick: Tick, noise: NoiseEstimate, model: Model) -> Sliding:
+def slid(sliding: Sliding, number: int, tick: Tick, model: Model) -> Sliding:
     """On to a ``tick`` of this ``number``; the window stays as short as the model says."""
-    window, most = sliding.window, round(model.search.window_s / model.tick_s)
+    window, noise, most = sliding.window, tick.noise, round(model.search.window_s / model.tick_s)
     if not compiled.in_use():
         frames = np.concatenate([sliding.frames, [tick.count]])[-most:]
         variance, uneven = tick_variances(noise, frames, model), tick_unevenness(noise, frames)

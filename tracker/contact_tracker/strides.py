@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled, hypotheses
+from contact_tracker.averaging import Tick
 from contact_tracker.belief import Detail
 from contact_tracker.hypotheses import Alive, Until
-from contact_tracker.intake import Coming, after, coming, is_mute, passed, slid_on
+from contact_tracker.intake import Coming, after, coming, is_mute, passed
 from contact_tracker.memory import SURE
-from contact_tracker.sliding import Sliding
+from contact_tracker.sliding import Sliding, slid
 from contact_tracker.state import TrackerState, scales_of
-from contact_tracker.ticks import Tick, TickState
 from contact_tracker.tracker import hold, look
 
 Array = NDArray[np.float64]
@@ -27,38 +27,27 @@ MOST: Final = 12
 """So many ticks at most: what is worked out for those after one that teaches something is lost."""
 
 
-class Averaged(NamedTuple):
-    """A tick, and how averaging stood after it."""
-
-    averaging: TickState | None
-    tick: Tick
-
-
 class Glimpse(NamedTuple):
-    """Of one ``tick`` what hypotheses weighed in it, and how averaging stood, as in ``TrackerState``."""
+    """Of one ``tick`` what hypotheses weighed in it, and the outliers so far, as in ``TrackerState``."""
 
     tick: Tick
     entry: Array
     change: Array
     alive: Alive
     residual: Array
-    averaging: TickState | None
     outliers: int
 
     @classmethod
     def of(cls, state: TrackerState, tick: Tick) -> "Glimpse":
         """The tick that has led to a state."""
-        weighed = state.entry, state.change, state.alive, state.residual
-        return cls(tick, *weighed, state.averaging, state.outliers)
+        return cls(tick, state.entry, state.change, state.alive, state.residual, state.outliers)
 
 
-def strides(
-    state: TrackerState, averaged: Sequence[Averaged]
-) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
+def strides(state: TrackerState, ticks: Sequence[Tick]) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
     """Take in ticks that have been averaged; some at a time, each time with the state that they lead to."""
     slidings, first = list[Sliding](), 0
-    while first < len(averaged):
-        some = averaged[first : first + MOST]
+    while first < len(ticks):
+        some = ticks[first : first + MOST]
         slidings = _slidings(state, some, slidings)
         state, seen = _stride(state, some, slidings)
         slidings = slidings[len(seen) :]
@@ -66,46 +55,45 @@ def strides(
         yield state, seen
 
 
-def _slidings(state: TrackerState, averaged: Sequence[Averaged], known: Sequence[Sliding]) -> list[Sliding]:
+def _slidings(state: TrackerState, ticks: Sequence[Tick], known: Sequence[Sliding]) -> list[Sliding]:
     """The windows of some ticks, of which the first are known."""
     slidings = [*known]
-    for averaging, tick in averaged[len(known) :]:
+    for tick in ticks[len(known) :]:
         before = slidings[-1] if slidings else state.sliding
-        then = state._replace(averaging=averaging, sliding=before, ticks=state.ticks + len(slidings))
-        slidings.append(slid_on(then, tick))
+        slidings.append(slid(before, state.ticks + len(slidings), tick, state.model))
     return slidings
 
 
 def _stride(
-    state: TrackerState, averaged: Sequence[Averaged], slidings: Sequence[Sliding]
+    state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[Sliding]
 ) -> tuple[TrackerState, list[Glimpse]]:
     """As far as nothing is to be looked at: a tick at least."""
-    averaging, tick = averaged[0]
+    tick = ticks[0]
     if is_mute(state, tick):
-        state, _ = hold(state._replace(averaging=averaging), tick, slidings[0])
+        state, _ = hold(state, tick, slidings[0])
         return state, [Glimpse.of(state, tick)]
-    model, ahead = state.model, _ahead(state, averaged, slidings)
+    model, ahead = state.model, _ahead(state, ticks, slidings)
     until = Until(SURE, model.certainty.sureness, state.memory.due_ns)
     moments, beyond = [one.moment for one in ahead], model.noise.beyond_floor
     banks, weighed = hypotheses.stride(
         state.banks, moments, beyond, scales_of(model), model.search.margin_nats, until
     )
     seen = []
-    for (averaging, tick), one, told in zip(averaged, ahead, weighed, strict=False):  # all that were weighed
-        state = after(state._replace(averaging=averaging), tick, one, banks, told)
+    for tick, one, told in zip(ticks, ahead, weighed, strict=False):  # all that were weighed
+        state = after(state, tick, one, banks, told)
         seen.append(Glimpse.of(state, tick))
     return look(state, tick, Detail.WEIGHTS)[0], seen
 
 
-def _ahead(state: TrackerState, averaged: Sequence[Averaged], slidings: Sequence[Sliding]) -> list[Coming]:
+def _ahead(state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[Sliding]) -> list[Coming]:
     """What is known before hypotheses are weighed, up to a tick that is mute or to where what is believed now
     may teach more; of one tick, where there are no kernels or answers lag."""
-    ahead, many = list[Coming](), len(averaged) if compiled.in_use() and not state.past.shape[1] else 1
+    ahead, many = list[Coming](), len(ticks) if compiled.in_use() and not state.past.shape[1] else 1
     due_ns = math.inf if state.belief is None else state.memory.due_ns.get(state.belief.onset_ns, math.inf)
-    for (averaging, tick), sliding in zip(averaged[:many], slidings[:many], strict=True):
+    for tick, sliding in zip(ticks[:many], slidings[:many], strict=True):
         if ahead and (is_mute(state, tick) or ahead[-1].moment.stamp_ns >= due_ns):
             break
-        one = coming(state._replace(averaging=averaging), tick, sliding)
+        one = coming(state, tick, sliding)
         ahead.append(one)
         state = passed(state, one)
     return ahead

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from contact_tracker import intake, ticks
 from contact_tracker.answers import answer, believe, remaining, touching, weighed_up
+from contact_tracker.averaging import Tick
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.labels import Contact
 from contact_tracker.lift import T
@@ -14,7 +15,6 @@ from contact_tracker.memory import SURE
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.sliding import Sliding
 from contact_tracker.state import TrackerState, scales_of, start
-from contact_tracker.ticks import Tick
 
 __all__ = [
     "TrackerState",
@@ -67,16 +67,15 @@ def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     """
     averaging = state.averaging
     if averaging is None or not ticks.goes_on(averaging, pose, state.model):
-        state, closed, left = gather_some(state, Poses.collect((pose,)))
-        return (gather_some(state, left)[0] if len(left) else state), closed
+        return gather_some(state, Poses.collect((pose,)))
     return state._replace(averaging=averaging._replace(frames=(*averaging.frames, pose))), []
 
 
-def gather_some(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick], Poses]:
-    """The same of many poses at once, as far as a tick goes; returns the rest of them, too."""
+def gather_some(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick]]:
+    """The same of many poses at once, of which there are some."""
     averaging = ticks.begin(state.model, poses) if state.averaging is None else state.averaging
-    averaging, closed, left = ticks.advance(averaging, poses, state.model)
-    return state._replace(averaging=averaging), closed, left
+    averaging, closed = ticks.advance(averaging, poses, state.model)
+    return state._replace(averaging=averaging), closed
 
 
 def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:

@@ -1,8 +1,8 @@
-// From poses to ticks: what `ticks`, `free_motion` and `noise` do in every tick.
+// From frames to ticks, as in `averaging`.
 #include "averaging.hpp"
 
 #include "bindings.hpp"
-#include "hearing.hpp"
+#include "closing.hpp"
 
 namespace kernels {
 namespace {
@@ -94,82 +94,105 @@ py::tuple fields_of(const Motion& motion) {
                           array_of({2, 3}, direction[0]), array_of({2}, echo), motion.ticks);
 }
 
-py::tuple moved(const py::tuple& state, const Floats& rotation, const Floats& position,
-                const Floats& variance, const Floats& onward, const Floats& jerk, double fade,
-                double fade_shape) {
-    require_shape(rotation, {3, 3}, "a rotation is a matrix");
-    require_shape(position, {3}, "a position has three numbers");
-    require_shape(variance, {2}, "two variances");
+Averaging averaging_of(std::int64_t tick_ns, const std::array<double, 2>& prior,
+                       const std::array<double, 2>& floor, double outlier_sigmas, const Floats& onward,
+                       const Floats& jerk, double fade, double fade_shape) {
+    require(tick_ns > 0, "a tick takes time");
     require_shape(onward, {6, 6}, "what a tick does to two states");
     require_shape(jerk, {6, 6}, "what jerk does to two states");
-    Motion motion = motion_of(state);
-    Onward tick{{}, {}, fade, fade_shape};
+    Averaging how{tick_ns, prior, floor, outlier_sigmas, {{}, {}, fade, fade_shape}};
     for (int i = 0; i < 3; ++i) {
-        std::copy_n(onward.data() + 6 * i, 3, tick.onward[i]);
-        std::copy_n(jerk.data() + 6 * i, 3, tick.jerk[i]);
+        std::copy_n(onward.data() + 6 * i, 3, how.onward.onward[i]);
+        std::copy_n(jerk.data() + 6 * i, 3, how.onward.jerk[i]);
     }
-    double excess[2];
-    advance(motion, rotation.data(), at(position.data(), 0), variance.data(), tick, excess);
-    return py::make_tuple(fields_of(motion), excess[0], excess[1]);
+    return how;
 }
 
-Frames frames_of(const Floats& position, const Floats& quat) {
-    require(position.ndim() == 2 && position.shape(0) > 0, "there are no frames");
-    require_shape(position, {position.shape(0), 3}, "a position has three numbers");
-    require_shape(quat, {position.shape(0), 4}, "a quaternion has four numbers");
-    return {position.data(), quat.data(), static_cast<int>(position.shape(0))};
+using Columns = std::tuple<Ints, Floats, Floats>;
+using NoiseFields = std::tuple<Floats, Floats, Floats, Floats>;
+
+Frames frames_of(const Columns& columns) {
+    const auto& [stamp_ns, position, quat] = columns;
+    const py::ssize_t count = stamp_ns.size();
+    require_shape(stamp_ns, {count}, "a frame has one stamp");
+    require_shape(position, {count, 3}, "a position has three numbers");
+    require_shape(quat, {count, 4}, "a quaternion has four numbers");
+    return {position.data(), quat.data(), static_cast<int>(count)};
 }
 
-py::tuple averaged(const Floats& position, const Floats& quat, const Floats& ahead,
-                   const std::optional<py::tuple>& motion, const Floats& origin, const Floats& sigma_sq,
-                   double outlier_sigmas) {
-    const Frames frames = frames_of(position, quat);
-    require_shape(ahead, {frames.count}, "a frame has one time");
-    require_shape(origin, {3}, "an origin has three numbers");
-    require_shape(sigma_sq, {2}, "two variances");
-    const Motion moving = motion ? motion_of(*motion) : Motion{};
-    const Vector from = at(origin.data(), 0);
-    Bools good(frames.count);
-    Floats zeta(25);
-    plausible(frames, ahead.data(), motion ? &moving : nullptr, from, sigma_sq.data(), outlier_sigmas,
-              good.mutable_data());
-    mean_lift(frames, good.data(), from, zeta.mutable_data());
-    return py::make_tuple(good, zeta);
+Columns columns_of(const Kept& kept) {
+    const py::ssize_t count = kept.count();
+    Ints stamp_ns(count);
+    std::copy_n(kept.stamp_ns.data(), count, stamp_ns.mutable_data());
+    return {stamp_ns, array_of({count, 3}, kept.position.data()), array_of({count, 4}, kept.quat.data())};
 }
 
-Floats differences_of(const Ints& stamp_ns, const Floats& position, const Floats& quat) {
-    const Frames frames = frames_of(position, quat);
-    require_shape(stamp_ns, {frames.count}, "a frame has one stamp");
-    const std::vector<double> all = third_differences(frames, stamp_ns.data());
-    return array_of({static_cast<py::ssize_t>(all.size()) / differences, differences}, all.data());
-}
-
-py::tuple told(const Floats& position, const Floats& rotation, const Floats& shape, const Floats& heard,
-               const Floats& deviation, const Floats& prior) {
+Noise noise_of(const NoiseFields& fields) {
+    const auto& [position, rotation, centre, shape] = fields;
     require_shape(position, {3, 3}, "a covariance is a matrix");
     require_shape(rotation, {3, 3}, "a covariance is a matrix");
+    require_shape(centre, {3}, "a centre has three numbers");
     require_shape(shape, {6, 6}, "a shape is that of two vectors");
-    require(heard.ndim() == 2 && heard.shape(0) == differences && heard.shape(1) > 0, "no differences");
-    require_shape(deviation, {2}, "two deviations");
-    require_shape(prior, {2}, "two deviations");
     Noise noise;
     std::copy_n(position.data(), 9, noise.position[0]);
     std::copy_n(rotation.data(), 9, noise.rotation[0]);
+    noise.centre = at(centre.data(), 0);
     std::copy_n(shape.data(), 36, noise.shape[0]);
-    tell(heard.data(), static_cast<int>(heard.shape(1)), deviation.data(), prior.data(), noise);
-    double at_centre[3];
-    put(at_centre, 0, noise.centre);
-    return py::make_tuple(array_of({3, 3}, noise.position[0]), array_of({3, 3}, noise.rotation[0]),
-                          array_of({3}, at_centre), array_of({6, 6}, noise.shape[0]));
+    return noise;
+}
+
+NoiseFields fields_of(const Noise& noise) {
+    double centre[3];
+    put(centre, 0, noise.centre);
+    return {array_of({3, 3}, noise.position[0]), array_of({3, 3}, noise.rotation[0]), array_of({3}, centre),
+            array_of({6, 6}, noise.shape[0])};
+}
+
+Learnt learnt_of(const NoiseFields& noise, const Floats& heard, const Columns& waiting,
+                 const std::optional<py::tuple>& motion) {
+    require(heard.ndim() == 2 && heard.shape(0) == differences, "differences have their rows");
+    Learnt learnt{noise_of(noise), heard.data(), static_cast<int>(heard.shape(1)), {}, {}, {}};
+    const Frames frames = frames_of(waiting);
+    for (int n = 0; n < frames.count; ++n) learnt.waiting.add(frames, std::get<0>(waiting).data(), n);
+    if (motion) learnt.motion = motion_of(*motion);
+    return learnt;
+}
+
+py::tuple averaged(const Averaging& how, const Ints& ends, std::int64_t first_ns, const Floats& origin,
+                   bool is_rest, const Columns& columns, const NoiseFields& noise, const Floats& heard,
+                   const Columns& waiting, const std::optional<py::tuple>& motion) {
+    require_shape(origin, {3}, "an origin has three numbers");
+    require_shape(ends, {ends.size()}, "a tick has one end");
+    const Frames all = frames_of(columns);
+    const std::int64_t* stamps = std::get<0>(columns).data();
+    Learnt learnt = learnt_of(noise, heard, waiting, motion);
+    py::list told, zeta, count, outliers, excess;
+    int first = 0;
+    for (py::ssize_t i = 0; i < ends.size(); ++i) {
+        const std::int64_t end = ends.data()[i];
+        require(end > first && end <= all.count, "a tick has frames");
+        const Frames frames{all.position + 3 * first, all.quat + 4 * first, static_cast<int>(end) - first};
+        const Mean mean = close(frames, stamps + first, first_ns + i * how.tick_ns, at(origin.data(), 0),
+                                is_rest && i == 0, how, learnt);
+        if (mean.told) told.append(py::make_tuple(i, fields_of(learnt.noise)));
+        zeta.append(array_of({25}, mean.zeta));
+        count.append(mean.count);
+        outliers.append(mean.outliers);
+        excess.append(py::make_tuple(mean.excess[0], mean.excess[1]));
+        first = static_cast<int>(end);
+    }
+    const py::object all_heard =
+        told.empty() ? py::object(py::none()) : array_of({differences, learnt.known}, learnt.differences);
+    return py::make_tuple(told, all_heard, columns_of(learnt.waiting),
+                          learnt.motion ? py::object(fields_of(*learnt.motion)) : py::none(),
+                          py::make_tuple(zeta, count, outliers, excess));
 }
 
 }  // namespace
 
 void add_averaging(py::module_& module) {
-    module.def("moved", &moved);
+    py::class_<Averaging>(module, "Averaging").def(py::init(&averaging_of));
     module.def("averaged", &averaged);
-    module.def("third_differences", &differences_of);
-    module.def("told", &told);
 }
 
 }  // namespace kernels

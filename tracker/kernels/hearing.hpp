@@ -1,6 +1,7 @@
 // Noise from third differences, as in `noise`.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -8,11 +9,10 @@
 
 namespace kernels {
 
-constexpr int differences = 15;  // numbers of one
+constexpr int order = 3, differences = 15;  // numbers of one
 
 // As `noise._third_differences`: `out` (n, 15), one after the other.
 inline std::vector<double> third_differences(const Frames& frames, const std::int64_t* stamp_ns) {
-    constexpr int order = 3;
     std::vector<double> out;
     if (frames.count <= order) return out;
     const int steps = frames.count - 1;
@@ -135,19 +135,44 @@ struct Noise {
     Square<6> shape;
 };
 
-// As `noise._told` by differences (15, n), `noise` in place, which has these `deviation` (2,).
-inline void tell(const double* told, int count, const double* deviation, const double* prior, Noise& noise) {
+// Deviations (2,) as `NoiseEstimate` tells them.
+inline std::array<double, 2> deviation(const Noise& noise) {
+    double c[3], swung = 0.0;
+    put(c, 0, noise.centre);
+    const double turns = trace<3>(noise.rotation);
+    for (int i = 0; i < 3; ++i) swung += turns * c[i] * c[i] - c[i] * dot<3>(noise.rotation[i], c);
+    return {std::sqrt((trace<3>(noise.position) + swung) / 3.0), std::sqrt(turns / 3.0)};
+}
+
+// As `noise.begin`.
+inline Noise ball(const std::array<double, 2>& sigma) {
+    Noise noise = {};
+    for (int i = 0; i < 3; ++i) {
+        noise.position[i][i] = sigma[0] * sigma[0];
+        noise.rotation[i][i] = sigma[1] * sigma[1];
+    }
+    for (int i = 0; i < 6; ++i) noise.shape[i][i] = 1.0;
+    return noise;
+}
+
+// As `noise._told` by differences (15, n), `noise` in place.
+inline void tell(const double* told, int count, const std::array<double, 2>& prior, Noise& noise) {
+    if (count < 2 * order) {
+        noise = ball(prior);
+        return;
+    }
+    const auto [across_m, about_rad] = deviation(noise);
     std::vector<double> both(6 * count), at_centre(3 * count), about(3 * count);
     const auto column = [&](int n, int first) {
         return Vector{told[first * count + n], told[(first + 1) * count + n], told[(first + 2) * count + n]};
     };
     for (int n = 0; n < count; ++n) {
-        put(&both[6 * n], 0, (1.0 / deviation[0]) * column(n, 0));
-        put(&both[6 * n], 3, (1.0 / deviation[1]) * column(n, 3));
+        put(&both[6 * n], 0, (1.0 / across_m) * column(n, 0));
+        put(&both[6 * n], 3, (1.0 / about_rad) * column(n, 3));
         put(&about[3 * n], 0, column(n, 3));
     }
     reshape<6>(both, noise.shape);
-    noise.centre = centre(noise.shape, deviation[0] / deviation[1], count);
+    noise.centre = centre(noise.shape, across_m / about_rad, count);
     for (int n = 0; n < count; ++n) {
         const Vector off = column(n, 0) - cross(noise.centre, column(n, 3));
         put(&at_centre[3 * n], 0,

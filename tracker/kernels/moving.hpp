@@ -27,6 +27,22 @@ struct Onward {
     double onward[3][3], jerk[3][3], fade, fade_shape;
 };
 
+// As `free_motion.begin`.
+inline Motion begun(const double* rotation, Vector position) {
+    Motion motion = {};
+    motion.orientation = nearest(rotation);
+    put(motion.path[0].state[0], 0, position);
+    motion.path[0].last = position;
+    for (Path& path : motion.path) {
+        for (int i = 0; i < 3; ++i) {
+            const double spread = settings.motion.prior_spread[i];
+            path.covariance[i][i] = spread * spread;
+            path.shape[i][i] = 1.0 / 3.0;
+        }
+    }
+    return motion;
+}
+
 // As `FreeMotion.spread` of one path.
 inline double spread(const Path& path, double weight) {
     return settings.motion.bias * std::exp(std::min(path.log_square[0], path.log_square[1]) / weight);

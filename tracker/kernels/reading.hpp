@@ -4,11 +4,13 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "hearing.hpp"
 #include "moving.hpp"
 
 namespace kernels {
@@ -25,16 +27,23 @@ inline MotionSettings motion_of(const pybind11::module_& module) {
     const int now = count("NOW_TICKS");
     if (now < 1 || now > Path::most)
         throw std::invalid_argument("kernels have no room for so many NOW_TICKS");
-    return {number("JERK_SHARE"), number("STILL"),         number("LOG_BIAS"),
-            number("TINY"),       count("SETTLING_TICKS"), now};
+    const auto spread = module.attr("PRIOR_SPREAD").cast<std::array<double, 3>>();
+    return {number("JERK_SHARE"),
+            number("STILL"),
+            number("LOG_BIAS"),
+            number("TINY"),
+            {spread[0], spread[1], spread[2]},
+            count("SETTLING_TICKS"),
+            now};
 }
 
 inline NoiseSettings noise_of(const pybind11::module_& module) {
     const auto number = [&](const char* name) { return module.attr(name).cast<double>(); };
-    return {number("REGULAR"),  number("SCALE"),
-            number("PRIOR"),    number("BALL"),
-            number("SPREAD_M"), number("MEDIAN_OF_CHI_SQ"),
-            number("TINY"),     module.attr("STRIDE").cast<int>()};
+    const auto count = [&](const char* name) { return module.attr(name).cast<int>(); };
+    if (count("ORDER") != order) throw std::invalid_argument("kernels take differences of another ORDER");
+    return {
+        number("REGULAR"),          number("SCALE"), number("PRIOR"),  number("BALL"),  number("SPREAD_M"),
+        number("MEDIAN_OF_CHI_SQ"), number("TINY"),  number("UNTOLD"), count("STRIDE"), count("MEMORY")};
 }
 
 inline PolishSettings polish_of(const pybind11::module_& module) {
@@ -71,7 +80,7 @@ inline void read_settings() {
     settings.polish = polish_of(load("polish"));
     settings.echoes = echoes_of(load("echoes"));
     settings.least_sine = load("quaternions").attr("TINY").cast<double>();
-    settings.neighbours = load("ticks").attr("NEIGHBOURS").cast<int>();
+    settings.neighbours = load("averaging").attr("NEIGHBOURS").cast<int>();
     settings.first_ticks = number("FIRST_TICKS");
     settings.at_rest = number("AT_REST");
     settings.wait_nats = number("WAIT_NATS");

@@ -17,14 +17,14 @@ struct Round {
 
 // Of `free_motion`.
 struct MotionSettings {
-    double jerk_share, still, bias, tiny;
+    double jerk_share, still, bias, tiny, prior_spread[3];
     int settling_ticks, now_ticks;
 };
 
 // Of `noise`.
 struct NoiseSettings {
-    double regular, scale, prior, ball, spread, median_of_chi_sq, tiny;
-    int stride;
+    double regular, scale, prior, ball, spread, median_of_chi_sq, tiny, untold;
+    int stride, memory;
 };
 
 // Of `polish`.
@@ -46,7 +46,7 @@ struct Settings {
     PolishSettings polish;
     EchoSettings echoes;
     double least_sine;  // quaternions
-    int neighbours;     // ticks
+    int neighbours;     // averaging
     Damping fits, products;
     double tolerance;                        // fit
     double sine_sq_floor, tiny, edge_ridge;  // contacts.edge_edge

@@ -29,8 +29,7 @@ def _figures(log: Path, target: str, model: Model, runs: int) -> list[Figure]:
 def gather(poses: Poses, model: Model) -> int:
     """How many ticks the poses close."""
     state, count = ticks.begin(model, poses), 0
-    for left in poses.batches():
-        while len(left):
-            state, closed, left = ticks.advance(state, left, model)
-            count += len(closed)
+    for some in poses.batches():
+        state, closed = ticks.advance(state, some, model)
+        count += len(closed)
     return count

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import ticks
+from contact_tracker.averaging import Tick, tick_variances
 from contact_tracker.labels import STATES
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose, batches
-from contact_tracker.ticks import Tick, TickState
+from contact_tracker.ticks import TickState
 from contact_tracker.truth import Truth
 from contact_tracker.window import Window
 
@@ -43,21 +44,17 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
     """Average poses into ticks as the tracker does; None of no pose."""
     state: TickState | None = None
     closed: list[Tick] = []
-    activity: list[float] = []
-    for left in batches(poses):
-        state = ticks.begin(model, left) if state is None else state
-        while len(left):
-            state, done, left = ticks.advance(state, left, model)
-            closed += done
-            activity += [_activity(tick, state, model) for tick in done]
+    for some in batches(poses):
+        state = ticks.begin(model, some) if state is None else state
+        state, done = ticks.advance(state, some, model)
+        closed += done
     if state is None:
         return None
     if state.frames:
         state, last = ticks.close(state, model)
         closed.append(last)
-        activity.append(_activity(last, state, model))
     count = np.maximum([float(tick.count) for tick in closed], 1.0)
-    sigma = np.array([state.noise.sigma_position_m, state.noise.sigma_rotation_rad])
+    sigma = np.array([closed[-1].noise.sigma_position_m, closed[-1].noise.sigma_rotation_rad])
     window = Window(
         np.arange(len(closed)),
         np.array([tick.zeta for tick in closed]),
@@ -65,11 +62,12 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
         np.array([tick.excess for tick in closed]),
     )
     middle = [(tick.start_ns + tick.stamp_ns) // 2 for tick in closed]
-    return Observed(np.array(middle, np.int64), window, np.array(activity), float(sigma[0]), float(sigma[1]))
+    activity = np.array([_activity(tick, model) for tick in closed])
+    return Observed(np.array(middle, np.int64), window, activity, float(sigma[0]), float(sigma[1]))
 
 
-def _activity(tick: Tick, state: TickState, model: Model) -> float:
-    variance = ticks.tick_variances(state.noise, np.array(float(tick.count)), model)
+def _activity(tick: Tick, model: Model) -> float:
+    variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
     excess = np.array(tick.excess)
     return Window(np.zeros(1, np.int64), tick.zeta[None], variance[None], excess[None]).activity.item()
 

@@ -11,9 +11,9 @@ from contact_tracker.cli.terminal import StatusLine
 from contact_tracker.errors import UsageError
 
 if TYPE_CHECKING:
+    from contact_tracker.averaging import Tick
     from contact_tracker.belief import Belief
     from contact_tracker.cli.source import Source
-    from contact_tracker.ticks import Tick
     from contact_tracker.tracker import TrackerState
     from contact_tracker.viewer.absent import LiveView
 

@@ -128,25 +128,46 @@ def polished(
 def minimised(
     of_x: str, of_y: str, k: Numbers, x: Numbers, y: Numbers, tolerance: float, iterations: int
 ) -> tuple[Numbers, Numbers, Numbers, Bools]: ...
+
+class Averaging:
+    """How ticks are averaged: their length, the model's deviations and variances of a frame (m, rad), and
+    ``free_motion.Onward``."""
+
+    def __init__(
+        self,
+        tick_ns: int,
+        prior: tuple[float, float],
+        floor: tuple[float, float],
+        outlier_sigmas: float,
+        onward: Numbers,
+        jerk: Numbers,
+        fade: float,
+        fade_shape: float,
+    ) -> None: ...
+
 def averaged(
-    position_m: Numbers,
-    quat_xyzw: Numbers,
-    ahead_s: Numbers,
-    motion: tuple[Any, ...] | None,
+    how: Averaging,
+    ends: Index,
+    first_ns: int,
     origin_m: Numbers,
-    sigma_sq: Numbers,
-    outlier_sigmas: float,
-) -> tuple[Bools, Numbers]: ...
-def moved(
-    state: tuple[Any, ...],
-    rotation: Numbers,
-    position_m: Numbers,
-    variance: Numbers,
-    onward: Numbers,
-    jerk: Numbers,
-    fade: float,
-    fade_shape: float,
-) -> tuple[tuple[Any, ...], float, float]: ...
+    is_rest: bool,
+    frames: tuple[Index, Numbers, Numbers],
+    noise: tuple[Numbers, Numbers, Numbers, Numbers],
+    differences: Numbers,
+    waiting: tuple[Index, Numbers, Numbers],
+    motion: tuple[Any, ...] | None,
+) -> tuple[
+    list[tuple[int, tuple[Numbers, Numbers, Numbers, Numbers]]],
+    Numbers | None,
+    tuple[Index, Numbers, Numbers],
+    tuple[Any, ...] | None,
+    tuple[list[Numbers], list[int], list[int], list[tuple[float, float]]],
+]:
+    """As ``averaging.averaged``.
+
+    The noise after each tick that tells it anew, and the differences that do, where some are new; the frames
+    that wait; the motion; and of each tick ``zeta``, ``count``, ``outliers`` and ``excess``.
+    """
 
 class Forward:
     """As ``hmm.Forward``, the tuples as ``hmm.Step`` and ``hmm.Living``."""
@@ -180,16 +201,3 @@ def slid(
     position_m2: Numbers,
 ) -> tuple[Numbers, Numbers]:
     """Variances and unevenness of the ticks in rows ``first`` to ``end``, which is written."""
-
-def third_differences(stamp_ns: Index, position_m: Numbers, quat_xyzw: Numbers) -> Numbers:
-    """One a row (n, 15)."""
-
-def told(
-    position_m2: Numbers,
-    rotation_rad2: Numbers,
-    shape: Numbers,
-    differences: Numbers,
-    deviation: Numbers,
-    prior: Numbers,
-) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """The fields of ``noise.NoiseEstimate``."""
