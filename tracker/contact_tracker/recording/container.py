@@ -5,8 +5,9 @@ holds one record at a time. A damaged chunk is left out; where the framing of re
 goes on at the next chunk that the index knows, if there is one.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
+from itertools import repeat
 from typing import Final
 
 from mcap import records
@@ -25,11 +26,12 @@ from contact_tracker.recording.items import (
     Item,
     Metadata,
     RawMessage,
+    Run,
     attachment_of,
     channel_of,
     inflate,
     payload_stream,
-    split,
+    runs,
 )
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -107,11 +109,10 @@ class RecordLoop:
             try:
                 if opcode == Opcode.CHUNK:
                     data = inflate(records.Chunk.read(payload_stream(payload)))
-                    for inner, first, last in split(data):
-                        if (item := self._item(inner, data, first, last)) is not None:
-                            yield item
-                elif (item := self._item(opcode, payload, 0, len(payload))) is not None:
-                    yield item
+                    for run in runs(data):
+                        yield from self._items(data, run)
+                else:
+                    yield from self._items(payload, Run(opcode, 0, len(payload), 1))
             except PARSE_ERRORS as error:
                 self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
         if self._orphans:
@@ -161,28 +162,32 @@ class RecordLoop:
         elif self.end is not End.STOPPED and damage:
             self.damage.add(f"{damage} ({stream.error})" if stream.error else damage)
 
-    def _item(self, opcode: int, data: bytes, first: int, last: int) -> Item | None:
-        if opcode == Opcode.MESSAGE:
-            channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, first)
+    def _items(self, data: bytes, run: Run) -> Iterable[Item]:
+        if run.opcode == Opcode.MESSAGE:
+            channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(data, run.at)
             try:
                 channel = self._channels[channel_id]
             except KeyError:
-                self._orphans += 1
-                return None
+                self._orphans += run.many
+                return ()
             if channel is None:
-                return None
-            return RawMessage(channel, log_time_ns, data[first + MESSAGE_HEAD.size : last])
-        if opcode == Opcode.ATTACHMENT:
-            return attachment_of(data[first:last])
-        if opcode == Opcode.METADATA:
-            metadata = records.Metadata.read(payload_stream(data[first:last]))
-            return Metadata(metadata.name, metadata.metadata)
-        if opcode == Opcode.SCHEMA:
-            schema = records.Schema.read(payload_stream(data[first:last]))
+                return ()
+            if run.many == 1:
+                message = data[run.at + MESSAGE_HEAD.size : run.at + run.size]
+                return (RawMessage(channel, log_time_ns, message),)
+            return map(RawMessage, repeat(channel), run.log_times_ns(data), run.payloads(data))
+        payload = data[run.at : run.at + run.size]
+        if run.opcode == Opcode.ATTACHMENT:
+            return (attachment_of(payload),)
+        if run.opcode == Opcode.METADATA:
+            metadata = records.Metadata.read(payload_stream(payload))
+            return (Metadata(metadata.name, metadata.metadata),)
+        if run.opcode == Opcode.SCHEMA:
+            schema = records.Schema.read(payload_stream(payload))
             self._schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            self._add_channel(records.Channel.read(payload_stream(data[first:last])))
-        return None
+        elif run.opcode == Opcode.CHANNEL:
+            self._add_channel(records.Channel.read(payload_stream(payload)))
+        return ()
 
     def _add_channel(self, record: records.Channel) -> None:
         channel = channel_of(record, self._schemas)

@@ -5,16 +5,23 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
+import numpy as np
 import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 
 RECORD_LIMIT: Final = 256 * 2**20
+_MOST: Final = 128
+"""So many messages at a time."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
 MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+_ALIKE: Final = RECORD_HEAD.size + 2
+"""So many bytes tell opcode, length and channel of a message."""
+_LOG_TIME_AT: Final = 6
 PARSE_ERRORS: Final = (
     McapError,
     ValueError,
@@ -95,16 +102,56 @@ def inflate_zstd(data: bytes, limit: int) -> bytes:
     return zstandard.ZstdDecompressor().stream_reader(data).read(limit)
 
 
-def split(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and end of the payload of each record in a chunk."""
+class Run(NamedTuple):
+    """``many`` records of one ``opcode`` that follow each other, with payloads of ``size`` bytes, the first
+    ``at`` that byte; if they are messages, they are of one channel."""
+
+    opcode: int
+    at: int
+    size: int
+    many: int
+
+    @property
+    def end(self) -> int:
+        """Where the next record begins."""
+        return self.at - RECORD_HEAD.size + self.many * (RECORD_HEAD.size + self.size)
+
+    def log_times_ns(self, data: bytes) -> list[int]:
+        """Of messages."""
+        step, at = RECORD_HEAD.size + self.size, self.at + _LOG_TIME_AT
+        times = np.ndarray(self.many, "<u8", data, at, step)
+        return cast(list[int], times.tolist())
+
+    def payloads(self, data: bytes) -> list[bytes]:
+        """Of messages, without their heads."""
+        step = RECORD_HEAD.size + self.size
+        ends = range(self.at + self.size, self.end + 1, step)
+        return [data[end - self.size + MESSAGE_HEAD.size : end] for end in ends]
+
+
+def runs(data: bytes) -> Iterator[Run]:
+    """The records of a chunk; messages of one channel and size, as poses are, come many at a time."""
     first = 0
     while first < len(data):
-        opcode, length = RECORD_HEAD.unpack_from(data, first)
-        first += RECORD_HEAD.size
-        if length > len(data) - first:
+        opcode, size = RECORD_HEAD.unpack_from(data, first)
+        at = first + RECORD_HEAD.size
+        if size > len(data) - at:
             raise ValueError("a record is longer than its chunk")
-        yield opcode, first, first + length
-        first += length
+        is_message = opcode == Opcode.MESSAGE and size >= MESSAGE_HEAD.size
+        run = Run(opcode, at, size, _alike(data, first, RECORD_HEAD.size + size) if is_message else 1)
+        yield run
+        first = run.end
+
+
+def _alike(data: bytes, first: int, step: int) -> int:
+    """How many messages from that at the byte ``first`` on are as long and of the same channel."""
+    head = data[first : first + _ALIKE]
+    if data[first + step : first + step + _ALIKE] != head:
+        return 1
+    many = min((len(data) - first) // step, _MOST)
+    heads = np.frombuffer(data, np.uint8, many * step, first).reshape(many, step)[:, :_ALIKE]
+    same = (heads == heads[0]).all(axis=1)
+    return many if same.all() else int(same.argmin())
 
 
 def attachment_of(payload: bytes) -> Attachment:
