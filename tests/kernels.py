@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from contact_tracker import compiled, fit
-from contact_tracker.bank import blank
 from contact_tracker.compiled.calls import model_of, ticks_of
 from contact_tracker.compiled.kernels import parts
 from contact_tracker.rows import entries
+from contact_tracker.table import blank
 
 
 def both(function, *args, **options):

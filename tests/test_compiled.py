@@ -11,7 +11,7 @@ from pruning import with_margin
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import fit, hypotheses, search, tracker
-from contact_tracker.bank import Births, blank, prune, residual
+from contact_tracker.bank import Births, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
@@ -26,7 +26,7 @@ from contact_tracker.observability import shown
 from contact_tracker.pace import FAR_NATS, MET_PATIENCE, patience
 from contact_tracker.prior import Prior
 from contact_tracker.summed import summed
-from contact_tracker.table import FOUND
+from contact_tracker.table import FOUND, blank
 from contact_tracker.window import Window
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from touching import touching
@@ -331,18 +331,17 @@ def test_what_begins_joins_alike(model, old, many):
     mean = model.family.normalise(rng.normal(size=(many, size)), np.zeros(6))
     for first in (d for d in (model.family.FORM.d1, model.family.FORM.d2) if d >= 0):
         mean[rng.random(many) > 0.5, first : first + 3] = 0.0  # of these a part is known, if anything
-    begins = Begins(
+    searched = rng.random(many) > 0.5
+    rows = blank(model, many).having(
+        onset=0,
         source=1 + np.arange(many),
-        log_share=-rng.random(many),
         known_mean=mean,
         known=known,
-        pivot=np.full((many, 6), np.nan),
-        pair=np.zeros(many, np.int64),
-        certain=np.zeros(many, bool),
-        searched=rng.random(many) > 0.5,
+        searched=searched,
+        grace=np.where(searched, patience(model.needed), 0.0),
         met=rng.random(many) > 0.5,
-        told=Given(mean, known).told(model),
     )
+    begins = Begins(rows, Given(mean, known).told(model)).sharing(-rng.random(many))
     turn = Rotation.random(random_state=8).as_matrix()
     args = [(blank(other, 0, 2), fresh(other).pick([])) for other in CONTACT_MODELS]
     args[column] = bank, begins

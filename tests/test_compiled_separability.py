@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import separability
-from contact_tracker.bank import blank
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import lift
 from contact_tracker.pace import FAR_NATS
 from contact_tracker.separability import STRIDE_TICKS, rivals_since, used_directions
+from contact_tracker.table import blank
 from contact_tracker.window import Window
 
 both = pytest.importorskip("kernels").both

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from contact_tracker.assumptions import UNLISTED, assumptions
-from contact_tracker.bank import Birth, add, blank
+from contact_tracker.bank import Birth, add
 from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.contacts import CONTACT_MODELS, face_face
 from contact_tracker.forward import forward
@@ -20,6 +20,7 @@ from contact_tracker.memory import NOTHING_MET
 from contact_tracker.presets import load_model
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.table import blank
 
 ACCURACY = Accuracy(2e-3, 0.01)
 FREEDOM = {"f": 3, "e": 4, "v": 3}

@@ -30,8 +30,8 @@ def test_nothing_met_offers_nothing():
     for model in CONTACT_MODELS:
         begins = offers(Memory(), model.contact)
         assert begins.many == 1
-        assert begins.source[0] == 0
-        assert begins.searched[0]
+        assert begins.rows.source[0] == 0
+        assert begins.rows.searched[0]
 
 
 def test_the_same_elements_are_offered_again_and_shares_add_up():
@@ -39,9 +39,9 @@ def test_the_same_elements_are_offered_again_and_shares_add_up():
     begins = offers(memory, Contact.EF)
     assert begins.many == 4  # nothing, the edge, the table, both
     assert np.exp(begins.log_share).sum() == pytest.approx(1.0)
-    assert not begins.certain.any()
+    assert not begins.rows.certain.any()
     # the edge's direction or the table's normal may be open, and is searched for
-    assert list(begins.searched) == [True, True, True, False]
+    assert list(begins.rows.searched) == [True, True, True, False]
 
 
 def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():
@@ -67,8 +67,10 @@ def test_a_vertex_may_be_anywhere_on_the_edge_that_turned():
     memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
     begins, size = offers(memory, Contact.VF), 7
     assert begins.many == 4  # nothing, an end of the edge, the table, both
-    (both,) = [i for i in range(4) if begins.known_mean[i, :3].any() and begins.known_mean[i, 3:].any()]
-    information = begins.known[both]
+    (both,) = [
+        i for i in range(4) if begins.rows.known_mean[i, :3].any() and begins.rows.known_mean[i, 3:].any()
+    ]
+    information = begins.rows.known[both]
     assert information.shape == (size, size)
     on_point = np.linalg.inv(information[:3, :3])
     assert np.sqrt(ALONG @ on_point @ ALONG) == pytest.approx(LENGTH_M, rel=0.01)
@@ -90,8 +92,8 @@ def test_elements_go_together_that_may_touch_each_other_again():
     # nothing; 4 with an unknown one; an edge through the corner of 5 and one in its table
     edges = offers(memory, Contact.EE)
     assert edges.many == 3
-    through = ~np.isnan(edges.pivot).all(axis=1) & ~edges.known_mean[:, [0, 1, 2, 6, 7, 8]].any(axis=1)
-    (pivot,) = edges.pivot[through]
+    through = ~np.isnan(edges.rows.pivot).all(axis=1) & ~edges.rows.known_mean[:, [0, 1, 2, 6, 7, 8]].any(axis=1)
+    (pivot,) = edges.rows.pivot[through]
     np.testing.assert_array_equal(pivot[~np.isnan(pivot)], [0.1, 0.2, 0.3])
 
 
@@ -100,7 +102,7 @@ def test_elements_of_the_last_contact_are_likelier_than_others():
     for onset_ns in range(2):
         memory = memory.learn(CORNER, onset_ns, 100, ORIGIN)
     begins = offers(memory, Contact.VF)
-    share = np.exp(begins.log_share[begins.source > 0])
+    share = np.exp(begins.log_share[begins.rows.source > 0])
     assert share.sum() == pytest.approx(0.5)
     assert share.max() / share.min() == pytest.approx(LAST)  # of all pairs one at least is of the last
 
@@ -123,18 +125,18 @@ def test_all_that_was_met_is_offered_beside_a_table_that_the_user_knows(before, 
         memory = memory.learn(told, onset_ns, 100, ORIGIN)
     model = CONTACT_MODELS[contact.column]
     begins = beginnings(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
-    on_table = begins.known[:, model.family.FORM.d2 :, model.family.FORM.d2 :].any(axis=(1, 2))
-    assert (begins.met & on_table).sum() == many
+    on_table = begins.rows.known[:, model.family.FORM.d2 :, model.family.FORM.d2 :].any(axis=(1, 2))
+    assert (begins.rows.met & on_table).sum() == many
 
 
 def test_what_touched_last_may_touch_all_that_was_met_and_what_is_new_the_latest():
     wall = Plane(np.array([1.0, 0.0, 0.0]), -0.3, 1e-8 * np.eye(4))
     memory = Memory().learn(CORNER, 1, 100, ORIGIN).learn(replace(SECOND, environment=wall), 2, 100, ORIGIN)
     begins = offers(memory, Contact.VF)
-    new = ~begins.known[:, :3].any(axis=(1, 2))
-    np.testing.assert_allclose(begins.known_mean[new & begins.met][:, 3:6], [wall.normal])
-    last = (begins.known_mean[:, :3] == SECOND.object.point_m).all(axis=1)
-    beside = {tuple(normal) for normal in begins.known_mean[last, 3:6]}
+    new = ~begins.rows.known[:, :3].any(axis=(1, 2))
+    np.testing.assert_allclose(begins.rows.known_mean[new & begins.rows.met][:, 3:6], [wall.normal])
+    last = (begins.rows.known_mean[:, :3] == SECOND.object.point_m).all(axis=1)
+    beside = {tuple(normal) for normal in begins.rows.known_mean[last, 3:6]}
     assert beside == {(0.0, 0.0, 0.0), tuple(TABLE.normal), tuple(wall.normal)}
 
 
@@ -145,5 +147,5 @@ def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():
     memory = Memory().learn(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)
     model = CONTACT_MODELS[Contact.EF.column]
     begins = beginnings(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
-    on_table = ~np.isnan(begins.pivot[:, 0]) & begins.known_mean[:, 6:9].any(axis=1)
+    on_table = ~np.isnan(begins.rows.pivot[:, 0]) & begins.rows.known_mean[:, 6:9].any(axis=1)
     assert on_table.any()

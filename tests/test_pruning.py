@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import compiled, tracker
-from contact_tracker.bank import Birth, add, blank, is_near, prune
+from contact_tracker.bank import Birth, add, is_near, prune
 from contact_tracker.begins import fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.following import caught, follow, grow, waits
@@ -35,7 +35,7 @@ from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from contact_tracker.search import givers, is_due, lost, patient
 from contact_tracker.state import scales_of
-from contact_tracker.table import Bank
+from contact_tracker.table import Bank, blank
 from short import FACE_TO_EDGE, MODEL, recorded
 
 Array = NDArray[np.float64]
@@ -124,7 +124,8 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
 def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searching, kept):
     """Part of its geometry is known."""
     bank = blank(EDGE_FACE, 2).having(met=[0, 1], log_likelihood=-1000.0, number=[0, 1])
-    bank = bank.having(grace=grace_at_birth(replace(fresh(EDGE_FACE), met=np.array([True])), EDGE_FACE))
+    new = fresh(EDGE_FACE)
+    bank = bank.having(grace=grace_at_birth(replace(new, rows=new.rows.having(met=1)), EDGE_FACE))
     bank = bank.seeing(told=told * patience(EDGE_FACE.needed))
     assert patient(bank, EDGE_FACE).tolist() == searching
     assert prune(bank, 5, 0.0, 20.0).number.tolist() == kept

@@ -13,7 +13,6 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import following, hypotheses, lift, observability, separability, tracker
-from contact_tracker.bank import blank
 from contact_tracker.belief import Segment
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import ContactGeometry, Line, Plane, Point, Unobserved
@@ -24,6 +23,7 @@ from contact_tracker.readout import geometry_of
 from contact_tracker.segmenter import segment
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.table import blank
 from contact_tracker.window import Window
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, segmented
 from touching import touching

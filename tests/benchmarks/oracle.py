@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from tracking import Tracked
 
 from contact_tracker import evidence, hmm, hypotheses
-from contact_tracker.begins import fresh
+from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales
 from contact_tracker.geometry import ContactGeometry
@@ -182,9 +182,10 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> 
 
 def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales) -> Bank:
     """The minimum next to x."""
-    begin = replace(fresh(contact), searched=np.array([False]))
+    new = fresh(contact)
     for _ in range(ROUNDS):
-        fitted = hypotheses.fit_stretch(contact, window, scales, replace(begin, known_mean=x[None]))
+        begin = Begins(new.rows.having(searched=0, known_mean=x), np.ones_like(new.told))
+        fitted = hypotheses.fit_stretch(contact, window, scales, begin)
         x = fitted.x[0]
     return fitted
 

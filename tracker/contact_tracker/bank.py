@@ -1,7 +1,6 @@
 """The living hypotheses of one contact: what each knew before, how they join and which are dropped."""
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +9,9 @@ from numpy.typing import NDArray
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import weak_prior
-from contact_tracker.labels import STATES
-from contact_tracker.pace import FAR_NATS, RESIDUAL_TICKS, YOUNG, patience
+from contact_tracker.pace import FAR_NATS, RESIDUAL_TICKS, YOUNG
 from contact_tracker.prior import Prior
-from contact_tracker.rows import layout
-from contact_tracker.table import Bank, Onsets
+from contact_tracker.table import Bank
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -77,24 +74,13 @@ def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) ->
     return weak + Prior.around(bank.known_mean, bank.known, weak.flat)
 
 
-@lru_cache(maxsize=256)
-def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
-    """``count`` hypotheses of which nothing is known, each with an onset of its own, in ticks 0, 1, ..."""
-    family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
-    onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).having(onset=np.arange(count))
-    bank = Bank(np.zeros((count, row.words)), row, onsets, np.zeros((count, lag, len(STATES))))
-    # some directions; points at the body, which starts at the origin
-    x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
-    return bank.having(onset=onsets.onset, x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)
-
-
 def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     """The bank with what begins."""
     begins, old = birth.begins, len(bank)
     if not begins.many:
         return bank
-    born, told = assuming(model, begins)
-    words = np.concatenate([bank.words, born])
+    told = begins.told
+    words = np.concatenate([bank.words, begins.rows.words])
     onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
     onsets.cells("onset")[-1], onsets.cells("onset_ns")[-1] = birth.onset, birth.onset_ns
     past = joined(bank.past, birth.past, begins.many, np.arange(len(words)))
@@ -105,7 +91,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
         x, new.cells("row_weight")[:] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new.cells("x"), birth.turn)
-    new.cells("x")[:] = model.faced(np.where(told, begins.known_mean, x), told, birth.turn)
+    new.cells("x")[:] = model.faced(np.where(told, begins.rows.known_mean, x), told, birth.turn)
     new.cells("onset")[:] = birth.onset
     new.cells("number")[:] = birth.number + np.arange(begins.many)
     new.cells("entry")[:] = birth.entry
@@ -118,15 +104,6 @@ def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
     if not past.shape[1]:
         return np.empty((len(rows), *past.shape[1:]))
     return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
-
-
-@lru_cache(maxsize=32)  # where the user knows nothing the same may begin until something is learnt
-def assuming(model: ContactModel, begins: Begins) -> tuple[Array, Bools]:
-    """Hypotheses (n, words) that have seen nothing yet, and what (n, S) of their x is known."""
-    share = begins.log_share
-    grace = np.where(begins.searched, patience(model.needed), 0.0)
-    new = blank(model, begins.many).having(**begins.assumed, lasted=share, log_likelihood=share, grace=grace)
-    return new.words, begins.told
 
 
 def is_near(bank: Bank) -> Bools:

@@ -8,11 +8,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.assumptions import Assumption, assumptions
-from contact_tracker.begins import Begins, fresh
+from contact_tracker.begins import Begins, begun, fresh
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.form import directions
 from contact_tracker.geometry import Array, ContactGeometry, Element, Plane, canonical
-from contact_tracker.given import Given, by_feet, given
 from contact_tracker.knowledge import Knowledge, Known
 from contact_tracker.memory import Memory
 
@@ -48,45 +46,26 @@ def beginnings(
 
     ``recognised`` is the share of those that have met their elements before, if there are any.
     """
-    begins = _beginnings(model, knowledge, memory, recognised, frame.origin_m)
-    return _near(model, begins, frame.near_m) if model.contact.value[2] == "e" else begins
+    near_m = frame.near_m if model.contact.value[2] == "e" else None
+    return _beginnings(model, knowledge, memory, recognised, frame.origin_m, near_m)
 
 
-@lru_cache(maxsize=64)  # for as long as the body is about there
-def _near(model: ContactModel, begins: Begins, near_m: tuple[float, ...]) -> Begins:
-    """Known lines of the surroundings are given by points near to the body, lest these hang on directions."""
-    known = Given(begins.known_mean, begins.known)
-    moved, pivot = by_feet(model, known, begins.pivot, np.array(near_m))
-    if moved is known:
-        return begins
-    return replace(begins, known_mean=moved.mean, known=moved.information, pivot=pivot)
-
-
-@lru_cache(maxsize=64)  # for as long as nothing is learnt
+@lru_cache(maxsize=64)  # for as long as nothing is learnt, and the body is about there
 def _beginnings(
-    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float, origin_m: tuple[float, ...]
+    model: ContactModel,
+    knowledge: Knowledge,
+    memory: Memory,
+    recognised: float,
+    origin_m: tuple[float, ...],
+    near_m: tuple[float, ...] | None,
 ) -> Begins:
     rows = _assumed(model, knowledge, memory, recognised)
     if not rows:
         return fresh(model).pick(np.zeros(0, np.int64))
-    assumed, log_share, pair, is_met = zip(*rows, strict=True)
-    prior, pivot = given(model, [one.pair(origin_m) for one in assumed])
-    recalled, told = np.array(is_met), prior.told(model)
-    something = prior.information.any(axis=(1, 2)) | recalled
-    return Begins(
-        source=np.where(something, 1 + np.arange(len(rows)), 0),
-        log_share=np.array(log_share),
-        known_mean=prior.mean,
-        known=prior.information,
-        pivot=pivot,
-        pair=np.array(pair),
-        certain=np.array([one.certain for one in assumed]) & ~recalled,
-        searched=np.array(
-            ~told[:, directions(model.family.FORM)].all(axis=1)
-        ),  # the rest is a linear problem
-        met=recalled,
-        told=told,
-    )
+    assumed, log_share, pair, met = zip(*rows, strict=True)
+    certain = [one.certain and not is_met for one, is_met in zip(assumed, met, strict=True)]
+    near = None if near_m is None else np.array(near_m)
+    return begun(model, [one.pair(origin_m) for one in assumed], near, log_share, pair, certain, met)
 
 
 def _assumed(

@@ -1,53 +1,93 @@
-"""What hypotheses of one contact assume when they begin, as columns."""
+"""What hypotheses of one contact assume when they begin: rows of a bank that have seen nothing yet."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker import compiled
 from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.form import directions
+from contact_tracker.given import Pair, by_feet, given, rows_of
+from contact_tracker.pace import patience
+from contact_tracker.table import Bank, blank
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Begins:
-    """What n hypotheses that begin assume (see ``Bank``); ``log_share`` (n,) of the contact's weight, and
-    what of x is ``told`` (n, S) by that (see ``Given``)."""
+    """Hypotheses ``rows`` (n) that may begin, without an onset; and what of their x is ``told`` (n, S) by
+    what they assume (see ``Given``)."""
 
-    source: Index
-    log_share: Array
-    known_mean: Array
-    known: Array
-    pivot: Array
-    pair: Index
-    certain: Bools
-    searched: Bools
-    met: Bools
+    rows: Bank
     told: Bools
 
     @property
     def many(self) -> int:
-        return len(self.source)
+        return len(self.rows)
 
     @property
-    def assumed(self) -> dict[str, NDArray[Any]]:
-        """The columns that a bank has as well."""
-        return {name: column for name, column in vars(self).items() if name not in {"log_share", "told"}}
+    def log_share(self) -> Array:
+        """Of the contact's weight (n,)."""
+        return self.rows.log_likelihood
 
     def sharing(self, log_share: Array) -> "Begins":
         """The same with other shares."""
-        return replace(self, log_share=log_share)
+        return replace(self, rows=self.rows.having(lasted=log_share, log_likelihood=log_share))
 
     def pick(self, rows: NDArray[np.generic]) -> "Begins":
-        return Begins(*(column[rows] for column in vars(self).values()))
+        return Begins(self.rows.pick(np.arange(self.many)[rows]), self.told[rows])
 
 
+def begun(
+    model: ContactModel,
+    pairs: Sequence[Pair],
+    near_m: Array | None,
+    log_share: Sequence[float],
+    pair: Sequence[int],
+    certain: Sequence[bool],
+    met: Sequence[bool],
+) -> Begins:
+    """One hypothesis of each of the ``pairs`` of elements.
+
+    Lines of the surroundings are given by their points nearest to ``near_m`` (3,), lest these hang on
+    directions. The rest as in ``Bank``; it may search, and has the grace to, where directions are not told.
+    """
+    none = blank(model, 0)
+    if compiled.in_use():
+        from contact_tracker.compiled import calls
+
+        words, told = calls.begun(model, *rows_of(model, pairs), near_m, log_share, pair, certain, met)
+        past = np.zeros((len(pairs), *none.past.shape[1:]))
+        return Begins(Bank(words, none.layout, none.onsets, past), told)
+    prior, pivot = given(model, pairs)
+    if near_m is not None:
+        prior, pivot = by_feet(model, prior, pivot, near_m)
+    told = prior.told(model)
+    searched = np.asarray(~told[:, directions(model.family.FORM)].all(axis=1))  # the rest is a linear problem
+    something = prior.information.any(axis=(1, 2)) | np.array(met, bool)
+    rows = blank(model, len(pairs)).having(
+        source=np.where(something, 1 + np.arange(len(pairs)), 0),
+        pair=np.array(pair, np.int64),
+        certain=np.array(certain, np.int64),
+        searched=searched,
+        met=np.array(met, np.int64),
+        grace=np.where(searched, patience(model.needed), 0.0),
+        known_mean=prior.mean,
+        known=prior.information,
+        pivot=pivot,
+        lasted=np.array(log_share),
+        log_likelihood=np.array(log_share),
+        onset=0,
+    )
+    return Begins(replace(rows, onsets=none.onsets), told)
+
+
+@lru_cache(maxsize=16)
 def fresh(model: ContactModel) -> Begins:
     """One of which nothing is known."""
-    size, number, no = model.family.SIZE, np.zeros(1, np.int64), np.zeros(1, bool)
-    mean, known, pivot = np.zeros((1, size)), np.zeros((1, size, size)), np.full((1, 6), np.nan)
-    return Begins(number, np.zeros(1), mean, known, pivot, number, no, ~no, no, mean != 0.0)
+    return begun(model, [(None, None)], None, [0.0], [0], [False], [False])

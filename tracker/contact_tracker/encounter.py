@@ -46,7 +46,7 @@ def meeting(model: ContactModel, begins: Begins, newest: Window, scales: Scales)
     """Weigh what may begin of one contact by the newest tick."""
     if not begins.many:
         return Meeting(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
-    log_share, certain = begins.log_share.copy(), begins.certain
+    log_share, certain = begins.log_share.copy(), begins.rows.certain
     gain = np.zeros(2)
     if certain.any():
         row_gain, log_ratio = _met(model, begins.pick(certain), newest, scales)
@@ -59,7 +59,7 @@ def meeting(model: ContactModel, begins: Begins, newest: Window, scales: Scales)
 def _met(model: ContactModel, begins: Begins, newest: Window, scales: Scales) -> tuple[Array, Array]:
     """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching and anywhere."""
     family, zeta = model.family, newest.zeta[-1]
-    seen = model.measure(begins.known_mean, newest.zeta[-1:])
+    seen = model.measure(begins.rows.known_mean, newest.zeta[-1:])
     noise = residual_noise(seen, newest.cut(-1, None))[..., 0] + _spread(model, begins, zeta)
     anywhere = np.full(family.ROWS, ANY_DIRECTION)
     anywhere[-1] = scales.reach_m**2
@@ -71,13 +71,13 @@ def _met(model: ContactModel, begins: Begins, newest: Window, scales: Scales) ->
 
 def _spread(model: ContactModel, begins: Begins, zeta: Array) -> Array:
     """Variance (n, K) of the residuals by how exactly the elements are known."""
-    family, lifted, x = model.family, model.lifted(zeta), begins.known_mean
-    anchors = np.where(np.isnan(begins.pivot), model.anchors(zeta[9:12]), begins.pivot)
+    family, lifted, x = model.family, model.lifted(zeta), begins.rows.known_mean
+    anchors = np.where(np.isnan(begins.rows.pivot), model.anchors(zeta[9:12]), begins.rows.pivot)
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None])[..., 0]
     jacobian[:, -1] /= np.sqrt(family.scale_sq(x, np.outer(lifted, lifted)))[:, None]
-    covariance = np.linalg.inv(along @ begins.known @ tangent)
+    covariance = np.linalg.inv(along @ begins.rows.known @ tangent)
     return np.asarray(np.einsum("bkp,bpq,bkq->bk", jacobian, covariance, jacobian))
 
 

@@ -58,19 +58,35 @@ def given(model: ContactModel, pairs: Sequence[Pair]) -> tuple[Given, Array]:
     The priors; and (n, 6) the points that lines go through, NaN where they are anchored where the body is.
     The foot of a line depends on its direction and on where the body is, unless it is a point that is known.
     """
-    sides = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
-    pivots = np.full((len(pairs), 6), np.nan)
+    sides, pivots = rows_of(model, pairs), np.full((len(pairs), 6), np.nan)
     if model.family is face_face:
         return _facing(*map(_Faces.of, sides)), pivots
-    kinds = model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
     mean = np.zeros((len(pairs), model.family.SIZE))
     information = np.zeros((*mean.shape, model.family.SIZE))
-    halves = slice(_WIDTHS[kinds[0]]), slice(_WIDTHS[kinds[0]], None)
-    for kind, side, own, point in zip(kinds, sides, halves, (slice(3), slice(3, None)), strict=True):
-        parts, width = np.array([_part(kind, element) for element in side]), _WIDTHS[kind]
+    first = _WIDTHS[_kinds(model)[0]]
+    halves = slice(first), slice(first, None)
+    for kind, side, own, point in zip(_kinds(model), sides, halves, (slice(3), slice(3, None)), strict=True):
+        parts, width = np.array(side), _WIDTHS[kind]
         mean[:, own], pivots[:, point] = parts[:, :width], parts[:, -3:]
         information[:, own, own] = parts[:, width:-3].reshape(-1, width, width)
     return Given(mean, information), pivots
+
+
+def rows_of(model: ContactModel, pairs: Sequence[Pair]) -> tuple[list[Array], list[Array]]:
+    """What both elements of each pair tell, in the order that they have in x: rows of ``_part``, or of
+    ``_face`` where faces touch."""
+    sides = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
+    if model.family is face_face:
+        first, second = ([_face(element) for element in side] for side in sides)
+    else:
+        kinds = zip(_kinds(model), sides, strict=True)
+        first, second = ([_part(kind, element) for element in side] for kind, side in kinds)
+    return first, second
+
+
+def _kinds(model: ContactModel) -> str:
+    """Of the elements, in the order that they have in x."""
+    return model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
 
 
 def by_feet(model: ContactModel, prior: Given, pivots: Array, near_m: Array) -> tuple[Given, Array]:
@@ -104,8 +120,8 @@ class _Faces(NamedTuple):
     variance: Array
 
     @classmethod
-    def of(cls, elements: Sequence[Element | None]) -> "_Faces":
-        rows = np.array([_face(element) for element in elements])
+    def of(cls, faces: Sequence[Array]) -> "_Faces":
+        rows = np.array(faces)
         return cls(rows[:, :3], rows[:, 3:12], rows[:, 12:13], rows[:, 13:16], rows[:, 16:])
 
 

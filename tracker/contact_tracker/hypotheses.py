@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import compiled
-from contact_tracker.bank import Birth, Births, add, assuming, blank, joined, prune, residual
+from contact_tracker.bank import Birth, Births, add, joined, prune, residual
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales
@@ -16,7 +16,7 @@ from contact_tracker.lift import R
 from contact_tracker.pace import AT_REST
 from contact_tracker.search import adopted, directions, is_due, lost, searched
 from contact_tracker.summed import summed
-from contact_tracker.table import Bank, Onsets
+from contact_tracker.table import Bank, Onsets, blank
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]
@@ -157,7 +157,7 @@ def stride(
 
 def _begun(births: Births) -> tuple[list[tuple[Array, Bools]], list[Array | None]]:
     """What is assumed of each contact by what begins, and random directions where it searches."""
-    assumed = [assuming(model, begins) for model, begins in zip(CONTACT_MODELS, births.begins, strict=True)]
+    assumed = [(begins.rows.words, begins.told) for begins in births.begins]
     now = births.onset
     return assumed, [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
 

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import bank
 from contact_tracker.beginnings import Reminded
 from contact_tracker.begins import fresh
 from contact_tracker.belief import Belief
@@ -17,7 +16,7 @@ from contact_tracker.labels import STATES, Contact
 from contact_tracker.memory import NOTHING_MET, Memory
 from contact_tracker.model import Model
 from contact_tracker.sliding import NOTHING_SEEN, Sliding
-from contact_tracker.table import Bank
+from contact_tracker.table import Bank, blank
 from contact_tracker.ticks import TickState
 from contact_tracker.transitions import log_initial
 from contact_tracker.window import Window
@@ -77,7 +76,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
     """
     lag = round(lag_s / model.tick_s)
     length = lag + 1 if lag else 0
-    banks = tuple(bank.blank(contact, 0, length) for contact in CONTACT_MODELS)
+    banks = tuple(blank(contact, 0, length) for contact in CONTACT_MODELS)
     past = np.zeros((len(STATES), length, len(STATES)))
     initial, states = log_initial(model), len(STATES)
     return TrackerState(

@@ -1,13 +1,15 @@
 """The living hypotheses of one contact: what is known of each, and what has been seen since its onset."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.rows import Array, Column, Index, Symmetric, Table
+from contact_tracker.contacts import ContactModel
+from contact_tracker.labels import STATES
+from contact_tracker.rows import Array, Column, Index, Symmetric, Table, layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,3 +174,14 @@ class Bank(Table):
 _FIRST: Final = np.zeros(1, np.int64)
 FOUND: Final = ("x", "row_weight", "log_likelihood", "rms")
 """Columns that change when a hypothesis learns."""
+
+
+@lru_cache(maxsize=256)
+def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
+    """``count`` hypotheses of which nothing is known, each with an onset of its own, in ticks 0, 1, ..."""
+    family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
+    onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).having(onset=np.arange(count))
+    bank = Bank(np.zeros((count, row.words)), row, onsets, np.zeros((count, lag, len(STATES))))
+    # some directions; points at the body, which starts at the origin
+    x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
+    return bank.having(onset=onsets.onset, x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)

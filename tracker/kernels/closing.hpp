@@ -118,7 +118,7 @@ inline Mean close(const Frames& raw, const std::int64_t* stamps, std::int64_t fi
         for (int i = 0; i < 2; ++i) variance[i] = sigma_sq[i] / mean.count + how.floor[i];
         advance(*motion, mean.zeta, place, variance, how.onward, mean.excess);
     } else if (!is_rest) {
-        learnt.motion = begun(mean.zeta, place);
+        learnt.motion = motion_at(mean.zeta, place);
     }
     return mean;
 }

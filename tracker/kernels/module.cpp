@@ -1,5 +1,6 @@
 // The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
 #include "averaging.hpp"
+#include "beginning.hpp"
 #include "bindings.hpp"
 #include "elements.hpp"
 #include "inference.hpp"
@@ -29,9 +30,11 @@ int word(const Words& rows, const std::string& column) {
 
 Where where_of(const Words& bank) {
     const auto at = [&](const std::string& column) { return word(bank, column); };
-    return {at("onset"), at("number"),     at("source"), at("certain"), at("searched"), at("met"),
-            at("entry"), at("grace"),      at("lasted"), at("settled"), at("earned"),   at("log_likelihood"),
-            at("rms"),   at("known_mean"), at("known"),  at("pivot"),   at("x"),        at("row_weight")};
+    return {at("onset"),          at("number"),   at("source"),     at("pair"),
+            at("certain"),        at("searched"), at("met"),        at("entry"),
+            at("grace"),          at("lasted"),   at("settled"),    at("earned"),
+            at("log_likelihood"), at("rms"),      at("known_mean"), at("known"),
+            at("pivot"),          at("x"),        at("row_weight")};
 }
 
 WhereSince since_of(const Words& onsets) {
@@ -204,6 +207,7 @@ PYBIND11_MODULE(kernels, module) {
     module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
                py::arg("ticks"), py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
     module.def("shown", &shown);
+    module.def("begun", &begun);
     module.def("part_row", &part_row);
     module.def("face_row", &face_row);
     module.def("minimised", &minimised);

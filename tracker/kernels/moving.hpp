@@ -28,7 +28,7 @@ struct Onward {
 };
 
 // As `free_motion.begin`.
-inline Motion begun(const double* rotation, Vector position) {
+inline Motion motion_at(const double* rotation, Vector position) {
     Motion motion = {};
     motion.orientation = nearest(rotation);
     put(motion.path[0].state[0], 0, position);

@@ -14,8 +14,8 @@ namespace kernels {
 
 // At which word of a row the columns of `table.Bank` begin.
 struct Where {
-    int onset, number, source, certain, searched, met, entry, grace, lasted, settled, earned, log_likelihood,
-        rms, known_mean, known, pivot, x, row_weight;
+    int onset, number, source, pair, certain, searched, met, entry, grace, lasted, settled, earned,
+        log_likelihood, rms, known_mean, known, pivot, x, row_weight;
 };
 
 // And those of `table.Onsets`.

@@ -16,7 +16,7 @@ from contact_tracker.pace import patience
 from contact_tracker.paper.batched import Batch
 from contact_tracker.paper.kronecker import form
 from contact_tracker.rows import layout
-from contact_tracker.table import Bank, Onsets
+from contact_tracker.table import Bank, Onsets, blank
 from contact_tracker.window import Window
 
 Index = NDArray[np.int64]
@@ -111,6 +111,21 @@ def moment(
     window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
     when = births.onset, births.onset_ns, one.stamp_ns
     return kernels.Moment(assumed, directions, births.turn, *when, window, before, one.change, one.log_stay)
+
+
+def begun(
+    model: ContactModel,
+    first: Sequence[Array],
+    second: Sequence[Array],
+    near_m: Array | None,
+    log_share: Sequence[float],
+    pair: Sequence[int],
+    certain: Sequence[bool],
+    met: Sequence[bool],
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Words of the rows of ``begins.begun``, and what is told, by the rows of ``given.rows_of``."""
+    told = first, second, near_m, log_share, pair, certain, met
+    return kernels.begun(model_of(model, 1.0), blank(model, 1).words, *told)  # the reach is not asked for
 
 
 def stride(

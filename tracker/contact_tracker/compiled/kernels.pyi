@@ -120,6 +120,17 @@ def searched(
     turn: Numbers,
     weights: Weights,
 ) -> None: ...
+def begun(
+    model: Model,
+    blank: Numbers,
+    first: Sequence[Numbers],
+    second: Sequence[Numbers],
+    near_m: Numbers | None,
+    log_share: Sequence[float],
+    pair: Sequence[int],
+    certain: Sequence[bool],
+    met: Sequence[bool],
+) -> tuple[Numbers, Bools]: ...
 def part_row(numbers: Numbers, covariance: Numbers, lengths: int, smallest: float) -> Numbers: ...
 def face_row(numbers: Numbers, covariance: Numbers, smallest: float) -> Numbers: ...
 def polished(
