@@ -92,7 +92,8 @@ def test_elements_go_together_that_may_touch_each_other_again():
     # nothing; 4 with an unknown one; an edge through the corner of 5 and one in its table
     edges = offers(memory, Contact.EE)
     assert edges.many == 3
-    through = ~np.isnan(edges.rows.pivot).all(axis=1) & ~edges.rows.known_mean[:, [0, 1, 2, 6, 7, 8]].any(axis=1)
+    directions = edges.rows.known_mean[:, [0, 1, 2, 6, 7, 8]]
+    through = ~np.isnan(edges.rows.pivot).all(axis=1) & ~directions.any(axis=1)
     (pivot,) = edges.rows.pivot[through]
     np.testing.assert_array_equal(pivot[~np.isnan(pivot)], [0.1, 0.2, 0.3])
 
