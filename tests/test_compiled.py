@@ -37,6 +37,7 @@ both = kernels.both
 GROWS = ("first", "moments", "place_sum", "weight", "told", "lasted", "x")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
+INFORMATION = np.random.default_rng(5).normal(size=(9, 12)) * 10.0 ** np.linspace(0.0, 4.0, 9)[:, None]
 COUNT = 12
 REACH_M = 0.3
 BEYOND = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6), (0.0, 0.0))
@@ -378,12 +379,19 @@ def test_what_begins_joins_alike(model, old, many):
 def test_what_is_shown_is_alike(model, k, variance):
     bank = passed()[k].state.banks[model.contact.column]
     for row in np.flatnonzero(bank.told > 4.0):  # else lines may be anywhere
-        numpy, kernel = both(shown, bank.alone(row), model, SCALES, np.array(variance))
-        np.testing.assert_allclose(kernel.tangent, numpy.tangent, atol=1e-9)
-        for ours, theirs in zip(kernel[1:], numpy[1:], strict=True):
-            size = np.sqrt(theirs.diagonal())
+        for information in (None, INFORMATION @ INFORMATION.T):
+            if information is not None:
+                information = information[: model.family.PARAMETERS, : model.family.PARAMETERS]
+            numpy, kernel = both(shown, bank.alone(row), model, SCALES, np.array(variance), information)
+            np.testing.assert_allclose(kernel.tangent, numpy.tangent, atol=1e-9)
+            np.testing.assert_allclose(kernel.prior, numpy.prior, rtol=1e-9, atol=1e-9)
+            most = numpy.told[-1]
+            np.testing.assert_allclose(kernel.told, numpy.told, rtol=1e-6, atol=1e-9 * most)
+            size = np.sqrt(numpy.covariance.diagonal())
             scale = size[:, None] * size + 1e-12  # nobody tells how high a face is on a face
-            np.testing.assert_allclose(ours / scale, theirs / scale, atol=1e-6)
+            np.testing.assert_allclose(kernel.covariance / scale, numpy.covariance / scale, atol=1e-5)
+            whole = kernel.ways.T @ numpy.prior @ kernel.ways  # of either sign, and any where told alike
+            np.testing.assert_array_less(whole.diagonal(), 1.0 + 1e-9)
 
 
 @settings(max_examples=30, deadline=None)

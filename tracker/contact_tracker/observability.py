@@ -49,10 +49,7 @@ def observed_geometry(
     ContactGeometry in the frames in which the bank works.
     """
     x = one.x[0].copy()  # it is given away
-    tangent, of_window, feigned = shown(one, model, scales, variance)
-    prior = tangent.T @ (_vague(model, scales.reach_m) + one.known[0]) @ tangent
-    told, ways = small.eigenvectors(of_window if information is None else information, prior + feigned)
-    covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
+    covariance, tangent, prior, told, ways = shown(one, model, scales, variance, information)
     found = model.geometry(x, covariance, scales.reach_m)
     left = ways[:, : told.searchsorted(SHOWN)]
     if not left.size:
@@ -69,24 +66,35 @@ def observed_geometry(
 
 
 class Shown(NamedTuple):
-    """Of one hypothesis the free directions at x, its ``tangent`` (S, P), and along it what its window tells
-    of x, ``information`` (P, P), and what noise alone would have it tell, ``feigned`` (P, P)."""
+    """Of one hypothesis the ``covariance`` (S, S) of x; the free directions there, its ``tangent`` (S, P),
+    along them the ``prior`` (P, P); the ``ways`` (P, P), columns, and what of each is ``told`` (P,), rising,
+    as a multiple of what prior and noise alone would say."""
 
+    covariance: Array
     tangent: Array
-    information: Array
-    feigned: Array
+    prior: Array
+    told: Array
+    ways: Array
 
 
-def shown(one: Bank, model: ContactModel, scales: Scales, variance: Array) -> Shown:
-    """What its window shows of a hypothesis by itself; the rest as in ``observed_geometry``."""
+def shown(
+    one: Bank, model: ContactModel, scales: Scales, variance: Array, information: Array | None = None
+) -> Shown:
+    """What is known of a hypothesis by itself; the rest as in ``observed_geometry``."""
+    vague = _vague(model, scales.reach_m)
     if compiled.in_use():
         from contact_tracker.compiled import calls
 
-        off, rows = _perturbations(model), (one.words, one.onsets.words)
-        return Shown(*calls.shown(model, *rows, variance, off, scales.reach_m))
+        rows, known = (one.words, one.onsets.words), (_perturbations(model), vague, information)
+        return Shown(*calls.shown(model, rows, variance, *known, scales.reach_m))
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
-    information = following.information(one, model, scales)[0]
-    return Shown(tangent, information, feigned_information(one, model, tangent, variance))
+    prior = tangent.T @ (vague + one.known[0]) @ tangent
+    if information is None:
+        information = following.information(one, model, scales)[0]
+    noise = feigned_information(one, model, tangent, variance)
+    told, ways = small.eigenvectors(information, prior + noise)
+    covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
+    return Shown(covariance, tangent, prior, told, ways)
 
 
 @cache

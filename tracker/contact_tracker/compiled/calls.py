@@ -158,12 +158,18 @@ def learn(
 
 
 def shown(
-    model: ContactModel, words: Array, onsets: Array, variance: Array, off: Array, reach_m: float
-) -> tuple[Array, Array, Array]:
-    """As ``observability.shown`` of a bank's first hypothesis; ``off`` (C, 6 C) is what a lifted pose changes
-    by when it is a little off."""
-    found = kernels.shown(model_of(model, reach_m), words, onsets, variance.tolist(), off)
-    return found[0].T, *found[1:]
+    model: ContactModel,
+    rows: tuple[Array, Array],
+    variance: Array,
+    off: Array,
+    vague: Array,
+    information: Array | None,
+    reach_m: float,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """As ``observability.shown`` of the first of a bank's ``rows``; ``off`` (C, 6 C) is what a lifted pose
+    changes by when it is a little off, ``vague`` (S, S) what is known of x from the outset."""
+    kind = model_of(model, reach_m)
+    return kernels.shown(kind, *rows, variance.tolist(), off, vague, information)
 
 
 def searched(

@@ -108,8 +108,14 @@ def learned(
     model: Model, words: Numbers, onsets: Numbers, ticks: Ticks, steps: Index, weights: Weights
 ) -> None: ...
 def shown(
-    model: Model, words: Numbers, onsets: Numbers, variance: Sequence[float], off: Numbers
-) -> tuple[Numbers, Numbers, Numbers]: ...
+    model: Model,
+    words: Numbers,
+    onsets: Numbers,
+    variance: Sequence[float],
+    off: Numbers,
+    vague: Numbers,
+    information: Numbers | None,
+) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers]: ...
 def searched(
     model: Model,
     words: Numbers,
