@@ -26,32 +26,30 @@ void face(const bool* told, const double* turn, double* x) {
     }
 }
 
-// As `bank.add`, into `table` (H + n, words), and into `onsets`, which come after the `earlier` ones.
+// As `bank.add`, to a `table` (H + n, words) of which the first `old` rows are there, and to `onsets`, of
+// which all are that are `earlier`.
 template <class F>
-void join(const Kind& kind, const Table& old, const Table& earlier, const Birth& birth, const Table& table,
+void join(const Kind& kind, int old, int earlier, const Birth& birth, const Table& table,
           const Table& onsets) {
     const Where& where = kind.where;
     int best = 0;
-    for (int b = 1; b < old.count; ++b) {
-        if (joint(where, old.row(b)) > joint(where, old.row(best))) best = b;
+    for (int b = 1; b < old; ++b) {
+        if (joint(where, table.row(b)) > joint(where, table.row(best))) best = b;
     }
-    std::copy_n(old.data, static_cast<std::size_t>(old.count) * old.words, table.data);
-    std::copy_n(birth.words.data, static_cast<std::size_t>(birth.words.count) * old.words,
-                table.row(old.count));
-    std::copy_n(earlier.data, static_cast<std::size_t>(earlier.count) * earlier.words, onsets.data);
-    for (int o = earlier.count; o < onsets.count; ++o) {
+    std::copy_n(birth.words.data, static_cast<std::size_t>(birth.words.count) * table.words, table.row(old));
+    for (int o = earlier; o < onsets.count; ++o) {
         std::fill_n(onsets.row(o), onsets.words, 0.0);
         put_whole(onsets.row(o), kind.since.onset, birth.onset);
         put_whole(onsets.row(o), kind.since.onset_ns, birth.onset_ns);
     }
     for (int i = 0; i < birth.words.count; ++i) {
-        double *row = table.row(old.count + i), *x = row + where.x;
+        double *row = table.row(old + i), *x = row + where.x;
         put_whole(row, where.onset, birth.onset);
         put_whole(row, where.number, birth.number + i);
         row[where.entry] = birth.entry;
-        if (old.count) {
-            std::copy_n(old.row(best) + where.x, F::S, x);
-            std::copy_n(old.row(best) + where.row_weight, F::K, row + where.row_weight);
+        if (old) {
+            std::copy_n(table.row(best) + where.x, F::S, x);
+            std::copy_n(table.row(best) + where.row_weight, F::K, row + where.row_weight);
         } else {
             turn_world<F>(kind.body_in_1, birth.turn, x);
         }

@@ -12,16 +12,6 @@
 
 namespace kernels {
 
-// What is left of a contact after a tick: which `rows` of its table are kept, and these, in `words`, with
-// their `onsets`; the log of the sum of their weights, the residual that is told of them, and the best of
-// them, -1 without any.
-struct Left {
-    Ints rows;
-    Floats words, onsets;
-    double log_weight, residual;
-    std::int64_t leader;
-};
-
 // The first rows of a table, as a part of it.
 inline Floats front(const Floats& table, py::ssize_t count) {
     const auto size = static_cast<py::ssize_t>(sizeof(double));
@@ -29,24 +19,66 @@ inline Floats front(const Floats& table, py::ssize_t count) {
     return Floats(shape, strides, table.data(), table);
 }
 
-// They move to the front of `words`, and their onsets to that of `onsets`; weights are against `best`.
-inline Left left_of(const Model& model, Floats& words, Floats& onsets, std::int64_t now, double best,
-                    double margin) {
-    const Kind& kind = model.kind;
-    const Bank bank = changing(model, words, onsets);
+// The hypotheses of a contact, `count` of them, and their onsets, in tables with room for what begins.
+class Held {
+public:
+    // With room for `more` hypotheses and onsets.
+    Held(const Model& model, const Floats& words, const Floats& onsets, py::ssize_t more,
+         py::ssize_t more_onsets)
+        : words_({words.shape(0) + more, py::ssize_t(model.words)}),
+          onsets_({onsets.shape(0) + more_onsets, py::ssize_t(model.onset_words)}),
+          count_(table_of(words, model.words).count),
+          since_(table_of(onsets, model.onset_words).count) {
+        std::copy_n(words.data(), words.size(), words_.mutable_data());
+        std::copy_n(onsets.data(), onsets.size(), onsets_.mutable_data());
+    }
+
+    // With so many rows more.
+    Table own(int more = 0) { return rows_of_table(words_, count_ + more); }
+    Table onsets(int more = 0) { return rows_of_table(onsets_, since_ + more); }
+    int count() const { return count_; }
+    int since() const { return since_; }
+    // So many rows are left, which have come to stand in front.
+    void keep(int count, int since) {
+        count_ = count;
+        since_ = since;
+    }
+    std::pair<Floats, Floats> left() const { return {front(words_, count_), front(onsets_, since_)}; }
+
+private:
+    static Table rows_of_table(Floats& table, int count) {
+        require(count <= table.shape(0), "there is no room for what begins");
+        return {table.mutable_data(), count, static_cast<int>(table.shape(1))};
+    }
+
+    Floats words_, onsets_;
+    int count_, since_;
+};
+
+// What is left of a contact after a tick: which `rows` of its table are kept; the log of the sum of their
+// weights, the residual that is told of them, and the best of them, -1 without any.
+struct Left {
+    std::vector<std::int64_t> rows;
+    double log_weight, residual;
+    std::int64_t leader;
+};
+
+// They move to the front of the tables; weights are against `best`.
+inline Left left_of(const Kind& kind, const Bank& bank, std::int64_t now, double best, double margin,
+                    Held& held) {
     for (int b = 1; b < bank.count(); ++b)
         require(bank.window_of(b - 1) <= bank.window_of(b), "hypotheses are not in order of onset");
     const std::vector<std::int64_t> rows = kept(kind, bank, now, best, margin);
-    const auto count = static_cast<py::ssize_t>(rows.size());
+    const int count = static_cast<int>(rows.size());
     double top = -std::numeric_limits<double>::infinity(), sum = 0.0;
     std::int64_t leader = -1;
     int begun = 0;
     for (int i = 0, before = -1; i < count; ++i) {
         const int b = static_cast<int>(rows[i]), onset = bank.window_of(b);
         double* row = bank.own.row(i);
-        if (b != i) std::copy_n(bank.own.row(b), model.words, row);
+        if (b != i) std::copy_n(bank.own.row(b), bank.own.words, row);
         if (onset != before && onset != begun)
-            std::copy_n(bank.onsets.row(onset), model.onset_words, bank.onsets.row(begun));
+            std::copy_n(bank.onsets.row(onset), bank.onsets.words, bank.onsets.row(begun));
         begun += onset != before;
         before = onset;
         row[kind.where.entry] -= best;
@@ -55,13 +87,9 @@ inline Left left_of(const Model& model, Floats& words, Floats& onsets, std::int6
         leader = i;
     }
     for (int i = 0; i < count; ++i) sum += std::exp(joint(kind.where, bank.own.row(i)) - top);
-    const Floats left = front(words, count), since = front(onsets, begun);
-    return {Ints(count, rows.data()),
-            left,
-            since,
-            rows.empty() ? top : top + std::log(sum),
-            residual_of(kind, bank_of(model, left, since)),
-            leader};
+    held.keep(count, begun);
+    const Bank living(kind, held.own(), held.onsets());
+    return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, living), leader};
 }
 
 // As `hypotheses.Moment`, with what is `assumed` of each contact by what begins, and random `directions`
@@ -78,32 +106,34 @@ struct Moment {
 // What is told of a contact's hypotheses when a tick begins.
 struct Task {
     const Model& model;
-    int old;               // so many before the tick
-    Floats words, onsets;  // in it
+    int old;    // so many before the tick
+    Bank bank;  // in it
     Ticks ticks, gone;
     double log_stay;
     std::optional<Directions> directions;
 };
 
 // As `hypotheses.Alive`, `now` and free motion last.
-inline py::tuple alive_of(const std::vector<const Model*>& models, const std::vector<Left>& left,
+inline py::tuple alive_of(const std::vector<const Model*>& models, std::vector<Held>& held,
                           std::int64_t now) {
     py::ssize_t count = 1, b = 0;
-    for (const Left& one : left) count += one.words.shape(0);
+    for (const Held& one : held) count += one.count();
     Ints state(count), onset(count);
     Floats log_likelihood(count);
-    const auto put = [&](std::size_t of, std::int64_t since, double told) {
-        state.mutable_at(b) = static_cast<std::int64_t>(of);
-        onset.mutable_at(b) = since;
-        log_likelihood.mutable_at(b++) = told;
+    std::int64_t *states = state.mutable_data(), *onsets = onset.mutable_data();
+    double* told = log_likelihood.mutable_data();
+    const auto put = [&](std::size_t of, std::int64_t since, double likelihood) {
+        states[b] = static_cast<std::int64_t>(of);
+        onsets[b] = since;
+        told[b++] = likelihood;
     };
-    for (std::size_t i = 0; i < left.size(); ++i) {
+    for (std::size_t i = 0; i < held.size(); ++i) {
         const Where& where = models[i]->kind.where;
-        const Table table = table_of(left[i].words, models[i]->words);
+        const Table table = held[i].own();
         for (int h = 0; h < table.count; ++h)
             put(i, whole(table.row(h), where.onset), table.row(h)[where.log_likelihood]);
     }
-    put(left.size(), now, 0.0);
+    put(held.size(), now, 0.0);
     return py::make_tuple(state, onset, log_likelihood);
 }
 
@@ -114,60 +144,54 @@ struct Lived {
     Ints leaders;
 };
 
-// Tables of the hypotheses of each contact and of their onsets.
-using Tables = std::vector<std::pair<Floats, Floats>>;
+// What a contact meets in a tick: what begins joins the hypotheses that are `held`.
+inline Task task_of(const Model& model, std::size_t i, const Moment& moment, std::int64_t number,
+                    double entry, const Two& beyond, Held& held) {
+    const auto& [born, told] = moment.assumed[i];
+    const Table fresh = table_of(born, model.words);
+    const int size = visit(model, [](auto family) { return decltype(family)::S; }), old = held.count();
+    require_shape(told, {fresh.count, size}, "what is told is not of these births");
+    const Birth birth{fresh, told.data(), moment.turn.data(), moment.onset, moment.onset_ns, number, entry};
+    const Ticks ticks = moment.window->ticks(model, beyond);
+    Ticks gone = (moment.before ? *moment.before : *moment.window).ticks(model, beyond);
+    gone.count = moment.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
+    const Table rows = held.own(fresh.count), onsets = held.onsets(fresh.count > 0);
+    visit(model,
+          [&](auto family) { join<decltype(family)>(model.kind, old, held.since(), birth, rows, onsets); });
+    std::optional<Directions> directions;
+    if (moment.directions[i]) directions = directions_of(model, *moment.directions[i], moment.turn);
+    return {model, old, Bank(model.kind, rows, onsets), ticks, gone, moment.log_stay.at(i), directions};
+}
 
 // All contacts through a tick; what begins is numbered from `number` on, which goes on to the next. What is
 // kept is so against the best of all and of free motion, whose `entry` is the last.
-inline Lived live(const std::vector<const Model*>& models, const Tables& words, const Moment& moment,
+inline Lived live(const std::vector<const Model*>& models, std::vector<Held>& held, const Moment& moment,
                   std::int64_t& number, const Floats& entry, const std::vector<Two>& beyond,
                   const Weights& weights, double margin) {
     const std::size_t contacts = models.size();
-    for (std::size_t size : {moment.assumed.size(), moment.directions.size()})
-        require(size == contacts, "something is not told of each contact");
     const auto states = static_cast<py::ssize_t>(contacts) + 1;
     require_shape(moment.turn, {3, 3}, "a turn is a matrix");
     require_shape(moment.log_stay, {states}, "states do not have one chance to stay each");
     std::vector<Task> all;
     for (std::size_t i = 0; i < contacts; ++i) {
-        const Model& model = *models[i];
-        const auto& [born, told] = moment.assumed[i];
-        const Table old = table_of(words[i].first, model.words), fresh = table_of(born, model.words);
-        const Table earlier = table_of(words[i].second, model.onset_words);
-        const int size = visit(model, [](auto family) { return decltype(family)::S; });
-        require_shape(told, {fresh.count, size}, "what is told is not of these births");
-        const Birth birth{fresh,           told.data(), moment.turn.data(), moment.onset,
-                          moment.onset_ns, number,      entry.at(i)};
-        number += fresh.count;
-        const Ticks ticks = moment.window->ticks(model, beyond[i]);
-        Ticks gone = (moment.before ? *moment.before : *moment.window).ticks(model, beyond[i]);
-        gone.count = moment.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
-        Floats both({old.count + fresh.count, old.words});
-        Floats onsets({earlier.count + (fresh.count > 0), earlier.words});
-        const Table all_rows = table_of(both, model.words), all_onsets = table_of(onsets, model.onset_words);
-        visit(model, [&](auto family) {
-            join<decltype(family)>(model.kind, old, earlier, birth, all_rows, all_onsets);
-        });
-        all.push_back({model, old.count, both, onsets, ticks, gone, moment.log_stay.at(i), std::nullopt});
-        if (moment.directions[i])
-            all[i].directions = directions_of(model, *moment.directions[i], moment.turn);
+        all.push_back(task_of(*models[i], i, moment, number, entry.at(i), beyond[i], held[i]));
+        number += moment.assumed[i].first.shape(0);
     }
     double best = entry.at(contacts);
     for (Task& one : all) {
-        const Bank bank = changing(one.model, one.words, one.onsets);
         visit(one.model, [&](auto family) {
             py::gil_scoped_release release;
-            advance<decltype(family)>(one.model.kind, bank, one.old, one.ticks, one.gone, weights,
+            advance<decltype(family)>(one.model.kind, one.bank, one.old, one.ticks, one.gone, weights,
                                       one.log_stay, one.directions ? &*one.directions : nullptr);
         });
-        for (int b = 0; b < bank.count(); ++b)
-            best = std::max(best, joint(one.model.kind.where, bank[b].own));
+        for (int b = 0; b < one.bank.count(); ++b)
+            best = std::max(best, joint(one.model.kind.where, one.bank[b].own));
     }
     Lived lived{{}, entry, Floats(states), Floats(states - 1), Ints(states - 1)};
     for (std::size_t i = 0; i < contacts; ++i) {
         Task& one = all[i];  // who has not searched may only have lost its minimum
         const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
-        lived.left.push_back(left_of(one.model, one.words, one.onsets, moment.onset, best, least));
+        lived.left.push_back(left_of(one.model.kind, one.bank, moment.onset, best, least, held[i]));
         lived.log_left.mutable_at(i) = lived.left[i].log_weight;
         lived.residual.mutable_at(i) = lived.left[i].residual;
         lived.leaders.mutable_at(i) = lived.left[i].leader;

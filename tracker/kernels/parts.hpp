@@ -109,10 +109,12 @@ inline std::vector<int> searching(const Model& model, const Floats& words, const
 
 inline py::tuple dropped(const Model& model, const Floats& words, const Floats& onsets, std::int64_t now,
                          double best, double margin) {
-    Floats own({words.shape(0), words.shape(1)}, words.data());
-    Floats since({onsets.shape(0), onsets.shape(1)}, onsets.data());
-    const Left left = left_of(model, own, since, now, best, margin);
-    return py::make_tuple(left.rows, left.words, left.onsets, left.log_weight, left.residual, left.leader);
+    Held held(model, words, onsets, 0, 0);
+    const Left left =
+        left_of(model.kind, Bank(model.kind, held.own(), held.onsets()), now, best, margin, held);
+    const auto [own, since] = held.left();
+    return py::make_tuple(Ints(left.rows.size(), left.rows.data()), own, since, left.log_weight,
+                          left.residual, left.leader);
 }
 
 inline py::tuple relaxed(const Model& model, const Floats& moments) {

@@ -38,8 +38,8 @@ inline Floats entered(const Floats& log_left, const Floats& change) {
 }
 
 // Whether a tick may teach something: one contact is that probable, and has not just been looked at.
-inline bool teaches(const Until& until, const std::vector<const Model*>& models, const Lived& lived,
-                    std::int64_t stamp_ns) {
+inline bool teaches(const Until& until, const std::vector<const Model*>& models, std::vector<Held>& held,
+                    const Lived& lived, std::int64_t stamp_ns) {
     const double* log_left = lived.log_left.data();
     const std::size_t contacts = models.size(),
                       best = std::max_element(log_left, log_left + contacts + 1) - log_left;
@@ -51,13 +51,36 @@ inline bool teaches(const Until& until, const std::vector<const Model*>& models,
     if (1.0 / sum < nearly * until.probability) return false;
     const Left& left = lived.left[best];
     if (left.leader < 0) return true;  // weights are no numbers
-    const Bank bank = bank_of(*models[best], left.words, left.onsets);
+    const Bank bank(models[best]->kind, held[best].own(), held[best].onsets());
     const std::int64_t onset_ns =
         whole(bank.since(static_cast<int>(left.leader)), models[best]->kind.since.onset_ns);
     for (const auto& [of, due_ns] : until.due) {
         if (of == onset_ns) return stamp_ns >= due_ns;
     }
     return true;
+}
+
+// Tables of the hypotheses of each contact and of their onsets.
+using Tables = std::vector<std::pair<Floats, Floats>>;
+
+// Tables of one's own, with room for all that begins in the `moments`.
+inline std::vector<Held> held_of(const std::vector<const Model*>& models, const Tables& words,
+                                 const std::vector<const Moment*>& moments) {
+    std::vector<Held> held;
+    for (const Moment* moment : moments) {
+        for (std::size_t size : {moment->assumed.size(), moment->directions.size()})
+            require(size == models.size(), "something is not told of each contact");
+    }
+    for (std::size_t i = 0; i < models.size(); ++i) {
+        py::ssize_t more = 0, onsets = 0;
+        for (const Moment* moment : moments) {
+            const py::ssize_t many = moment->assumed[i].first.shape(0);
+            more += many;
+            onsets += many > 0;
+        }
+        held.emplace_back(*models[i], words[i].first, words[i].second, more, onsets);
+    }
+    return held;
 }
 
 // Through the `moments`, of which there are some, up to the first that `teaches`; with the first the states
@@ -71,20 +94,20 @@ inline py::tuple strode(const std::vector<const Model*>& models, const Tables& w
     require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
     require(!moments.empty() && !std::count(moments.begin(), moments.end(), nullptr), "there are no moments");
     require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");
-    Tables now = words;
+    std::vector<Held> held = held_of(models, words, moments);
     Lived lived;
     py::list weighed, kept, rows;
     for (const Moment* moment : moments) {
         if (moment != moments.front()) entry = entered(lived.log_left, moment->change);
-        lived = live(models, now, *moment, number, entry, beyond, weights, margin);
-        for (std::size_t i = 0; i < models.size(); ++i) now[i] = {lived.left[i].words, lived.left[i].onsets};
+        lived = live(models, held, *moment, number, entry, beyond, weights, margin);
         weighed.append(py::make_tuple(lived.entry, lived.log_left, lived.residual, lived.leaders,
-                                      alive_of(models, lived.left, moment->onset)));
-        if (until && teaches(*until, models, lived, moment->stamp_ns)) break;
+                                      alive_of(models, held, moment->onset)));
+        if (until && teaches(*until, models, held, lived, moment->stamp_ns)) break;
     }
-    for (const Left& left : lived.left) {
-        kept.append(py::make_tuple(left.words, left.onsets));
-        rows.append(left.rows);
+    for (std::size_t i = 0; i < models.size(); ++i) {
+        const std::vector<std::int64_t>& left = lived.left[i].rows;
+        kept.append(held[i].left());
+        rows.append(Ints(left.size(), left.data()));
     }
     return py::make_tuple(kept, rows, weighed);
 }
