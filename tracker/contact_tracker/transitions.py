@@ -84,21 +84,22 @@ def chances(model: Model, exposure: float) -> Chances:
     """
     rate, log_split = _rates(model.transitions)
     stay = -rate * (model.tick_s * exposure)
-    with np.errstate(divide="ignore"):  # without any exposure nothing changes
-        if exposure > 1.0:
-            return Chances(np.log(_often(model, exposure, np.exp(stay))), stay)
-        change = np.log(-np.expm1(stay))[:, None] + log_split
+    if exposure > 1.0:
+        return Chances(_often(model, exposure, np.exp(stay)), stay)
+    # without any exposure nothing changes
+    change = np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
     change[FREE, FREE] = stay[FREE]
     return Chances(change, stay)
 
 
 def _often(model: Model, exposure: float, stay: Array) -> Array:
-    """Chances (7, 7) of being elsewhere, or there again, however often the state has changed meanwhile."""
+    """Log chances (7, 7) of being elsewhere, or there again, however often it has changed meanwhile."""
     rate, log_split = _rates(model.transitions)
     generator = rate[:, None] * (np.exp(log_split) - np.eye(len(STATES)))
     chance = expm(generator * (model.tick_s * exposure))
     lasted = np.where(np.arange(len(STATES)) == FREE, 0.0, stay)
-    return np.asarray(np.maximum(chance - np.diag(lasted), 0.0))
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(np.maximum(chance - np.diag(lasted), 0.0)))
 
 
 @lru_cache(maxsize=8)

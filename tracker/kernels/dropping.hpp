@@ -22,16 +22,31 @@ inline Span span_of(std::int64_t onset, std::int64_t now) {
     return {ticks, onset / ticks};
 }
 
-// Of those whose onsets share a span, which stand beside each other; of equally good ones the first.
-inline bool is_best(const Where& where, const Table& table, int b, std::int64_t now) {
-    const auto span = [&](int c) { return span_of(whole(table.row(c), where.onset), now); };
-    const double own = joint(where, table.row(b));
-    if (span(b).ticks == 1) return true;
-    for (int c = b - 1; c >= 0 && span(c) == span(b); --c) {
-        if (joint(where, table.row(c)) >= own) return false;
+// How good a hypothesis is beside those whose onsets share its span, which stand beside it.
+struct Rival {
+    Span span;
+    double joint;
+};
+
+inline std::vector<Rival> rivals_of(const Where& where, const Table& table, std::int64_t now) {
+    std::vector<Rival> rivals(table.count);
+    for (int b = 0; b < table.count; ++b) {
+        const std::int64_t onset = whole(table.row(b), where.onset);
+        const bool again = b && onset == whole(table.row(b - 1), where.onset);
+        rivals[b] = {again ? rivals[b - 1].span : span_of(onset, now), joint(where, table.row(b))};
     }
-    for (int c = b + 1; c < table.count && span(c) == span(b); ++c) {
-        if (joint(where, table.row(c)) > own) return false;
+    return rivals;
+}
+
+// Of equally good ones the first.
+inline bool is_best(const std::vector<Rival>& rivals, int b) {
+    const auto& [span, own] = rivals[b];
+    if (span.ticks == 1) return true;
+    for (int c = b - 1; c >= 0 && rivals[c].span == span; --c) {
+        if (rivals[c].joint >= own) return false;
+    }
+    for (int c = b + 1; c < static_cast<int>(rivals.size()) && rivals[c].span == span; ++c) {
+        if (rivals[c].joint > own) return false;
     }
     return true;
 }
@@ -40,9 +55,10 @@ inline bool is_best(const Where& where, const Table& table, int b, std::int64_t 
 inline std::vector<std::int64_t> kept(const Kind& kind, const Bank& bank, std::int64_t now, double best,
                                       double margin) {
     std::vector<std::int64_t> rows;
+    const std::vector<Rival> rivals = rivals_of(kind.where, bank.own, now);
     for (int b = 0; b < bank.count(); ++b) {
-        const bool near = joint(kind.where, bank[b].own) > best - margin;
-        if ((near || has_grace(kind, bank[b])) && is_best(kind.where, bank.own, b, now)) rows.push_back(b);
+        const bool near = rivals[b].joint > best - margin;
+        if ((near || has_grace(kind, bank[b])) && is_best(rivals, b)) rows.push_back(b);
     }
     return rows;
 }
