@@ -89,3 +89,15 @@ def test_kernels_that_cannot_be_loaded_are_done_without(monkeypatch):
 
     monkeypatch.setattr(compiled, "import_module", broken)
     assert compiled.fault.__wrapped__() == "they cannot be loaded, another Python"
+
+
+@pytest.mark.parametrize("reason", [KeyboardInterrupt(), SystemExit(143)])
+def test_an_interrupt_while_kernels_load_is_one(monkeypatch, reason):
+    """What loads them says that it failed, whatever came between."""
+
+    def load(name):
+        raise ImportError("initialization failed") from reason
+
+    monkeypatch.setattr(compiled, "import_module", load)
+    with pytest.raises(type(reason)):
+        compiled.fault.__wrapped__()

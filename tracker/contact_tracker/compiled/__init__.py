@@ -2,7 +2,7 @@
 ``given`` and ``polish``; and ``paper.batched``.
 
 They are C++ (``tracker/kernels``), which is built when the package is installed. The numpy code is the
-reference, and what runs where there was no compiler. They are imported when the first tick needs them.
+reference, and what runs where there was no compiler. They are imported when a tracker starts.
 """
 
 import os
@@ -38,6 +38,8 @@ def fault() -> str:
     try:
         kernels = import_module(NAME)
     except ImportError as error:
+        if (reason := error.__cause__) is not None and not isinstance(reason, Exception):
+            raise reason from None  # an interrupt or a signal that came meanwhile
         return f"they cannot be loaded, {' '.join(str(error).split())}"
     if (SOURCES / "module.cpp").is_file() and fingerprint(SOURCES) != kernels.FINGERPRINT:
         return "their sources have changed since, install the package again"
