@@ -75,7 +75,7 @@ inline bool listen(const Kept& frames, const std::array<double, 2>& prior, Learn
     const int lost = learnt.known + added - count, before = std::max(learnt.known - lost, 0);
     std::vector<double> all(count * kernels::differences);
     for (int i = 0; i < kernels::differences; ++i) {
-        double* row = &all[0] + i * count;
+        double* row = all.data() + i * count;
         std::copy_n(learnt.differences + (i + 1) * learnt.known - before, before, row);
         for (int n = before; n < count; ++n) row[n] = heard[(added - count + n) * kernels::differences + i];
     }

@@ -1,4 +1,4 @@
-// Which frames of a tick stand out: as `ticks._plausible`.
+// Which frames of a tick stand out: as `averaging._plausible`.
 #pragma once
 
 #include <vector>
