@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 class TrackerState(NamedTuple):
     """Everything the tracker knows; bounded in size however long the stream.
 
-    ``averaging`` of poses into ticks, which may be ahead of those taken in; their last ones, ``sliding`` on;
+    ``averaging`` of poses into ticks, which may be ahead; the window of the last taken in, ``sliding`` on;
     ``banks`` of hypotheses by contact; the ``memory`` of elements met, and what of it each contact
     has been ``reminded`` of; ``log_left`` (7,) weights of the states at the last boundary, up to a
     constant, the ``residual`` (6,) of each contact (see ``Belief``), the rows of their best hypotheses, the
