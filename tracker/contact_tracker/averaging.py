@@ -112,7 +112,7 @@ def _compiled(learnt: Learnt, run: Run, model: Model) -> tuple[Learnt, list[Tick
     estimate, heard, frames = learnt.noise, learnt.heard, run.frames
     known = estimate.position_m2, estimate.rotation_rad2, estimate.centre_m, estimate.shape
     waiting, columns = heard.frames.columns, frames.columns
-    how = _averaging(model.noise, model.motion, model.tick_s)
+    how = _averaging(model.noise, model.motion, model.tick_s, model.tick_ns)
     told, differences, left, motion, means = kernels.averaged(
         how, *run[1:], columns, known, heard.differences, waiting, learnt.motion
     )
@@ -127,13 +127,13 @@ def _compiled(learnt: Learnt, run: Run, model: Model) -> tuple[Learnt, list[Tick
 
 
 @lru_cache(maxsize=8)
-def _averaging(known: Noise, motion: Motion, tick_s: float) -> "kernels.Averaging":
+def _averaging(known: Noise, motion: Motion, tick_s: float, tick_ns: int) -> "kernels.Averaging":
     from contact_tracker.compiled import kernels
 
     prior = known.sigma_position_m, known.sigma_rotation_rad
     floor = known.floor_position_m**2, known.floor_rotation_rad**2
     onward = free_motion.onward(tick_s, motion.memory_s)
-    return kernels.Averaging(round(1e9 * tick_s), prior, floor, known.outlier_sigmas, *onward)
+    return kernels.Averaging(tick_ns, prior, floor, known.outlier_sigmas, *onward)
 
 
 def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
