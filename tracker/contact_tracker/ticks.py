@@ -35,27 +35,28 @@ def begin(model: Model, poses: Poses) -> TickState:
     return TickState(int(poses.stamp_ns[0]), poses.position_m[0].copy(), 0, (), None, learnt)
 
 
-def goes_on(state: TickState, pose: Pose, model: Model) -> bool:
+def goes_on(state: TickState, stamp_ns: int, model: Model) -> bool:
     """Whether a pose that follows closes no tick: it may wait to be taken in with the ``frames``."""
-    return pose.stamp_ns < state.origin_ns + (state.number + 1) * model.tick_ns
+    return stamp_ns < state.origin_ns + (state.number + 1) * model.tick_ns
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick]]:
     """Take in poses, of which there are some; returns the ticks that they close."""
     left, closed = Poses.join((*state.frames, poses)), list[Tick]()
     while True:
+        first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns[-1])
+        if not goes_on(state, first_ns, model):
+            state, empty = _missed(state, first_ns, model)
+            closed += empty
+        if goes_on(state, last_ns, model):  # as mostly, online
+            return state._replace(frames=(left,)), closed
         number = (left.stamp_ns - state.origin_ns) // model.tick_ns
         ends = np.flatnonzero(number[1:] > number[:-1]) + 1
         follows = number[ends - 1] == state.number + np.arange(len(ends))
         many = len(ends) if follows.all() else int(follows.argmin())
-        if many:
-            state, some = _run(state, left, ends[:many], model)
-            closed += some
-            left = left[int(ends[many - 1]) :]
-        elif number[0] == state.number:
-            return state._replace(frames=(left,)), closed
-        state, empty = _missed(state, int(left.stamp_ns[0]), model)
-        closed += empty
+        state, some = _run(state, left, ends[:many], model)
+        closed += some
+        left = left[int(ends[many - 1]) :]
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:

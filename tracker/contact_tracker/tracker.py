@@ -66,7 +66,7 @@ def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     The pose is kept as it is until its tick is over.
     """
     averaging = state.averaging
-    if averaging is None or not ticks.goes_on(averaging, pose, state.model):
+    if averaging is None or not ticks.goes_on(averaging, pose.stamp_ns, state.model):
         return gather_some(state, Poses.collect((pose,)))
     return state._replace(averaging=averaging._replace(frames=(*averaging.frames, pose))), []
 
