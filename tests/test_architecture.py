@@ -54,6 +54,7 @@ LAYERS = (
     ("strides",),
     ("forward", "telling", "closed", "passing"),
     ("segmenter",),
+    ("shipped",),
     ("whole_file", "presets"),
     ("recording", "simulate", "evaluation", "known"),
     ("calibration",),

@@ -21,8 +21,8 @@ from contact_tracker.cli.source import Source
 from contact_tracker.errors import NoPoses
 from contact_tracker.labels import STATES
 from contact_tracker.poses import Poses
-from contact_tracker.presets import preset_names
 from contact_tracker.recording import open_log, write_recording
+from contact_tracker.shipped import preset_names
 from contact_tracker.truth import Truth
 from logs import START_NS as LOGS_START_NS
 from logs import Topic, poses_topic, smooth_poses, write_log

@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 from contact_tracker.labels import Contact
 from contact_tracker.model import Model
 from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model, preset_names
+from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, write_recording
+from contact_tracker.shipped import preset_names
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"

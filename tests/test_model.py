@@ -16,7 +16,8 @@ from contact_tracker.calibration.writing import model_text
 from contact_tracker.errors import ModelError, UsageError
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.model import Model
-from contact_tracker.presets import load_model, preset_names
+from contact_tracker.presets import load_model
+from contact_tracker.shipped import preset_names
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 

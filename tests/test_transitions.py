@@ -8,7 +8,8 @@ import pytest
 from contact_tracker import hmm
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import Seen
-from contact_tracker.presets import load_model, preset_names
+from contact_tracker.presets import load_model
+from contact_tracker.shipped import preset_names
 from contact_tracker.transitions import AT_REST, chances, exposure, initial, leave_per_s, log_initial, split
 
 NOTHING = Seen((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)

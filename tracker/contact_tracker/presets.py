@@ -5,13 +5,13 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import MISSING, fields
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
 from contact_tracker.errors import ModelError
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.model import ZERO, ByChange, ByState, Model
+from contact_tracker.shipped import preset_names, shipped
 
 _RANGES: Final = {
     "tick_s": (1e-3, 10.0),
@@ -51,26 +51,14 @@ def load_model(name_or_path: str = "default") -> Model:
     return model
 
 
-def preset_names() -> list[str]:
-    """Names of the shipped presets."""
-    return sorted(p.name.removesuffix(".toml") for p in _presets().iterdir() if p.name.endswith(".toml"))
-
-
 def limits(key: str) -> tuple[float, float]:
     """Between what the number of ``key`` must lie, both ends excluded."""
     return _RANGES.get(key.rpartition(".")[2], _POSITIVE)
 
 
-def _presets() -> Any:
-    packaged = resources.files("contact_tracker") / "models"
-    if packaged.is_dir():
-        return packaged
-    return Path(__file__).parents[2] / "models"  # a checkout: the presets stand at its top level
-
-
 def _read(name_or_path: str) -> str:
     presets = preset_names()
-    source = _presets() / f"{name_or_path}.toml" if name_or_path in presets else Path(name_or_path)
+    source = shipped() / f"{name_or_path}.toml" if name_or_path in presets else Path(name_or_path)
     try:
         text: str = source.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from contact_tracker.errors import UsageError
-from contact_tracker.presets import preset_names
+from contact_tracker.shipped import preset_names
 from contact_tracker.whole_file import why_not_replaceable
 
 _MOST: Final = 1e9

@@ -13,7 +13,7 @@ from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, warn
 from contact_tracker.errors import UsageError
-from contact_tracker.presets import preset_names
+from contact_tracker.shipped import preset_names
 
 if TYPE_CHECKING:
     from contact_tracker.calibration.calibrate import Calibration
