@@ -62,7 +62,7 @@ LAYERS = (
     ("viewer",),
     ("cli",),
 )
-FIRST_EDGE_LAYER = LAYERS.index(("whole_file", "presets"))
+FIRST_EDGE_LAYER = LAYERS.index(("shipped",))
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 READS_FILES = {"compiled"}  # of the core; its own: whether kernels are built from them
 # These see arrays only: they import numpy, and of ours at most kernels, which see arrays only as well.
