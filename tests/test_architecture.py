@@ -38,6 +38,7 @@ LAYERS = (
         "observability",
         "polish",
         "readout",
+        "sameness",
         "search",
         "separability",
         "summed",

@@ -4,15 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.geometry import ContactGeometry, Line, Plane, Point
+from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, by_foot, numbers
 from contact_tracker.incidence import LENGTH_M
-from contact_tracker.knowledge import NOTHING, Knowledge, Known
+from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, known_to
 from contact_tracker.labels import Contact
 from contact_tracker.memory import KEPT, LAST, Memory
+from contact_tracker.sameness import are_same
 
 ORIGIN = np.zeros(3)
 ALONG = np.array([0.0, 0.6, 0.8])
@@ -52,6 +56,63 @@ def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():
     assert [met.onset_ns for met in memory.object] == list(range(10 - KEPT, 10))
 
 
+def test_what_is_met_again_is_offered_once_as_it_was_met_last():
+    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
+    other_end = replace(EDGE, direction=-ALONG, point_m=EDGE.point_m + 0.3 * ALONG + [2e-4, 0.0, 0.0])
+    for again in (ON_THE_TABLE, replace(ON_THE_TABLE, object=other_end)):
+        begins = offers(memory.learn(again, 7, 100, ORIGIN), Contact.EF)
+        assert begins.many == 4
+        edges = begins.rows.known_mean[begins.rows.known_mean[:, :3].any(axis=1), :3]
+        np.testing.assert_array_equal(edges, 2 * [again.object.direction])
+    # beside those four the edge met first and its table, each with what touched last
+    assert offers(memory.learn(elsewhere(ON_THE_TABLE, 0.01), 7, 100, ORIGIN), Contact.EF).many == 6
+
+
+@pytest.mark.parametrize(
+    ("first", "off"),
+    [
+        (Point(np.array([0.1, 0.2, 0.3]), np.diag([1.0, 4.0, 9.0]) * 1e-6), [0.0, 0.002, 0.0]),
+        (TABLE, [0.0, 0.0, 0.0, 1e-4]),
+        (TABLE, [0.0, 1e-4, 0.0, 0.0]),
+        (EDGE, [1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (EDGE, [0.0, 0.0, 0.0, 1e-4, 0.0, 0.0]),
+    ],
+)
+def test_elements_are_the_same_within_four_standard_deviations_of_both(first, off):
+    """Along one direction, in which ``off`` is as far as one standard deviation."""
+    for many, same in ((5.6, True), (5.7, False)):  # each is uncertain: their difference is by sqrt 2
+        assert are_same(first, with_numbers(first, numbers(first) + many * np.array(off))) is same
+
+
+def with_numbers(element: Element, values: np.ndarray) -> Element:
+    match element:
+        case Plane():
+            return replace(element, normal=values[:3], offset_m=values[3])
+        case Line():
+            return replace(element, direction=values[:3], point_m=values[3:])
+        case Point():
+            return replace(element, point_m=values)
+
+
+@given(arrays(float, 12, elements=st.floats(-1.0, 1.0)), st.floats(-3.0, 3.0), st.booleans())
+def test_a_line_is_the_same_wherever_it_is_told_and_in_either_direction(values, along_m, flips):
+    upward = values[:3] + np.array([0.0, 0.0, 2.0])
+    direction = upward / np.linalg.norm(upward)
+    line = known_to(Line(direction, values[3:6]), Accuracy())
+    again = by_foot(line, line.point_m + along_m * direction)
+    if flips:
+        flip = np.repeat([-1.0, 1.0], 3)
+        again = replace(again, direction=-direction, covariance=flip[:, None] * again.covariance * flip)
+    assert are_same(line, again)
+    across = np.cross(direction, values[6:9] + np.array([3.0, 0.0, 0.0]))
+    beside = replace(again, point_m=again.point_m + 0.05 * across / np.linalg.norm(across))
+    assert not are_same(line, beside)
+
+
+def test_faces_that_look_the_other_way_are_others():
+    assert not are_same(TABLE, replace(TABLE, normal=-TABLE.normal, offset_m=-TABLE.offset_m))
+
+
 def test_a_contact_can_teach_more_when_it_has_lasted_half_as_long_again():
     memory = Memory()
     assert memory.is_due(10, 20)
@@ -80,11 +141,18 @@ def test_a_vertex_may_be_anywhere_on_the_edge_that_turned():
 CORNER = ContactGeometry(Point(np.array([0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TABLE)
 
 
+def elsewhere(geometry: ContactGeometry, off_m: float) -> ContactGeometry:
+    """The same, all of it so far off."""
+    ours, table, off = geometry.object, replace(TABLE, offset_m=TABLE.offset_m + off_m), [off_m, 0.0, 0.0]
+    assert isinstance(ours, Line | Point)
+    return ContactGeometry(replace(ours, point_m=ours.point_m + off), table)
+
+
 def test_elements_go_together_that_may_touch_each_other_again():
     memory = Memory()
     for onset_ns in range(0, 6, 2):  # edges met at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
-        memory = memory.learn(ON_THE_TABLE, onset_ns, 100, ORIGIN)
-        memory = memory.learn(CORNER, onset_ns + 1, 100, ORIGIN)
+        memory = memory.learn(elsewhere(ON_THE_TABLE, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
+        memory = memory.learn(elsewhere(CORNER, 0.01 * onset_ns + 0.01), onset_ns + 1, 100, ORIGIN)
     # nothing; 5 and its table with an unknown one; 3-5, 5-4, 5-5; an end of the edge with the table of 5
     assert offers(memory, Contact.VF).many == 1 + 2 + 3 + 1
     # nothing; 4 and the table of 5 with an unknown one; 2-5, 4-5; an edge through the corner on its table
@@ -95,13 +163,13 @@ def test_elements_go_together_that_may_touch_each_other_again():
     directions = edges.rows.known_mean[:, [0, 1, 2, 6, 7, 8]]
     through = ~np.isnan(edges.rows.pivot).all(axis=1) & ~directions.any(axis=1)
     (pivot,) = edges.rows.pivot[through]
-    np.testing.assert_array_equal(pivot[~np.isnan(pivot)], [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(pivot[~np.isnan(pivot)], [0.15, 0.2, 0.3])
 
 
 def test_elements_of_the_last_contact_are_likelier_than_others():
     memory = Memory()
     for onset_ns in range(2):
-        memory = memory.learn(CORNER, onset_ns, 100, ORIGIN)
+        memory = memory.learn(elsewhere(CORNER, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
     begins = offers(memory, Contact.VF)
     share = np.exp(begins.log_share[begins.rows.source > 0])
     assert share.sum() == pytest.approx(0.5)

@@ -19,6 +19,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.incidence import incident
 from contact_tracker.knowledge import Known
+from contact_tracker.sameness import are_same
 
 SURE: Final = 0.9
 """An element is kept that belongs to a contact of so much probability."""
@@ -81,7 +82,10 @@ class Memory:
         """Pairs of elements met before, or of one and an unknown one, as far as they ``_go_together``."""
         ours, theirs = model.contact.value[0], model.contact.value[2]
         last_ns = max((met.onset_ns for met in (*self.object, *self.environment)), default=0)
-        offers = product(_offered(self.object, ours, last_ns), _offered(self.environment, theirs, last_ns))
+        offers = product(
+            _offered(_distinct(self.object), ours, last_ns),
+            _offered(_distinct(self.environment), theirs, last_ns),
+        )
         pairs = [(our, their) for our, their in offers if _go_together(our, their)]
         whole = sum(our.weight * their.weight for our, their in pairs)
         return tuple(
@@ -103,6 +107,17 @@ def _kept(
     alike = [old.onset_ns for old in others if old.known.kind == new.known.kind]
     forgotten = alike[: max(len(alike) - KEPT + 1, 0)]
     return (*(old for old in others if old.onset_ns not in forgotten), new)
+
+
+@lru_cache(maxsize=16)  # the same for all contacts
+def _distinct(met: tuple[Met, ...]) -> tuple[Met, ...]:
+    """Of those that are one and the same the one of the latest contact: to assume it twice is no use."""
+    return tuple(one for one in met if not any(_is_met_again(one, other) for other in met))
+
+
+def _is_met_again(one: Met, other: Met) -> bool:
+    is_later = other.onset_ns > one.onset_ns and other.known.kind == one.known.kind
+    return is_later and are_same(one.known.element, other.known.element)
 
 
 class _Offer(NamedTuple):
