@@ -7,8 +7,9 @@ import hours
 import numpy as np
 import pytest
 import speed
+from speeds import growing
 from speeds.command import Ran
-from speeds.figures import Figure, length
+from speeds.figures import Figure, Setup, length
 from speeds.long_logs import write_long_log
 
 from contact_tracker.labels import Contact
@@ -107,3 +108,12 @@ def test_growth_is_told_of_cost_and_hypotheses(log, capsys):
     assert head.split() == ["minute", "ms", "per", "tick", "x", "hypotheses", "x"]
     assert (first.split()[0], first.split()[2], first.split()[4]) == ("first", "1.00", "1.00")
     assert later.startswith("after 1 s")
+
+
+def test_growth_is_a_row_of_the_table(log):
+    figures = growing.measure(Setup(log, log, "default", 1, (1, 2), log.parent))
+    assert [(f.what.split(": ")[1], f.unit, f.target) for f in figures] == [
+        ("a tick", "x", "<= 1.1"),
+        ("hypotheses", "x", ""),
+    ]
+    assert all(f.what.startswith("after 2 s") and 0.1 < f.value < 10.0 for f in figures)

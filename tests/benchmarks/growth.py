@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from speeds.long_logs import write_long_log
 
 from contact_tracker import tracker
@@ -27,6 +28,8 @@ from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log
 from contact_tracker.state import TrackerState
 
+Array = NDArray[np.float64]
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 COLUMNS: Final = ("minute", "ms per tick", "x", "hypotheses", "x")
 
@@ -36,6 +39,24 @@ class Taken(NamedTuple):
 
     cpu_s: float
     hypotheses: int
+
+
+class Grown(NamedTuple):
+    """What a tick takes and how many hypotheses there are (2,): in the first minute, and ``after_s``."""
+
+    after_s: float
+    cpu_s: Array
+    hypotheses: Array
+
+    @property
+    def cpu_growth(self) -> Array:
+        """Times what the first minute takes (2,)."""
+        return np.asarray(self.cpu_s / self.cpu_s[0])
+
+    @property
+    def hypotheses_growth(self) -> Array:
+        """Times those of the first minute (2,)."""
+        return np.asarray(self.hypotheses / self.hypotheses[0])
 
 
 def follow(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, Taken]]:
@@ -52,15 +73,36 @@ def follow(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, Ta
 
 def minutes(log: Path, after_s: float, seconds: float) -> tuple[Poses, Poses, Poses]:
     """The first ``seconds``, the same poses about ``after_s`` later, and all that comes before those."""
-    short = Poses.collect(open_log(str(log)))
+    short = _read(log)
     tour = 2 * (len(short) - 1)
     rate_hz = 1e9 * (len(short) - 1) / float(short.stamp_ns[-1] - short.stamp_ns[0])
     count = round(seconds * rate_hz)
     first = tour * max(round(after_s * rate_hz / tour), 1)
     with tempfile.TemporaryDirectory() as scratch:
         path = write_long_log(log, (first + count + 1) / rate_hz, Path(scratch) / "long.mcap")
-        poses = Poses.collect(open_log(str(path)))
+        poses = _read(path)
     return poses[:count], poses[first : first + count], poses[:first]
+
+
+def _read(log: Path) -> Poses:
+    return Poses.join(list(open_log(str(log)).batches()))
+
+
+def measure(log: Path, model: str, after_s: float, seconds: float, turns: int) -> Grown:
+    """The same ``seconds`` when nothing has been met yet and ``after_s`` later, median of each tick."""
+    early, late, between = minutes(log, after_s, seconds)
+    start = known = tracker.start(load_model(model))
+    for state, _ in follow(start, between):
+        known = state
+    taken = [
+        [
+            (first, later)
+            for (_, first), (_, later) in zip(follow(start, early), follow(known, late), strict=False)
+        ]
+        for _ in range(turns)
+    ]
+    cost, many = np.median(np.array(taken), axis=0).mean(axis=0).T  # of (turns, ticks, 2, what)
+    return Grown(float(late.stamp_ns[0] - early.stamp_ns[0]) * 1e-9, cost, many)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -74,23 +116,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="of a minute")
     parser.add_argument("--turns", type=int, default=5)
     args = parser.parse_args(argv)
-    early, late, between = minutes(args.log, args.after, args.seconds)
-    start = known = tracker.start(load_model(args.model))
-    for state, _ in follow(start, between):
-        known = state
-    turns = [
-        [
-            (first, later)
-            for (_, first), (_, later) in zip(follow(start, early), follow(known, late), strict=False)
-        ]
-        for _ in range(args.turns)
-    ]
-    taken = np.array(turns)  # (turns, ticks, 2, what)
-    cost, many = np.median(taken, axis=0).mean(axis=0).T
-    after = f"after {number((late.stamp_ns[0] - early.stamp_ns[0]) * 1e-9, 0)} s"
+    grown = measure(args.log, args.model, args.after, args.seconds, args.turns)
+    after = f"after {number(grown.after_s, 0)} s"
+    taken = zip(grown.cpu_s, grown.cpu_growth, grown.hypotheses, grown.hypotheses_growth, strict=True)
     rows = [
-        [name, number(1e3 * c, 3), number(c / cost[0], 2), number(m, 0), number(m / many[0], 2)]
-        for name, c, m in zip(("first", after), cost, many, strict=True)
+        [name, number(1e3 * cost, 3), number(x, 2), number(many, 0), number(more, 2)]
+        for name, (cost, x, many, more) in zip(("first", after), taken, strict=True)
     ]
     print(table(COLUMNS, rows, left=1))
     return 0

@@ -22,7 +22,7 @@ from typing import Final
 
 from speeds.figures import Figure, Setup, length, peak_mb
 
-ROWS: Final = ("reading", "averaging", "online", "offline", "live", "viewing", "starting")
+ROWS: Final = ("reading", "averaging", "online", "offline", "live", "growing", "viewing", "starting")
 IN_COMMANDS: Final = ("offline", "live", "starting")
 """These measure the command line, whose memory they tell themselves."""
 LENGTHS_S: Final = (60, 600)

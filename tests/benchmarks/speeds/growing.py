@@ -1,0 +1,17 @@
+"""Growth: what a tick takes late in a log against the same poses in its first minute, in turns."""
+
+import growth
+
+from speeds.figures import Figure, Setup, length
+
+MINUTE_S = 60.0
+
+
+def measure(setup: Setup) -> list[Figure]:
+    after_s = setup.lengths_s[-1]
+    grown = growth.measure(setup.log, setup.model, after_s, min(MINUTE_S, after_s), setup.runs)
+    name = f"after {length(after_s)} against the first minute"
+    return [
+        Figure(f"{name}: a tick", float(grown.cpu_growth[-1]), "x", "<= 1.1"),
+        Figure(f"{name}: hypotheses", float(grown.hypotheses_growth[-1]), "x"),
+    ]
