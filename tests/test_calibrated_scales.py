@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.calibration.contact_errors import learn_contact_errors
 from contact_tracker.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
 from contact_tracker.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
-from contact_tracker.calibration.observed import Observed
+from contact_tracker.calibration.observed import Observed, observe
 from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
 from contact_tracker.calibration.stretches import SHORTEST_TICKS, find_stretches, refined
 from contact_tracker.errors import UsageError
@@ -18,6 +18,7 @@ from contact_tracker.lift import lift
 from contact_tracker.model import Model, Seen
 from contact_tracker.presets import limits, load_model
 from contact_tracker.window import Window
+from moving import moving
 from touching import touching
 
 MODEL = load_model()
@@ -46,6 +47,13 @@ def contact_stretches(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=
     )
     observed = Observed(np.arange(ticks), window, np.ones(ticks), SENSOR_M, SENSOR_RAD)
     return find_stretches(observed, np.full(ticks, contact.column), MODEL)
+
+
+def test_the_noise_of_a_recording_is_that_which_its_end_knows():
+    poses = moving(np.random.default_rng(3), 10.0, 200.0, 5.0 * MODEL.noise.sigma_position_m, 2e-3)
+    found = observe(poses, MODEL)
+    assert found is not None
+    assert found.sigma_position_m == pytest.approx(5.0 * MODEL.noise.sigma_position_m, rel=0.1)
 
 
 def of_all_contacts(floor_m, floor_rad, **options):

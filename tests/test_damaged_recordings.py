@@ -178,6 +178,21 @@ def test_a_damaged_first_chunk_does_not_hide_the_channels(tmp_path: Path) -> Non
     assert damage is not None
 
 
+def test_messages_of_a_channel_that_nothing_describes_are_counted(tmp_path: Path) -> None:
+    poses, late = smooth_poses(30), smooth_poses(40, start_ns=START_NS + 10**10)
+    topics = [poses_topic(poses), poses_topic(late, name="/other")]
+    path = write_log(
+        tmp_path / "a.mcap", topics, compression=CompressionType.NONE, enable_crcs=False, **INDEX_LESS
+    )
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<H", data, data.index(b"/other") - 8, 77)  # the number of another channel
+    path.write_bytes(data)
+    found, damage = read(path)
+    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
+    assert damage is not None
+    assert "40 messages of channels whose description is missing" in damage
+
+
 def test_a_chunk_that_promises_too_much_is_not_believed(tmp_path: Path) -> None:
     poses = smooth_poses(100)
     path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)

@@ -51,6 +51,17 @@ def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds,
     assert estimates[-1].sigma_rotation_rad == pytest.approx(sigma_rad, rel=0.1)
 
 
+@pytest.mark.parametrize("tick", [1, 3, 20])
+def test_poses_that_are_held_for_long_do_not_silence_the_noise(tick):
+    """At a frame per tick each holds the pose of the tick before: that does not show a still sensor."""
+    poses = moving(np.random.default_rng(4), 60.0, 20.0, 3e-4, 2e-3)
+    source = np.arange(len(poses)) // 10 * 10
+    held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
+    *_, estimate = streamed(held, tick, (3e-4, 2e-3))
+    assert estimate.sigma_position_m > 1e-4
+    assert estimate.sigma_rotation_rad > 1e-3
+
+
 def test_the_stream_in_any_portions_is_the_whole():
     """Third differences reach over the ends of ticks: none is lost and none is taken twice."""
     poses = moving(np.random.default_rng(3), 5.0, 200.0, 3e-4, 2e-3)
@@ -196,9 +207,14 @@ def test_too_few_frames_say_nothing(count):
     assert (estimate.sigma_position_m, estimate.sigma_rotation_rad) == (1e-3, 2e-3)
 
 
-def test_an_object_that_does_not_move_at_all_has_noise_above_zero():
-    """Simulators without noise exist: variances are divided by."""
-    poses = moving(np.random.default_rng(10), 5.0, 200.0, rms_m=0.0, rms_rad=0.0)
-    *_, estimate = streamed(poses, 20, (1e-3, 2e-3))
-    assert 0.0 < estimate.sigma_position_m < 1e-4
-    assert 0.0 < estimate.sigma_rotation_rad < 2e-4
+@pytest.mark.parametrize("rest", [0, 600])
+def test_motion_without_noise_has_noise_above_zero(rest):
+    """Simulators exist: variances are divided by. What does not move at all is held, and tells nothing."""
+    poses = moving(np.random.default_rng(10), 8.0, 200.0)
+    row = np.maximum(np.arange(len(poses)) - rest, 0)
+    poses = Poses(poses.stamp_ns, poses.position_m[row], poses.quat_xyzw[row])
+    estimates = list(streamed(poses, 20, (1e-3, 2e-3)))
+    for estimate in estimates[: rest // 20]:
+        assert (estimate.sigma_position_m, estimate.sigma_rotation_rad) == (1e-3, 2e-3)
+    assert 0.0 < estimates[-1].sigma_position_m < 1e-4
+    assert 0.0 < estimates[-1].sigma_rotation_rad < 2e-4

@@ -186,6 +186,23 @@ def test_segments_are_the_same_whoever_watches(monkeypatch):
                 np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
 
 
+def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
+    """What is concluded on the way knows the noise of the ticks so far, not of those that wait."""
+    monkeypatch.setattr("contact_tracker.segmenter.PIECE_TICKS", 30)
+    some = {}
+    for batch in (20, 500, 10_000):
+        monkeypatch.setattr("contact_tracker.poses.BATCH", batch)
+        poses = recorded("f-e e-e f-e e-f e-e f-f e-e").poses
+        some[batch] = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
+    assert sum(len(piece.segments) > 0 for piece in some[20]) >= 2
+    expected = Segmentation.join(some.pop(20))
+    for found in map(Segmentation.join, some.values()):
+        for a, b in zip(found.segments, expected.segments, strict=True):
+            assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
+            if a.geometry is not None and b.geometry is not None:
+                np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
+
+
 def test_progress_is_told_where_nobody_watches_as_well():
     told = []
     list(pieces(recorded(FACE_TO_EDGE).poses[:1101], MODEL, told.append, online=Detail.WEIGHTS))

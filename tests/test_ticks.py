@@ -232,6 +232,26 @@ def test_no_frame_is_lost_and_time_runs_forward_whatever_the_stamps(seed, gaps, 
     assert all(tick.stamp_ns - tick.start_ns <= tick_s * 1e9 for tick in found)
 
 
+@pytest.mark.parametrize("batch", [1, 7, None])
+@pytest.mark.parametrize("late", [(205, 100), (100, 120), (3, -20)], ids=["early", "swapped", "before all"])
+def test_stamps_that_run_backward_close_no_tick_again(late, batch):
+    """The gate drops them; who calls the tracker with poses of one's own gets the ticks of the others."""
+    poses = moving(np.random.default_rng(13), 2.0, 200.0, 3e-4, 2e-3)
+    stamp_ns, (row, like) = poses.stamp_ns.copy(), late
+    stamp_ns[row] = START_NS + like * 5_000_000
+    found = averaged(replace(poses, stamp_ns=stamp_ns), batch=batch)
+    assert sum(tick.count + tick.outliers for tick in found) == len(poses)
+    assert 19 <= len(found) <= 21
+
+
+def test_after_a_gap_motion_is_met_anew():
+    poses = moving(np.random.default_rng(14), 3.0, 200.0, 3e-4, 2e-3)
+    present = poses[np.abs(np.arange(600) - 300) > 50]  # ticks 12 to 17 are missing in part or whole
+    state, _ = ticks.advance(ticks.begin(MODEL, present), present, MODEL)
+    assert state.learnt.motion is not None
+    assert state.learnt.motion.ticks == 29 - 18
+
+
 def test_turning_the_sign_of_quaternions_changes_nothing():
     poses = moving(np.random.default_rng(12), 3.0, 200.0, 3e-4, 2e-3)
     sign = np.random.default_rng(12).choice([-1.0, 1.0], size=(len(poses), 1))

@@ -8,7 +8,7 @@ has fewer unknowns to pay for.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -19,7 +19,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.incidence import incident
 from contact_tracker.knowledge import Known
-from contact_tracker.sameness import are_same
+from contact_tracker.sameness import are_same, merged
 
 SURE: Final = 0.9
 """An element is kept that belongs to a contact of so much probability."""
@@ -111,13 +111,19 @@ def _kept(
 
 @lru_cache(maxsize=16)  # the same for all contacts
 def _distinct(met: tuple[Met, ...]) -> tuple[Met, ...]:
-    """Of those that are one and the same the one of the latest contact: to assume it twice is no use."""
-    return tuple(one for one in met if not any(_is_met_again(one, other) for other in met))
+    """Those that are one and the same as one, of the latest contact, as all of them have shown it."""
+    latest = (one for one in met if not any(_is_met_again(one, later) for later in met))
+    return tuple(_by_all(one, [earlier for earlier in met if _is_met_again(earlier, one)]) for one in latest)
 
 
 def _is_met_again(one: Met, other: Met) -> bool:
     is_later = other.onset_ns > one.onset_ns and other.known.kind == one.known.kind
     return is_later and are_same(one.known.element, other.known.element)
+
+
+def _by_all(one: Met, others: Sequence[Met]) -> Met:
+    element = reduce(merged, (other.known.element for other in others), one.known.element)
+    return replace(one, known=replace(one.known, element=element)) if others else one
 
 
 class _Offer(NamedTuple):

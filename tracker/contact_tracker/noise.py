@@ -96,8 +96,11 @@ def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
 def advance(
     heard: Heard, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
 ) -> tuple[Heard, NoiseEstimate]:
-    """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad)."""
-    untold, known = Poses.join([heard.frames, frames]), heard.differences.shape[1]
+    """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad).
+
+    A pose that is held says nothing new of the noise, in the next tick neither.
+    """
+    untold, known = Poses.join([heard.frames, frames]).fresh, heard.differences.shape[1]
     new = (len(untold) - ORDER + 1) // STRIDE
     if new < UNTOLD * min(known + new, MEMORY):
         return Heard(heard.differences, untold), estimate

@@ -1,16 +1,21 @@
-"""Whether two elements that were found are one and the same, found twice (docs/theory.md, T28)."""
+"""Whether two elements that were found are one and the same, and what both show of it (theory.md, T28)."""
 
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from contact_tracker.geometry import Element, Line, by_foot, numbers
+from contact_tracker.contacts.base import sphere_tangent, unit
+from contact_tracker.geometry import Element, Line, Plane, Point, by_foot, numbers
+
+Array = NDArray[np.float64]
 
 SAME: Final = 4.0
 """Standard deviations by which what was found of one element may differ."""
-_UNABLE: Final = 1e-9
-"""Variance below this share of the largest is a way in which an element cannot move."""
+_LOST: Final = 1e-12
+"""Of what is correlated, less than this share is rounding."""
 
 
 def are_same(first: Element, second: Element) -> bool:
@@ -19,18 +24,57 @@ def are_same(first: Element, second: Element) -> bool:
     Lines may be told by other points and by the opposite direction; normals point out of the bodies, so that
     planes that look the other way are others.
     """
-    if isinstance(first, Line):
-        second = _told_alike(second, first)
-    assert first.covariance is not None
-    assert second.covariance is not None
-    information = np.linalg.pinv(first.covariance + second.covariance, _UNABLE, hermitian=True)
-    off = numbers(first) - numbers(second)
-    return bool(off @ information @ off <= SAME**2)
+    if isinstance(first, Plane) and isinstance(second, Plane) and first.normal @ second.normal < 0.0:
+        return False
+    second, free = _told_alike(second, first), _free(first)
+    off = free.T @ (numbers(first) - numbers(second))
+    return bool(off @ _information(_along(free, first) + _along(free, second)) @ off <= SAME**2)
 
 
-def _told_alike(line: Element, like: Line) -> Element:
+def merged(first: Element, second: Element) -> Element:
+    """One element by what two have shown of it, independently; the rest as of the first."""
+    second, free = _told_alike(second, first), _free(first)
+    known = _along(free, first)
+    share = known @ _information(known + _along(free, second))
+    values = numbers(first) + free @ (share @ (free.T @ (numbers(second) - numbers(first))))
+    covariance = free @ (known - share @ known) @ free.T
+    covariance = 0.5 * (covariance + covariance.T)
+    match first:
+        case Point():
+            return replace(first, point_m=values, covariance=covariance)
+        case Plane():
+            return replace(first, normal=unit(values[:3]), offset_m=float(values[3]), covariance=covariance)
+        case Line():
+            return replace(first, direction=unit(values[:3]), point_m=values[3:], covariance=covariance)
+
+
+def _free(element: Element) -> Array:
+    """(S, P) the ways in which the numbers of an element can change; of a line's point those across it."""
+    match element:
+        case Point():
+            return np.eye(3)
+        case Plane(normal):
+            return np.asarray(block_diag(sphere_tangent(normal), 1.0))
+        case Line(direction):
+            return np.asarray(block_diag(*[sphere_tangent(direction)] * 2))
+
+
+def _along(free: Array, element: Element) -> Array:
+    assert element.covariance is not None
+    return np.asarray(free.T @ element.covariance @ free)
+
+
+def _information(covariance: Array) -> Array:
+    sd = np.sqrt(covariance.diagonal())
+    scale = np.outer(sd, sd)
+    return np.asarray(np.linalg.pinv(covariance / scale, _LOST, hermitian=True) / scale)
+
+
+def _told_alike(element: Element, like: Element) -> Element:
     """A line by its point nearest to that of another, and by the direction nearer to the other's."""
-    near = by_foot(line, like.point_m)
+    if not isinstance(like, Line):
+        return element
+    near = by_foot(element, like.point_m)
     assert isinstance(near, Line)
     assert near.covariance is not None
     if near.direction @ like.direction >= 0.0:

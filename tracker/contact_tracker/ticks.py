@@ -51,6 +51,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
         if goes_on(state, last_ns, model):  # as mostly, online
             return state._replace(frames=(left,)), closed
         number = (left.stamp_ns - state.origin_ns) // model.tick_ns
+        number = np.maximum.accumulate(np.maximum(number, state.number))  # no tick is taken up again
         ends = np.flatnonzero(number[1:] > number[:-1]) + 1
         follows = number[ends - 1] == state.number + np.arange(len(ends))
         many = len(ends) if follows.all() else int(follows.argmin())

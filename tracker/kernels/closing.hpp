@@ -26,10 +26,16 @@ struct Kept {
         position.insert(position.end(), frames.position + 3 * n, frames.position + 3 * n + 3);
         quat.insert(quat.end(), frames.quat + 4 * n, frames.quat + 4 * n + 4);
     }
-    void add(const Kept& others) {
-        stamp_ns.insert(stamp_ns.end(), others.stamp_ns.begin(), others.stamp_ns.end());
-        position.insert(position.end(), others.position.begin(), others.position.end());
-        quat.insert(quat.end(), others.quat.begin(), others.quat.end());
+    // Whether frame n is the last one, bit for bit.
+    bool holds(const Frames& frames, int n) const {
+        return count() && std::equal(position.end() - 3, position.end(), frames.position + 3 * n) &&
+               std::equal(quat.end() - 4, quat.end(), frames.quat + 4 * n);
+    }
+    // As `Poses.fresh`, of one's own and these.
+    void add_fresh(const Frames& frames, const std::int64_t* stamps) {
+        for (int n = 0; n < frames.count; ++n) {
+            if (!holds(frames, n)) add(frames, stamps, n);
+        }
     }
     void forget(int many) {
         stamp_ns.erase(stamp_ns.begin(), stamp_ns.begin() + many);
@@ -39,18 +45,6 @@ struct Kept {
     int count() const { return static_cast<int>(stamp_ns.size()); }
     Frames frames() const { return {position.data(), quat.data(), count()}; }
 };
-
-// As `Poses.fresh`.
-inline Kept fresh(const Frames& frames, const std::int64_t* stamps) {
-    Kept kept;
-    for (int n = 0; n < frames.count; ++n) {
-        const double *position = frames.position + 3 * n, *quat = frames.quat + 4 * n;
-        if (n == 0 || !std::equal(position, position + 3, position - 3) ||
-            !std::equal(quat, quat + 4, quat - 4))
-            kept.add(frames, stamps, n);
-    }
-    return kept;
-}
 
 // As `averaging.Learnt`: `differences` (15, `known`), which are `own` where some are new.
 struct Learnt {
@@ -64,7 +58,7 @@ struct Learnt {
 
 // As `noise.advance`: whether the noise is told anew.
 inline bool listen(const Kept& frames, const std::array<double, 2>& prior, Learnt& learnt) {
-    learnt.waiting.add(frames);
+    learnt.waiting.add_fresh(frames.frames(), frames.stamp_ns.data());
     const int whole = learnt.waiting.count() - order + 1, stride = settings.noise.stride;
     const int more = whole >= 0 ? whole / stride : -((stride - 1 - whole) / stride);
     if (more < settings.noise.untold * std::min(learnt.known + more, settings.noise.memory)) return false;
@@ -97,7 +91,8 @@ struct Mean {
 // The tick of these frames, whose time begins at `first_ns`, seen from the `origin`.
 inline Mean close(const Frames& raw, const std::int64_t* stamps, std::int64_t first_ns, Vector origin,
                   bool is_rest, const Averaging& how, Learnt& learnt) {
-    const Kept kept = fresh(raw, stamps);
+    Kept kept;
+    kept.add_fresh(raw, stamps);
     const Frames frames = kept.frames();
     Mean mean = {};
     mean.told = listen(kept, how.prior, learnt);
