@@ -51,12 +51,12 @@ def assert_alike(model, window):
     assert (kernel.begins, kernel.ends) == (numpy.begins, numpy.ends)
     ours, theirs = kernel.polished, numpy.polished
     sd = 1.0 / np.sqrt(np.maximum(theirs.information.diagonal(), 1.0))
-    assert np.abs(ours.bank.x - theirs.bank.x).max() < 0.02 * sd.max()
+    assert np.abs(ours.bank.x - theirs.bank.x).max() < 1e-4 * sd.max()
     np.testing.assert_allclose(ours.bank.moments, theirs.bank.moments, rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(ours.bank.row_weight, theirs.bank.row_weight, rtol=1e-2)
+    np.testing.assert_allclose(ours.bank.row_weight, theirs.bank.row_weight, rtol=1e-5)
     scale = np.sqrt(theirs.information.diagonal()) + 1e-6
     close = (ours.information - theirs.information) / (scale[:, None] * scale)
-    assert np.abs(close).max() < 1e-2
+    assert np.abs(close).max() < 1e-4
     return numpy.begins, numpy.ends
 
 
