@@ -213,7 +213,7 @@ def test_what_cannot_work_is_one_line_and_leaves_nothing(
 def test_a_folder_that_takes_no_file_is_refused_before_any_work(
     logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("contact_tracker.cli.calibrate.os.access", lambda path, mode: False)
+    monkeypatch.setattr("contact_tracker.cli.arguments.os.access", lambda path, mode: False)
     assert "not writable" in refused(capsys, 2, logs, "-o", tmp_path / "mine.toml")
 
 

@@ -118,6 +118,20 @@ def test_help_names_the_models(command: str) -> None:
     assert set(preset_names()) <= set(run(command, "--help").stdout.replace(",", " ").split())
 
 
+def test_a_file_that_cannot_be_written_is_called_as_the_user_does(log: Path) -> None:
+    """Where no folder says so beforehand, as of a system's own."""
+    assert_one_line_error(run("segment", log, "-o", "/proc/out.csv"), 1, "error: /proc/out.csv: ")
+
+
+def test_a_folder_of_recordings_of_their_own_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
+    for name in ("one.mcap", "two.mcap"):
+        write_waves(tmp_path / name, RATE_HZ)
+    done = run("segment", tmp_path)
+    assert done.returncode == 0
+    assert "overlap in time" in done.stderr
+    assert "overlap" not in run("segment", tmp_path / "one.mcap").stderr
+
+
 def test_version() -> None:
     assert run("--version").stdout.startswith("contact-tracker 0.")
 
@@ -136,6 +150,8 @@ def test_version() -> None:
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
         (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv or .jsonl"]),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
+        (["segment", "x.mcap", "--json"], ["--json", "contact-tracker segment --help"]),
+        (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
         (["simulate", "--seed", "-3"], ["--seed"]),
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
         (["simulate", "unheard_of", "-o", "x.mcap"], ["unheard_of", "paper_experiment"]),

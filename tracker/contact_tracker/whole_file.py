@@ -25,7 +25,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        If ``path`` is something else than a file: a rename would replace even a device.
+        If ``path`` is something else than a file: a rename would replace even a device. Of what fails with
+        the temporary file it is told as of ``path``.
     """
     refusal = why_not_replaceable(path)
     if refusal is not None:
@@ -35,5 +36,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, target)
+    except OSError as error:
+        if error.filename == str(temporary):
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)

@@ -22,7 +22,7 @@ struct Motion {
     int latest, ticks;
 };
 
-// What a tick does to a state, as `free_motion._tick`, and by how much it makes fade what was before.
+// What a tick does to a state, as `free_motion.onward`, and by how much it makes fade what was before.
 struct Onward {
     double onward[3][3], jerk[3][3], fade, fade_shape;
 };

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -78,6 +79,8 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
         refusal = why_not_replaceable(path)
         if not path.parent.is_dir():
             refusal = f"there is no folder {path.parent}"
+        elif not os.access(path.parent, os.W_OK):
+            refusal = f"the folder {path.parent} is not writable"
         if refusal is not None:
             raise UsageError(f"cannot write {text}: {refusal}")
         return path

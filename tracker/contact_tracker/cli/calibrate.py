@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=_output,
+        type=output_file(".toml"),
         required=True,
         metavar="FILE",
         help="write FILE.toml, whole or not at all",
@@ -70,13 +70,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="recordings at once (default: as many as there are cores)",
     )
-
-
-def _output(text: str) -> Path:
-    path: Path = output_file(".toml")(text)
-    if not os.access(path.parent, os.W_OK):
-        raise UsageError(f"cannot write {text}: the folder {path.parent} is not writable")
-    return path
 
 
 def _folds(text: str) -> int:

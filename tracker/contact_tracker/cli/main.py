@@ -93,7 +93,11 @@ def run(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     try:
-        args = build_parser().parse_args(argv)
+        args, unknown = build_parser().parse_known_args(argv)
+        if unknown:
+            raise UsageError(
+                f"unrecognized arguments: {' '.join(unknown)} (see contact-tracker {args.command} --help)"
+            )
         code: int = args.run(args)
         return code
     except SystemExit as leave:  # argparse after --help or --version; a signal

@@ -3,6 +3,7 @@
 import argparse
 import time
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
@@ -89,6 +90,8 @@ class Source:
         """Say what was read and what was not used of it; returns the exit code."""
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
+        if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
+            warn(f"{self._name}: its files overlap in time; if each is a recording of its own, name one")
         if self._log.damage is None:
             return DONE
         warn(f"{self._name}: {self._log.damage}")

@@ -105,8 +105,8 @@ def summed(
 def moment(
     one: Moment, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
 ) -> kernels.Moment:
-    """With what is ``assumed`` of each contact (see ``bank.assuming``); with random ``directions`` of the
-    body's frame it searches from scratch as well."""
+    """With what is ``assumed`` of each contact, rows and what is told (see ``Begins``); with random
+    ``directions`` of the body's frame it searches from scratch as well."""
     births = one.births
     window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
     when = births.onset, births.onset_ns, one.stamp_ns
