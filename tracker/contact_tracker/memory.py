@@ -113,15 +113,17 @@ def _kept(
 def _distinct(met: tuple[Met, ...]) -> tuple[Met, ...]:
     """Those that are one and the same as one, of the latest contact, as all of them have shown it."""
     latest = (one for one in met if not any(_is_met_again(one, later) for later in met))
-    return tuple(_by_all(one, [earlier for earlier in met if _is_met_again(earlier, one)]) for one in latest)
+    return tuple(_by_all(one, *(earlier for earlier in met if _is_met_again(earlier, one))) for one in latest)
 
 
+@lru_cache(maxsize=256)  # the same objects as long as they are remembered
 def _is_met_again(one: Met, other: Met) -> bool:
     is_later = other.onset_ns > one.onset_ns and other.known.kind == one.known.kind
     return is_later and are_same(one.known.element, other.known.element)
 
 
-def _by_all(one: Met, others: Sequence[Met]) -> Met:
+@lru_cache(maxsize=64)
+def _by_all(one: Met, *others: Met) -> Met:
     element = reduce(merged, (other.known.element for other in others), one.known.element)
     return replace(one, known=replace(one.known, element=element)) if others else one
 

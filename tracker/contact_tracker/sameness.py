@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
-from contact_tracker.contacts.base import sphere_tangent, unit
+from contact_tracker import small
+from contact_tracker.contacts.base import EYE, sphere_tangent, unit
 from contact_tracker.geometry import Element, Line, Plane, Point, by_foot, numbers
 
 Array = NDArray[np.float64]
@@ -52,11 +52,14 @@ def _free(element: Element) -> Array:
     """(S, P) the ways in which the numbers of an element can change; of a line's point those across it."""
     match element:
         case Point():
-            return np.eye(3)
+            return EYE
         case Plane(normal):
-            return np.asarray(block_diag(sphere_tangent(normal), 1.0))
+            free = np.zeros((4, 3))
+            free[:3, :2], free[3, 2] = sphere_tangent(normal), 1.0
         case Line(direction):
-            return np.asarray(block_diag(*[sphere_tangent(direction)] * 2))
+            free = np.zeros((6, 4))
+            free[:3, :2] = free[3:, 2:] = sphere_tangent(direction)
+    return free
 
 
 def _along(free: Array, element: Element) -> Array:
@@ -65,9 +68,11 @@ def _along(free: Array, element: Element) -> Array:
 
 
 def _information(covariance: Array) -> Array:
+    """Its inverse, nothing of what is lost in rounding."""
     sd = np.sqrt(covariance.diagonal())
-    scale = np.outer(sd, sd)
-    return np.asarray(np.linalg.pinv(covariance / scale, _LOST, hermitian=True) / scale)
+    told, ways = small.eigenvectors(covariance / (sd[:, None] * sd))
+    ways = (ways / sd[:, None])[:, told > _LOST * told[-1]]
+    return np.asarray((ways / told[told > _LOST * told[-1]]) @ ways.T)
 
 
 def _told_alike(element: Element, like: Element) -> Element:
