@@ -16,14 +16,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.main import COMMANDS
 from contact_tracker.cli.source import Source
-from contact_tracker.errors import NoPoses
+from contact_tracker.errors import NoPoses, UsageError
 from contact_tracker.labels import STATES
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.shipped import preset_names
 from contact_tracker.truth import Truth
+from contact_tracker.whole_file import whole_file
 from logs import START_NS as LOGS_START_NS
 from logs import Topic, poses_topic, smooth_poses, write_log
 
@@ -118,9 +120,27 @@ def test_help_names_the_models(command: str) -> None:
     assert set(preset_names()) <= set(run(command, "--help").stdout.replace(",", " ").split())
 
 
-def test_a_file_that_cannot_be_written_is_called_as_the_user_does(log: Path) -> None:
-    """Where no folder says so beforehand, as of a system's own."""
-    assert_one_line_error(run("segment", log, "-o", "/proc/out.csv"), 1, "error: /proc/out.csv: ")
+def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "out.csv").symlink_to(tmp_path / "there" / "out.csv")
+    asked = []
+    monkeypatch.setattr(
+        "contact_tracker.cli.arguments.os.access", lambda path, mode: bool(asked.append(path))
+    )
+    with pytest.raises(UsageError, match="there is not writable"):
+        output_file(".csv")(str(tmp_path / "out.csv"))
+    assert asked == [tmp_path.resolve() / "there"]
+
+
+def test_what_fails_beside_a_file_is_told_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    with pytest.raises(FileNotFoundError) as error, whole_file(path) as temporary:
+        (temporary / "no folder").touch()
+    assert error.value.filename == str(temporary / "no folder")  # of something else as it is
+    with pytest.raises(FileNotFoundError) as error, whole_file(path):
+        pass  # nothing was written
+    assert error.value.filename == str(path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_of_recordings_of_their_own_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
@@ -128,8 +148,8 @@ def test_a_folder_of_recordings_of_their_own_is_not_taken_for_one_in_silence(tmp
         write_waves(tmp_path / name, RATE_HZ)
     done = run("segment", tmp_path)
     assert done.returncode == 0
-    assert "overlap in time" in done.stderr
-    assert "overlap" not in run("segment", tmp_path / "one.mcap").stderr
+    assert "time runs backward" in done.stderr
+    assert "backward" not in run("segment", tmp_path / "one.mcap").stderr
 
 
 def test_version() -> None:

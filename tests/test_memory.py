@@ -16,7 +16,7 @@ from contact_tracker.incidence import LENGTH_M
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, known_to
 from contact_tracker.labels import Contact
 from contact_tracker.memory import KEPT, LAST, LOOSE_RAD, Memory
-from contact_tracker.sameness import are_same, merged
+from contact_tracker.sameness import are_same, filled
 
 ORIGIN = np.zeros(3)
 ALONG = np.array([0.0, 0.6, 0.8])
@@ -125,7 +125,7 @@ def test_what_is_open_in_one_direction_is_judged_by_the_others(far_m):
         assert not are_same(element, replace(element, point_m=np.array([0.0, 0.05, 0.0])))
 
 
-def test_what_is_met_again_is_known_as_both_times_have_shown_it():
+def test_what_is_met_again_is_known_as_it_was_where_it_tells_nothing():
     """Two faces slide on each other wherever they lie: f-f says nothing of the table's height."""
     vague = replace(TABLE, offset_m=-0.05, covariance=np.diag([1e-8, 1e-8, 1e-8, 0.3**2]))
     memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
@@ -136,32 +136,102 @@ def test_what_is_met_again_is_known_as_both_times_have_shown_it():
     np.testing.assert_allclose(begins.rows.known_mean[heights > 0.0, -1], -0.1, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "first", [Point(np.array([0.1, 0.2, 0.3]), np.diag([1.0, 4.0, 9.0]) * 1e-6), TABLE, EDGE]
-)
-def test_two_that_are_known_alike_meet_in_the_middle(first):
-    size = len(numbers(first))
-    second = with_numbers(first, numbers(first) + 1e-4 * np.eye(size)[0 if size != 4 else 3])
-    found = merged(first, second)
-    np.testing.assert_allclose(numbers(found), 0.5 * (numbers(first) + numbers(second)), atol=1e-8)
-    if size == 3:
-        np.testing.assert_allclose(found.covariance, 0.5 * first.covariance)
-    # whichever is called the first
-    np.testing.assert_allclose(numbers(merged(second, first)), numbers(found), atol=1e-7)
+def uneven(element: Element, rng: np.random.Generator) -> Element:
+    """The element known well in some of the ways in which it can change, and badly in others."""
+    known = known_to(element, Accuracy())
+    assert known.covariance is not None
+    free = np.linalg.svd(known.covariance)[0][:, : np.linalg.matrix_rank(known.covariance, tol=1e-12)]
+    mixed = rng.normal(size=(free.shape[1],) * 2) * 10.0 ** rng.uniform(-1.5, 0.5, free.shape[1])
+    return replace(known, covariance=1e-5 * free @ mixed @ mixed.T @ free.T)
 
 
-def test_merging_weighs_as_least_squares_does():
-    """Against the normal equations, of points known unevenly."""
-    rng = np.random.default_rng(1)
-    places, covariances = (
-        rng.normal(size=(2, 3)),
-        [a @ a.T + 0.1 * np.eye(3) for a in rng.normal(size=(2, 3, 3))],
+def told_otherwise(element: Element) -> Element:
+    """A line by another point and the opposite direction, which changes nothing of it."""
+    if not isinstance(element, Line):
+        return element
+    moved = by_foot(element, element.point_m + 0.7 * element.direction)
+    flip = np.repeat([-1.0, 1.0], 3)
+    return replace(moved, direction=-moved.direction, covariance=flip[:, None] * moved.covariance * flip)
+
+
+@pytest.mark.parametrize("element", [Point(np.array([0.1, 0.2, 0.3])), TABLE, EDGE], ids=["v", "f", "e"])
+def test_what_both_times_were_alike_stays_as_it_was(element):
+    """What is met again may have been assumed: that is no second witness."""
+    later = uneven(element, np.random.default_rng(2))
+    for earlier in (later, told_otherwise(later)):
+        found = filled(later, earlier)
+        np.testing.assert_allclose(numbers(found), numbers(later), atol=1e-9)
+        np.testing.assert_allclose(found.covariance, later.covariance, atol=1e-9 * later.covariance.max())
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])  # each with ways of both
+@pytest.mark.parametrize("element", [TABLE, EDGE], ids=["f", "e"])
+def test_what_is_told_does_not_hang_on_how_lines_are(element, seed):
+    rng = np.random.default_rng(seed)
+    later, values = (
+        uneven(element, rng),
+        numbers(element) + 1e-4 * rng.normal(size=6)[: len(numbers(element))],
     )
-    informations = np.linalg.inv(covariances)
-    expected = np.linalg.solve(informations.sum(axis=0), np.einsum("nij,nj->i", informations, places))
-    found = merged(*map(Point, places, covariances))
-    np.testing.assert_allclose(found.point_m, expected, atol=1e-12)
-    np.testing.assert_allclose(found.covariance, np.linalg.inv(informations.sum(axis=0)), atol=1e-12)
+    values[:3] /= np.linalg.norm(values[:3])
+    earlier = uneven(with_numbers(element, values), rng)
+    expected, found = filled(later, earlier), filled(later, told_otherwise(earlier))
+    if isinstance(found, Line) and found.direction @ expected.direction < 0:  # told as the earlier is
+        found = by_foot(told_otherwise(found), expected.point_m)
+    np.testing.assert_allclose(numbers(found), numbers(expected), atol=1e-5)
+    np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-2 * expected.covariance.max())
+    for one in (later, earlier):  # some of each
+        assert np.abs(expected.covariance - one.covariance).max() > 0.05 * expected.covariance.max()
+
+
+@pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6])
+def test_what_is_known_well_is_kept_beside_what_is_known_badly(turn_rad):
+    """An edge that is known, and one that is the same as far as is known, turned by as much as it may be."""
+    known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
+    turned = np.array([np.sin(turn_rad), 0.6 * np.cos(turn_rad), 0.8 * np.cos(turn_rad)])
+    vague = known_to(Line(turned, EDGE.point_m), Accuracy(position_m=3e-4, rotation_rad=turn_rad / 1.5))
+    for found in (filled(known, vague), filled(vague, known)):
+        assert np.linalg.norm(np.cross(found.direction, ALONG)) < 2e-4
+        np.testing.assert_allclose(found.point_m, EDGE.point_m, atol=3e-4)
+    assert are_same(known, vague) is are_same(vague, known) is True
+
+
+@pytest.mark.parametrize(
+    ("later", "earlier"), [([1.0, 3.9, 4.1], [2.0, 1.0, 1.0]), ([1.0, 1.0, 1.0], [9.0, 0.26, 0.24])]
+)
+def test_each_way_is_told_as_it_was_last_unless_it_was_known_far_better(later, earlier):
+    """Of points, in common axes; the last one was known better by more than twice, whichever is so in all."""
+    rng = np.random.default_rng(1)
+    axes, places = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=(2, 3))
+    found = filled(
+        *(Point(p, axes @ np.diag(v) @ axes.T) for p, v in zip(places, (later, earlier), strict=True))
+    )
+    expected = axes @ np.diag([*later[:2], earlier[2]]) @ axes.T
+    np.testing.assert_allclose(found.covariance, expected, atol=1e-9)
+    np.testing.assert_allclose(axes.T @ found.point_m, [*(axes.T @ places[0])[:2], (axes.T @ places[1])[2]])
+
+
+def test_what_is_told_turns_and_stretches_with_space():
+    """Nothing depends on the axes in which points and covariances are given."""
+    rng = np.random.default_rng(5)
+    points = [uneven(Point(place), rng) for place in rng.normal(size=(2, 3))]
+    stretch = rng.normal(size=(3, 3))
+    stretched = [Point(stretch @ p.point_m, stretch @ p.covariance @ stretch.T) for p in points]
+    found, expected = filled(*stretched), filled(*points)
+    np.testing.assert_allclose(found.point_m, stretch @ expected.point_m, atol=1e-6)
+    np.testing.assert_allclose(found.covariance, stretch @ expected.covariance @ stretch.T, atol=1e-9)
+    assert np.abs(expected.point_m - points[0].point_m).max() > 1e-3  # something was known better before
+
+
+def test_what_was_learnt_on_top_is_not_counted_twice():
+    """An update of the earlier by a measurement is as good or better in all ways."""
+    rng = np.random.default_rng(4)
+    a, row = rng.normal(size=(3, 3)), rng.normal(size=(1, 3))
+    before = Point(rng.normal(size=3), a @ a.T + 0.1 * np.eye(3))
+    gain = before.covariance @ row.T / (row @ before.covariance @ row.T + 0.01)
+    after = Point(before.point_m + 0.1 * gain[:, 0], before.covariance - gain @ row @ before.covariance)
+    found = filled(after, before)
+    np.testing.assert_allclose(found.point_m, after.point_m, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, after.covariance, atol=1e-9)
 
 
 def test_a_contact_can_teach_more_when_it_has_lasted_half_as_long_again():

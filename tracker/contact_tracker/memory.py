@@ -8,7 +8,7 @@ has fewer unknowns to pay for.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -19,7 +19,7 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.incidence import incident
 from contact_tracker.knowledge import Known
-from contact_tracker.sameness import are_same, merged
+from contact_tracker.sameness import are_same, filled
 
 SURE: Final = 0.9
 """An element is kept that belongs to a contact of so much probability."""
@@ -111,9 +111,9 @@ def _kept(
 
 @lru_cache(maxsize=16)  # the same for all contacts
 def _distinct(met: tuple[Met, ...]) -> tuple[Met, ...]:
-    """Those that are one and the same as one, of the latest contact, as all of them have shown it."""
+    """Those that are one and the same as one, of the latest contact, told by that as far as that tells."""
     latest = (one for one in met if not any(_is_met_again(one, later) for later in met))
-    return tuple(_by_all(one, *(earlier for earlier in met if _is_met_again(earlier, one))) for one in latest)
+    return tuple(_as_before(one, *[old for old in met if _is_met_again(old, one)][-1:]) for one in latest)
 
 
 @lru_cache(maxsize=256)  # the same objects as long as they are remembered
@@ -123,9 +123,10 @@ def _is_met_again(one: Met, other: Met) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _by_all(one: Met, *others: Met) -> Met:
-    element = reduce(merged, (other.known.element for other in others), one.known.element)
-    return replace(one, known=replace(one.known, element=element)) if others else one
+def _as_before(one: Met, before: Met | None = None) -> Met:
+    if before is None:
+        return one
+    return replace(one, known=replace(one.known, element=filled(one.known.element, before.known.element)))
 
 
 class _Offer(NamedTuple):

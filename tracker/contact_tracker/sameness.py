@@ -1,4 +1,4 @@
-"""Whether two elements that were found are one and the same, and what both show of it (theory.md, T28)."""
+"""Whether two elements that were found are one and the same, and what is told of it (docs/theory.md, T28)."""
 
 from dataclasses import replace
 from typing import Final
@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 SAME: Final = 4.0
 """Standard deviations by which what was found of one element may differ."""
+VAGUER: Final = 2.0
+"""What is known by so many times the standard deviation, and more, is hardly known."""
 _LOST: Final = 1e-12
 """Of what is correlated, less than this share is rounding."""
 
@@ -26,19 +28,29 @@ def are_same(first: Element, second: Element) -> bool:
     """
     if isinstance(first, Plane) and isinstance(second, Plane) and first.normal @ second.normal < 0.0:
         return False
-    second, free = _told_alike(second, first), _free(first)
+    first, second = _better_first(first, second)
+    free = _free(first)
     off = free.T @ (numbers(first) - numbers(second))
-    return bool(off @ _information(_along(free, first) + _along(free, second)) @ off <= SAME**2)
+    return bool(off @ _inverse(_along(free, first) + _along(free, second)) @ off <= SAME**2)
 
 
-def merged(first: Element, second: Element) -> Element:
-    """One element by what two have shown of it, independently; the rest as of the first."""
-    second, free = _told_alike(second, first), _free(first)
+def filled(later: Element, earlier: Element) -> Element:
+    """The later of two that are the same, and of the ways in which that is hardly known the earlier one.
+
+    The two are not independent: what is met again may have been assumed then. So nothing is added up. Of the
+    ways that are correlated in neither of them each is told as it was last, unless it was known far better
+    before (as in ellipsoidal intersection: Sijs, Lazar and van den Bosch, ACC 2010).
+    """
+    first, second = _better_first(later, earlier)
+    free = _free(first)
     known = _along(free, first)
-    share = known @ _information(known + _along(free, second))
-    values = numbers(first) + free @ (share @ (free.T @ (numbers(second) - numbers(first))))
-    covariance = free @ (known - share @ known) @ free.T
-    covariance = 0.5 * (covariance + covariance.T)
+    known += _LOST * np.diag(known.diagonal())
+    times, ways = small.eigenvectors(_along(free, second), known)  # variances of the second, in the first's
+    of_second = times < 1.0 / VAGUER**2 if first is later else times <= VAGUER**2
+    back = free @ known @ ways
+    off = ways.T @ (free.T @ (numbers(second) - numbers(first)))
+    values = numbers(first) + back @ np.where(of_second, off, 0.0)
+    covariance = (back * np.where(of_second, times, 1.0)) @ back.T
     match first:
         case Point():
             return replace(first, point_m=values, covariance=covariance)
@@ -46,6 +58,16 @@ def merged(first: Element, second: Element) -> Element:
             return replace(first, normal=unit(values[:3]), offset_m=float(values[3]), covariance=covariance)
         case Line():
             return replace(first, direction=unit(values[:3]), point_m=values[3:], covariance=covariance)
+
+
+def _better_first(first: Element, second: Element) -> tuple[Element, Element]:
+    """The one whose direction, or place, is known better, and the other told like it: what turns little is
+    linear."""
+    assert first.covariance is not None
+    assert second.covariance is not None
+    if second.covariance[:3, :3].trace() < first.covariance[:3, :3].trace():
+        first, second = second, first
+    return first, _told_alike(second, first)
 
 
 def _free(element: Element) -> Array:
@@ -67,8 +89,8 @@ def _along(free: Array, element: Element) -> Array:
     return np.asarray(free.T @ element.covariance @ free)
 
 
-def _information(covariance: Array) -> Array:
-    """Its inverse, nothing of what is lost in rounding."""
+def _inverse(covariance: Array) -> Array:
+    """Of a covariance or an information, nothing of what is lost in rounding."""
     sd = np.sqrt(covariance.diagonal())
     told, ways = small.eigenvectors(covariance / (sd[:, None] * sd))
     ways = (ways / sd[:, None])[:, told > _LOST * told[-1]]

@@ -44,7 +44,7 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
     """Take in poses, of which there are some; returns the ticks that they close."""
     left, closed = Poses.join((*state.frames, poses)), list[Tick]()
     while True:
-        first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns[-1])
+        first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns.max())
         if not goes_on(state, first_ns, model):
             state, empty = _missed(state, first_ns, model)
             closed += empty

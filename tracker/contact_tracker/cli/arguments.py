@@ -77,10 +77,11 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
         if path.suffix not in suffixes:
             raise UsageError(f"cannot write {text}: its name must end in {' or '.join(suffixes)}")
         refusal = why_not_replaceable(path)
-        if not path.parent.is_dir():
+        folder = Path(os.path.realpath(path)).parent
+        if not folder.is_dir():
             refusal = f"there is no folder {path.parent}"
-        elif not os.access(path.parent, os.W_OK):
-            refusal = f"the folder {path.parent} is not writable"
+        elif refusal is None and not os.access(folder, os.W_OK | os.X_OK):
+            refusal = f"the folder {folder} is not writable"
         if refusal is not None:
             raise UsageError(f"cannot write {text}: {refusal}")
         return path

@@ -91,7 +91,9 @@ class Source:
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
-            warn(f"{self._name}: its files overlap in time; if each is a recording of its own, name one")
+            warn(
+                f"{self._name}: time runs backward in it; if its files are recordings of their own, name one"
+            )
         if self._log.damage is None:
             return DONE
         warn(f"{self._name}: {self._log.damage}")
