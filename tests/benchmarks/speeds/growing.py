@@ -2,7 +2,7 @@
 
 import growth
 
-from speeds.figures import Figure, Setup, length
+from speeds.figures import Figure, Setup
 
 MINUTE_S = 60.0
 
@@ -10,7 +10,7 @@ MINUTE_S = 60.0
 def measure(setup: Setup) -> list[Figure]:
     after_s = setup.lengths_s[-1]
     grown = growth.measure(setup.log, setup.model, after_s, min(MINUTE_S, after_s), setup.runs)
-    name = f"after {length(round(grown.after_s))} against the first minute"
+    name = f"after {grown.after_s:.0f} s against the first minute"
     return [
         Figure(f"{name}: a tick", float(grown.cpu_growth[-1]), "x", "<= 1.1"),
         Figure(f"{name}: hypotheses", float(grown.hypotheses_growth[-1]), "x"),
