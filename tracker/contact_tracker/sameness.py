@@ -90,7 +90,7 @@ def _along(free: Array, element: Element) -> Array:
 
 
 def _inverse(covariance: Array) -> Array:
-    """Of a covariance or an information, nothing of what is lost in rounding."""
+    """The information; nothing of what is lost in rounding."""
     sd = np.sqrt(covariance.diagonal())
     told, ways = small.eigenvectors(covariance / (sd[:, None] * sd))
     ways = (ways / sd[:, None])[:, told > _LOST * told[-1]]
