@@ -130,6 +130,9 @@ def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch
     with pytest.raises(UsageError, match="there is not writable"):
         output_file(".csv")(str(tmp_path / "out.csv"))
     assert asked == [tmp_path.resolve() / "there"]
+    (tmp_path / "lost.csv").symlink_to(tmp_path / "gone" / "out.csv")
+    with pytest.raises(UsageError, match="gone"):
+        output_file(".csv")(str(tmp_path / "lost.csv"))
 
 
 def test_what_fails_beside_a_file_is_told_of_the_file(tmp_path: Path) -> None:

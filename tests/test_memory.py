@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.linalg import block_diag
 
 from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts.base import sphere_tangent
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, by_foot, numbers
 from contact_tracker.incidence import LENGTH_M
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, known_to
@@ -138,11 +140,11 @@ def test_what_is_met_again_is_known_as_it_was_where_it_tells_nothing():
 
 def uneven(element: Element, rng: np.random.Generator) -> Element:
     """The element known well in some of the ways in which it can change, and badly in others."""
-    known = known_to(element, Accuracy())
-    assert known.covariance is not None
-    free = np.linalg.svd(known.covariance)[0][:, : np.linalg.matrix_rank(known.covariance, tol=1e-12)]
+    across = [sphere_tangent(numbers(element)[:3])] if not isinstance(element, Point) else []
+    rest = {Point: [np.eye(3)], Plane: [np.eye(1)], Line: across}[type(element)]
+    free = block_diag(*across, *rest)
     mixed = rng.normal(size=(free.shape[1],) * 2) * 10.0 ** rng.uniform(-1.5, 0.5, free.shape[1])
-    return replace(known, covariance=1e-5 * free @ mixed @ mixed.T @ free.T)
+    return replace(element, covariance=1e-5 * free @ mixed @ mixed.T @ free.T)
 
 
 def told_otherwise(element: Element) -> Element:
@@ -175,15 +177,13 @@ def test_what_is_told_does_not_hang_on_how_lines_are(element, seed):
     values[:3] /= np.linalg.norm(values[:3])
     earlier = uneven(with_numbers(element, values), rng)
     expected, found = filled(later, earlier), filled(later, told_otherwise(earlier))
-    if isinstance(found, Line) and found.direction @ expected.direction < 0:  # told as the earlier is
-        found = by_foot(told_otherwise(found), expected.point_m)
     np.testing.assert_allclose(numbers(found), numbers(expected), atol=1e-5)
     np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-2 * expected.covariance.max())
     for one in (later, earlier):  # some of each
         assert np.abs(expected.covariance - one.covariance).max() > 0.05 * expected.covariance.max()
 
 
-@pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6, 1.0])
 def test_what_is_known_well_is_kept_beside_what_is_known_badly(turn_rad):
     """An edge that is known, and one that is the same as far as is known, turned by as much as it may be."""
     known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
@@ -193,6 +193,42 @@ def test_what_is_known_well_is_kept_beside_what_is_known_badly(turn_rad):
         assert np.linalg.norm(np.cross(found.direction, ALONG)) < 2e-4
         np.testing.assert_allclose(found.point_m, EDGE.point_m, atol=3e-4)
     assert are_same(known, vague) is are_same(vague, known) is True
+
+
+def test_a_line_is_told_where_it_was_met_last():
+    """Its point is where the body was then, and an end of it is looked for there."""
+    later = known_to(EDGE, Accuracy(1e-3, 2e-3))
+    before = known_to(
+        replace(EDGE, direction=-ALONG, point_m=EDGE.point_m + 1.0 * ALONG), Accuracy(1e-3, 1e-3)
+    )
+    found = filled(later, before)
+    np.testing.assert_allclose(numbers(found), numbers(later), atol=1e-12)
+
+
+@pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6])
+def test_a_way_that_only_one_has_seen_is_told_however_far_it_turns(turn_rad):
+    """Of a normal, the first is exact about one axis, and the second about the other."""
+    first, second = (np.diag([(1e-3, 0.6)[i] ** 2, (0.6, 1e-3)[i] ** 2, 0.0, 1e-6]) for i in (0, 1))
+    turned = np.array([0.0, np.sin(turn_rad), np.cos(turn_rad)])
+    later, earlier = Plane(np.array([0.0, 0.0, 1.0]), 0.0, first), Plane(turned, 0.0, second)
+    np.testing.assert_allclose(filled(later, earlier).normal, turned, atol=2e-3)
+
+
+@pytest.mark.parametrize("vague_m", [1.0, 30.0, 1000.0])
+def test_what_is_told_is_a_covariance(vague_m):
+    """Where each is open in a direction of its own, neither is in what is told."""
+    rng = np.random.default_rng(6)
+    for _ in range(50):
+        ways = rng.normal(size=(2, 3))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        points = [
+            Point(p, 9e-8 * np.eye(3) + vague_m**2 * np.outer(w, w))
+            for p, w in zip(np.zeros((2, 3)), ways, strict=True)
+        ]
+        found = np.linalg.eigvalsh(filled(*points).covariance)
+        assert found[0] > 4e-8
+        if np.linalg.norm(np.cross(*ways)) > 0.2:
+            assert found[-1] < 1e-5
 
 
 @pytest.mark.parametrize(

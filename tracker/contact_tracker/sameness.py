@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 SAME: Final = 4.0
 """Standard deviations by which what was found of one element may differ."""
 VAGUER: Final = 2.0
-"""What is known by so many times the standard deviation, and more, is hardly known."""
+"""What is known by more than so many times the standard deviation is hardly known."""
 _LOST: Final = 1e-12
 """Of what is correlated, less than this share is rounding."""
 
@@ -39,25 +39,34 @@ def filled(later: Element, earlier: Element) -> Element:
 
     The two are not independent: what is met again may have been assumed then. So nothing is added up. Of the
     ways that are correlated in neither of them each is told as it was last, unless it was known far better
-    before (as in ellipsoidal intersection: Sijs, Lazar and van den Bosch, ACC 2010).
+    before (as in ellipsoidal intersection: Sijs, Lazar and van den Bosch, ACC 2010). A line is told by the
+    point and the direction nearer to the later's. Nothing may be known exactly.
     """
     first, second = _better_first(later, earlier)
     free = _free(first)
-    known = _along(free, first)
-    known += _LOST * np.diag(known.diagonal())
-    times, ways = small.eigenvectors(_along(free, second), known)  # variances of the second, in the first's
-    of_second = times < 1.0 / VAGUER**2 if first is later else times <= VAGUER**2
-    back = free @ known @ ways
-    off = ways.T @ (free.T @ (numbers(second) - numbers(first)))
-    values = numbers(first) + back @ np.where(of_second, off, 0.0)
-    covariance = (back * np.where(of_second, times, 1.0)) @ back.T
+    ours, theirs = _along(free, first), _along(free, second)
+    share, ways = small.eigenvectors(theirs, ours + theirs)  # of the variance of both, that of the second
+    was, now = (share, 1.0 - share) if first is later else (1.0 - share, share)
+    of_second = (now > VAGUER**2 * was) == (first is later)
+    back = free @ (ours + theirs) @ ways
+    off = back @ np.where(of_second, ways.T @ (free.T @ (numbers(second) - numbers(first))), 0.0)
+    covariance = (back * np.where(of_second, share, 1.0 - share)) @ back.T
+    covariance = 0.5 * (covariance + covariance.T)
     match first:
-        case Point():
-            return replace(first, point_m=values, covariance=covariance)
-        case Plane():
-            return replace(first, normal=unit(values[:3]), offset_m=float(values[3]), covariance=covariance)
-        case Line():
-            return replace(first, direction=unit(values[:3]), point_m=values[3:], covariance=covariance)
+        case Point(point_m):
+            return replace(first, point_m=point_m + off, covariance=covariance)
+        case Plane(normal, offset_m):
+            normal = _turned(normal, off[:3])
+            return replace(first, normal=normal, offset_m=offset_m + float(off[3]), covariance=covariance)
+        case Line(direction, point_m):
+            direction = _turned(direction, off[:3])
+            found = replace(first, direction=direction, point_m=point_m + off[3:], covariance=covariance)
+            return _told_alike(found, later)
+
+
+def _turned(direction: Array, by: Array) -> Array:
+    """A unit vector with so much of it across what it was."""
+    return unit(direction * np.sqrt(max(1.0 - float(by @ by), 0.0)) + by)
 
 
 def _better_first(first: Element, second: Element) -> tuple[Element, Element]:

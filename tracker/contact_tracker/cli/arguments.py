@@ -79,7 +79,7 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
         refusal = why_not_replaceable(path)
         folder = Path(os.path.realpath(path)).parent
         if not folder.is_dir():
-            refusal = f"there is no folder {path.parent}"
+            refusal = f"there is no folder {folder if path.is_symlink() else path.parent}"
         elif refusal is None and not os.access(folder, os.W_OK | os.X_OK):
             refusal = f"the folder {folder} is not writable"
         if refusal is not None:
