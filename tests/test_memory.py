@@ -195,6 +195,17 @@ def test_what_is_known_well_is_kept_beside_what_is_known_badly(turn_rad):
     assert are_same(known, vague) is are_same(vague, known) is True
 
 
+def test_whether_lines_are_the_same_does_not_hang_on_which_is_called_the_first():
+    """Of one that is known, and of one that is turned and beside it by about as much as may be."""
+    known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
+    turned = np.array([np.sin(1.0), 0.6 * np.cos(1.0), 0.8 * np.cos(1.0)])
+    places = EDGE.point_m + 8e-4 * np.random.default_rng(7).normal(size=(100, 3))
+    vague = [known_to(Line(turned, place), Accuracy(position_m=3e-4, rotation_rad=0.4)) for place in places]
+    same = [are_same(known, one) for one in vague]
+    assert 5 < sum(same) < 95
+    assert same == [are_same(one, known) for one in vague]
+
+
 def test_a_line_is_told_where_it_was_met_last():
     """Its point is where the body was then, and an end of it is looked for there."""
     later = known_to(EDGE, Accuracy(1e-3, 2e-3))

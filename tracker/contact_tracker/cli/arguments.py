@@ -77,9 +77,9 @@ def output_file(*suffixes: str) -> Callable[[str], Path]:
         if path.suffix not in suffixes:
             raise UsageError(f"cannot write {text}: its name must end in {' or '.join(suffixes)}")
         refusal = why_not_replaceable(path)
-        folder = Path(os.path.realpath(path)).parent
+        folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
         if not folder.is_dir():
-            refusal = f"there is no folder {folder if path.is_symlink() else path.parent}"
+            refusal = f"there is no folder {folder}"
         elif refusal is None and not os.access(folder, os.W_OK | os.X_OK):
             refusal = f"the folder {folder} is not writable"
         if refusal is not None:
