@@ -102,17 +102,25 @@ def restricted(idle: bool, window: Window, tick_s: float) -> float:
 
 
 def shared(probability: Array, label: Contact, others: tuple[Contact, ...], purpose: float) -> Array:
-    """Posterior (7,) in which the label shares with ``others``, as likely as motion is ``restricted``."""
+    """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
+
+    The most probable contact among them gives to all the others, as likely as motion is restricted on
+    ``purpose``. That is the label itself, but for the label of a Viterbi path or of some time ago. The order
+    of the states stays, and a distribution stays one.
+    """
     if not others or label is Contact.FREE:
         return probability
+    alike = [state.column for state in (label, *others)]
+    giver = max((c for c in alike if c != Contact.FREE.column), key=lambda c: (probability[c], c == alike[0]))
     share = np.zeros(len(STATES))
-    share[[label.column, *(other.column for other in others)]] = 1.0
-    share[label.column] = FIRST_CHOICE
+    share[alike] = 1.0
+    share[giver] = FIRST_CHOICE
     share /= share.sum()
-    change = probability[label.column] * (share - (np.arange(len(STATES)) == label.column))
-    # as far as the label stays the first choice
-    lead, loss = probability[label.column] - probability, change - change[label.column]
-    most = np.min(lead / np.where(loss > 0.0, loss, np.inf), where=loss > 0.0, initial=1.0)
+    change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
+    # as far as the giver stays ahead of those that are behind it
+    lead, loss = probability[giver] - probability, change - change[giver]
+    behind = (loss > 0.0) & (lead >= 0.0)
+    most = np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0)
     return np.asarray(probability + min(purpose, ALMOST * float(most)) * change)
 
 
