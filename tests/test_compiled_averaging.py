@@ -132,7 +132,7 @@ def test_an_object_at_rest_is_averaged_alike():
 @each_rate
 def test_noise_is_heard_alike(rate_hz):
     """Of frames at uneven times, until memory is full."""
-    (_, numpy), (_, kernel) = both(averaged, streamed(2, rate_hz, 7000.0 / rate_hz))
+    (_, numpy), (_, kernel) = both(averaged, streamed(2, rate_hz, 9000.0 / rate_hz))
     assert numpy[-1].heard.differences.shape[1] == noise.MEMORY
     assert_close(kernel[-1].heard.differences, numpy[-1].heard.differences, 1e-9)
     assert_same_noise(kernel[-1].noise, numpy[-1].noise)
@@ -166,7 +166,7 @@ def test_what_is_no_state_is_refused():
         averaging._compiled(learnt, run._replace(frames=bad), MODEL)
     onward = free_motion.onward(0.1, 1.0)
     with pytest.raises(ValueError, match="what jerk does"):
-        kernels.Averaging(10**8, (1.0, 1.0), (0.0, 0.0), 5.0, onward.onward, np.eye(5), 0.9, 0.9)
+        kernels.Averaging(10**8, (1.0, 1.0), (0.0, 0.0), 5.0, True, onward.onward, np.eye(5), 0.9, 0.9)
 
 
 @given(seed=seeds)

@@ -106,18 +106,41 @@ def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
 @pytest.mark.parametrize(("rate_hz", "missed"), [(30.0, 0.03), (200.0, 0.001)])
 def test_spikes_are_left_out(rate_hz, missed):
     """5 cm off in 2 % of the frames: nearly all are found, even where a tick has but three frames."""
-    rng = np.random.default_rng(4)
-    clean = moving(rng, 40.0, rate_hz, 3e-4, 2.6e-3)
-    poses, wrong = spiked(rng, clean, 0.02)
-    found, late = averaged(poses), slice(10, None)
-    dropped = sum(tick.outliers for tick in found[late])
-    assert dropped >= 0.9 * wrong[round(rate_hz) :].sum()
-    assert dropped <= 1.3 * wrong.sum()
-    off = []
-    for tick in found[late]:
-        mine = (poses.stamp_ns >= tick.start_ns) & (poses.stamp_ns <= tick.stamp_ns) & ~wrong
-        off.append(np.linalg.norm(tick.zeta[T] - clean.position_m[mine].mean(axis=0) + poses.position_m[0]))
+    off, dropped, spikes = [], 0, 0
+    for seed in range(4, 8):
+        rng = np.random.default_rng(seed)
+        clean = moving(rng, 40.0, rate_hz, 3e-4, 2.6e-3)
+        poses, wrong = spiked(rng, clean, 0.02)
+        found, late = averaged(poses), slice(10, None)
+        dropped += sum(tick.outliers for tick in found[late])
+        spikes += wrong[round(rate_hz) :].sum()
+        for tick in found[late]:
+            mine = (poses.stamp_ns >= tick.start_ns) & (poses.stamp_ns <= tick.stamp_ns) & ~wrong
+            mean_m = clean.position_m[mine].mean(axis=0)
+            off.append(np.linalg.norm(tick.zeta[T] - mean_m + poses.position_m[0]))
+    assert 0.9 * spikes <= dropped <= 1.3 * spikes
     assert np.mean(np.array(off) > 0.005) < missed
+
+
+def test_outliers_do_not_raise_the_noise():
+    """Spikes in a tenth of the frames, and then a sensor that is ten times as noisy from one moment on."""
+    rng = np.random.default_rng(6)
+    clean = moving(rng, 20.0, 200.0, 3e-4, 2.6e-3)
+    poses, _ = spiked(rng, clean, 0.1)
+    alike = averaged(clean)[-1].noise
+    assert averaged(poses)[-1].noise.sigma_position_m == pytest.approx(alike.sigma_position_m, rel=0.1)
+    worse = moving(rng, 20.0, 200.0, 3e-3, 2.6e-2)
+    late = replace(worse, stamp_ns=worse.stamp_ns - worse.stamp_ns[0] + clean.stamp_ns[-1] + 5_000_000)
+    grown = averaged(Poses.join([clean, late]))[-1].noise
+    assert grown.sigma_position_m == pytest.approx(3e-3, rel=0.2)
+
+
+def test_noise_that_is_given_is_not_estimated():
+    given = replace(MODEL, noise=replace(MODEL.noise, estimated=False, sigma_position_m=1e-3))
+    poses = moving(np.random.default_rng(6), 5.0, 200.0, 3e-4, 2.6e-3)
+    noise = averaged(poses, given)[-1].noise
+    assert noise.sigma_position_m == pytest.approx(1e-3, rel=1e-12)
+    assert noise.sigma_rotation_rad == pytest.approx(MODEL.noise.sigma_rotation_rad, rel=1e-12)
 
 
 def test_spikes_of_a_camera_stand_out_of_three_frames():

@@ -87,12 +87,16 @@ def _closed(
     """One tick; a rest tells nothing of the motion: it is not a tick's time from its neighbours."""
     start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
     frames = frames.fresh  # held poses say nothing new
-    prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
-    heard, estimate = noise.advance(learnt.heard, learnt.noise, frames, prior)
-    sigma_sq = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad]) ** 2
+    before = learnt.noise
+    sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
     ahead_s = (frames.stamp_ns - first_ns) / 1e9 + 0.5 * model.tick_s  # of the middle of the tick before
     good = _plausible(frames, ahead_s, learnt.motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
     some = frames if good.all() else frames[good]
+    heard, estimate = learnt.heard, before
+    if model.noise.estimated:
+        prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
+        typical = some if 2 * len(some) > len(frames) else frames  # outliers are no noise, unless most are
+        heard, estimate = noise.advance(heard, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
     motion, excess, turn = learnt.motion, NO_EXCESS, zeta[R].reshape(3, 3)
     if motion is not None:
@@ -133,7 +137,7 @@ def _averaging(known: Noise, motion: Motion, tick_s: float, tick_ns: int) -> "ke
     prior = known.sigma_position_m, known.sigma_rotation_rad
     floor = known.floor_position_m**2, known.floor_rotation_rad**2
     onward = free_motion.onward(tick_s, motion.memory_s)
-    return kernels.Averaging(tick_ns, prior, floor, known.outlier_sigmas, *onward)
+    return kernels.Averaging(tick_ns, prior, floor, known.outlier_sigmas, known.estimated, *onward)
 
 
 def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:

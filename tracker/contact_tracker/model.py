@@ -15,7 +15,7 @@ ByChange = tuple[ByState, ...]
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of one pose; they start the estimate, which then follows the stream itself."""
+    """Standard deviations of one pose, and how the noise of a tick is found."""
 
     sigma_position_m: float
     sigma_rotation_rad: float
@@ -26,6 +26,9 @@ class Noise:
     contact_position_m: ByState = ZERO
     """Of each contact, beyond the floor of all."""
     contact_rotation_rad: ByState = ZERO
+    estimated: bool = True
+    """Whether the deviations of a pose only start an estimate, which then follows the stream, and the noise of
+    a tick is chosen by the evidence; if not, they are what the user knows."""
 
     @cached_property
     def beyond_floor(self) -> tuple[tuple[float, float], ...]:

@@ -93,6 +93,10 @@ def _value(wanted: Any, value: Any, key: str) -> Any:
         if not isinstance(value, str):
             raise ModelError(key, f"must be a string, not {type(value).__name__}")
         return value
+    if wanted is bool:
+        if not isinstance(value, bool):
+            raise ModelError(key, f"must be true or false, not {type(value).__name__}")
+        return value
     if wanted is float:
         low, high = limits(key)
         number = _number(value, key)

@@ -95,12 +95,12 @@ py::tuple fields_of(const Motion& motion) {
 }
 
 Averaging averaging_of(std::int64_t tick_ns, const std::array<double, 2>& prior,
-                       const std::array<double, 2>& floor, double outlier_sigmas, const Floats& onward,
-                       const Floats& jerk, double fade, double fade_shape) {
+                       const std::array<double, 2>& floor, double outlier_sigmas, bool estimated,
+                       const Floats& onward, const Floats& jerk, double fade, double fade_shape) {
     require(tick_ns > 0, "a tick takes time");
     require_shape(onward, {6, 6}, "what a tick does to two states");
     require_shape(jerk, {6, 6}, "what jerk does to two states");
-    Averaging how{tick_ns, prior, floor, outlier_sigmas, {{}, {}, fade, fade_shape}};
+    Averaging how{tick_ns, prior, floor, outlier_sigmas, estimated, {{}, {}, fade, fade_shape}};
     for (int i = 0; i < 3; ++i) {
         std::copy_n(onward.data() + 6 * i, 3, how.onward.onward[i]);
         std::copy_n(jerk.data() + 6 * i, 3, how.onward.jerk[i]);

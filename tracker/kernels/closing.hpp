@@ -13,6 +13,7 @@ struct Averaging {
     std::int64_t tick_ns;
     std::array<double, 2> prior, floor;
     double outlier_sigmas;
+    bool estimated;
     Onward onward;
 };
 
@@ -95,7 +96,6 @@ inline Mean close(const Frames& raw, const std::int64_t* stamps, std::int64_t fi
     kept.add_fresh(raw, stamps);
     const Frames frames = kept.frames();
     Mean mean = {};
-    mean.told = listen(kept, how.prior, learnt);
     const auto [across_m, about_rad] = deviation(learnt.noise);
     const double sigma_sq[] = {across_m * across_m, about_rad * about_rad};
     std::vector<double> ahead(frames.count);
@@ -107,10 +107,19 @@ inline Mean close(const Frames& raw, const std::int64_t* stamps, std::int64_t fi
     mean_lift(frames, good.get(), origin, mean.zeta);
     mean.count = static_cast<int>(std::count(good.get(), good.get() + frames.count, true));
     mean.outliers = frames.count - mean.count;
+    if (how.estimated) {
+        Kept typical;
+        const bool few = 2 * mean.count <= frames.count;  // where most stand out, they are the noise
+        for (int n = 0; n < frames.count; ++n) {
+            if (few || good[n]) typical.add(frames, kept.stamp_ns.data(), n);
+        }
+        mean.told = listen(typical, how.prior, learnt);
+    }
+    const std::array<double, 2> sensor = deviation(learnt.noise);
     const Vector place = at(mean.zeta, 9);
     if (motion) {
         double variance[2];
-        for (int i = 0; i < 2; ++i) variance[i] = sigma_sq[i] / mean.count + how.floor[i];
+        for (int i = 0; i < 2; ++i) variance[i] = sensor[i] * sensor[i] / mean.count + how.floor[i];
         advance(*motion, mean.zeta, place, variance, how.onward, mean.excess);
     } else if (!is_rest) {
         learnt.motion = motion_at(mean.zeta, place);

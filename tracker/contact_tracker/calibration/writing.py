@@ -30,6 +30,8 @@ def _table(table: Any, name: str) -> list[str]:
 def _entry(key: str, kind: Any, value: Any) -> list[str]:
     if kind is str:
         return [f"{key} = {_quoted(value)}"]
+    if kind is bool:
+        return [f"{key} = {str(value).lower()}"]
     if kind == ByState:
         return [f"{key} = {_inline(value)}"]
     if kind == ByChange:

@@ -147,8 +147,8 @@ def minimised(
 ) -> tuple[Numbers, Numbers, Numbers, Bools]: ...
 
 class Averaging:
-    """How ticks are averaged: their length, the model's deviations and variances of a frame (m, rad), and
-    ``free_motion.Onward``."""
+    """How ticks are averaged: their length, the model's deviations and variances of a frame (m, rad), whether
+    the noise is estimated from the stream, and ``free_motion.Onward``."""
 
     def __init__(
         self,
@@ -156,6 +156,7 @@ class Averaging:
         prior: tuple[float, float],
         floor: tuple[float, float],
         outlier_sigmas: float,
+        estimated: bool,
         onward: Numbers,
         jerk: Numbers,
         fade: float,
