@@ -105,6 +105,7 @@ def after(
         exposure=ahead.outlook.exposure,
         change=ahead.outlook.change,
         entry=weighed.entry,
+        log_normaliser=state.log_normaliser + float(weighed.entry[FREE] - weighed.log_left[FREE]),
         past=_pasts(kept, births.past[FREE]),
     )
 

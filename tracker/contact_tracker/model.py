@@ -27,8 +27,8 @@ class Noise:
     """Of each contact, beyond the floor of all."""
     contact_rotation_rad: ByState = ZERO
     estimated: bool = True
-    """Whether the deviations of a pose only start an estimate, which then follows the stream, and the noise of
-    a tick is chosen by the evidence; if not, they are what the user knows."""
+    """Whether the deviations of a pose only start an estimate, which then follows the stream, and the floors
+    of a tick are chosen by the evidence; if not, both are what the user knows."""
 
     @cached_property
     def beyond_floor(self) -> tuple[tuple[float, float], ...]:

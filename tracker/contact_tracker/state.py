@@ -10,6 +10,7 @@ from contact_tracker.begins import fresh
 from contact_tracker.belief import Belief
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evidence import Scales
+from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses import Alive
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.labels import STATES, Contact
@@ -34,7 +35,8 @@ class TrackerState(NamedTuple):
     ``leaders`` (6,), and all that is ``alive``; ``ticks`` seen, ``numbers`` of hypotheses given out,
     ``outliers`` among the poses; the label, tick and time since when it is free; ``exposure`` to change
     at the last boundary, ``change`` (7, 7) and ``entry`` (7,), the log chances of change there and the log
-    weights with which states began; the exposure that is ``withheld`` while ticks say nothing; ``past``
+    weights with which states began; ``log_normaliser``, what was taken from the weights to keep their numbers
+    small; the exposure that is ``withheld`` while ticks say nothing; ``past``
     (7, L, 7) of each state and ``recent`` beliefs, where answers lag; the last ``belief``.
     """
 
@@ -58,10 +60,16 @@ class TrackerState(NamedTuple):
     exposure: float
     change: Array
     entry: Array
+    log_normaliser: float
     withheld: float
     past: Array
     recent: tuple[Belief, ...]
     belief: Belief | None
+
+    @property
+    def log_evidence(self) -> float:
+        """Log probability of all ticks so far, relative to that of free motion (nats)."""
+        return self.log_normaliser + float(log_sum_exp(self.log_left))
 
     @property
     def window(self) -> Window:
@@ -100,6 +108,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         exposure=0.0,
         change=np.zeros((states, states)),
         entry=initial,
+        log_normaliser=0.0,
         withheld=0.0,
         past=past,
         recent=(),

@@ -60,15 +60,16 @@ def run(args: argparse.Namespace) -> int:
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "Knowledge"
 ) -> "tuple[Evaluation, str | None]":
+    from contact_tracker.adaptive import OfflineTracker
     from contact_tracker.evaluation.evaluate import Judge
     from contact_tracker.passing import watched
     from contact_tracker.recording import need_truth, open_log
-    from contact_tracker.segmenter import pieces
 
     judge = Judge(need_truth(name, args.topic, args.frame))
     log = open_log(name, args.topic, args.frame)
     with progress(name, "poses") as set_done:
-        for piece in watched(log, lambda poses: pieces(poses, model, set_done, knowledge), judge.poses):
+        tracker = OfflineTracker(model, knowledge)
+        for piece in watched(log, lambda poses: tracker.pieces(poses, set_done), judge.poses):
             judge.piece(piece)
     if not judge.frames:
         raise NoPoses(f"{name}: no pose that can be used")

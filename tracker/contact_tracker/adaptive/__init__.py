@@ -1,0 +1,7 @@
+"""Trackers whose ticks and noise are adapted to the stream: multiple-model estimation (docs/theory.md)."""
+
+from contact_tracker.adaptive.offline import OfflineTracker, segment
+from contact_tracker.adaptive.online import AdaptiveState, advance, finish, start, step
+from contact_tracker.adaptive.report import Report
+
+__all__ = ["AdaptiveState", "OfflineTracker", "Report", "advance", "finish", "segment", "start", "step"]

@@ -1,0 +1,79 @@
+"""What the evidence says between trackers that take the noise of a tick to be different (docs/theory.md, 13).
+
+A tracker's evidence is relative to free motion, as that tracker sees it. To compare two of them free motion
+has to be the same for both; and noise that looks like motion at rest must not decide.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.lift import R, T
+from contact_tracker.model import Motion
+from contact_tracker.state import TrackerState
+from contact_tracker.window import Window
+
+Array = NDArray[np.float64]
+
+SPAN_TICKS: Final = 5
+SMOOTH: Final = 4.0
+"""An object moves if it gets so much farther in ``SPAN_TICKS`` ticks, in squares, than noise would."""
+_DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
+_ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
+"""Constraints of each state (7,) on a distance and on angles."""
+
+
+class TickEvidence(NamedTuple):
+    """What a tick was to one tracker: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after it,
+    and the variances (2,) of free motion and noise together (m^2, rad^2)."""
+
+    gain: float
+    posterior: Array
+    free_variance: Array
+
+
+def tick_evidence(before: TrackerState, after: TrackerState) -> TickEvidence:
+    """Of the tick that has led from one state to the next."""
+    weight = np.exp(after.log_left - after.log_left.max())
+    window = after.window
+    return TickEvidence(
+        after.log_evidence - before.log_evidence,
+        weight / weight.sum(),
+        window.excess[-1] + window.variance[-1],
+    )
+
+
+def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
+    """Log evidence (K,) of one tick by K trackers, free motion being what it is to the first of them.
+
+    A constraint gains log S / 2 where S is the variance of free motion along it. What a tracker of larger
+    noise takes for noise it does not count as motion: its S is smaller, and so is the gain, by what is added
+    here.
+    """
+    squared_lever_m2 = 2.0 * motion.body_radius_m**2
+    free = np.array([tick.free_variance for tick in ticks])
+    log_distance = np.log(free[:, 0] + squared_lever_m2 * free[:, 1])
+    log_angle = np.log(free[:, 1])
+    posterior = np.array([tick.posterior for tick in ticks])
+    withheld = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
+    withheld += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
+    gain = np.array([tick.gain for tick in ticks])
+    return np.asarray(gain + 0.5 * motion.independence * withheld)
+
+
+def is_moving(window: Window) -> bool:
+    """Whether the object moves in the newest tick, whatever the noise: noise does not lead away."""
+    poses = window.zeta[-1 - SPAN_TICKS :]
+    return len(poses) > SPAN_TICKS and any(_leads_away(poses[:, part]) for part in (R, T))
+
+
+def _leads_away(places: Array) -> bool:
+    """Whether the way (N, d) leads farther than as many steps of noise; ticks without frames are no steps."""
+    steps_sq = (np.diff(places, axis=0) ** 2).sum(axis=1)
+    steps_sq = steps_sq[steps_sq > 0.0]
+    if len(steps_sq) < 2:
+        return False
+    return float(((places[-1] - places[0]) ** 2).sum()) > SMOOTH * float(steps_sq.mean())

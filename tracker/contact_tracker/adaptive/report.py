@@ -1,0 +1,34 @@
+"""What was adapted to a stream, and what the stream shows of itself."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from contact_tracker.adaptive.online import AdaptiveState
+from contact_tracker.averaging import tick_variances
+from contact_tracker.model import Model
+from contact_tracker.noise import NoiseEstimate
+
+
+class Report(NamedTuple):
+    """``model`` as asked for and the one ``chosen``, whether it ``is_decided``; deviations (m, rad) of the
+    ``noise`` of a pose, as estimated or given, and of a ``tick``."""
+
+    model: Model
+    chosen: Model
+    is_decided: bool
+    noise: tuple[float, float]
+    tick: tuple[float, float]
+
+
+def report(state: AdaptiveState) -> Report | None:
+    """Of the stream so far; None before its rate is known."""
+    best = state.best
+    if best is None or best.averaging is None:
+        return None
+    estimate: NoiseEstimate = best.averaging.learnt.noise
+    typical = float(np.median(best.sliding.frames)) if len(best.sliding.frames) else 1.0
+    variance = tick_variances(estimate, np.array(typical), best.model)
+    tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
+    noise = estimate.sigma_position_m, estimate.sigma_rotation_rad
+    return Report(state.model, best.model, state.is_decided, noise, tick)
