@@ -55,6 +55,7 @@ LAYERS = (
     ("strides",),
     ("forward", "telling", "closed", "passing"),
     ("segmenter",),
+    ("adaptive",),
     ("shipped",),
     ("whole_file", "presets"),
     ("recording", "simulate", "evaluation", "known"),

@@ -1,6 +1,6 @@
 """All parameters of the tracker, by what they are about (docs/models.md)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -118,6 +118,16 @@ class Model:
     transitions: Transitions
     certainty: Certainty
     search: Search
+
+    def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":
+        """A copy for poses of which the noise is known: nothing of it is estimated."""
+        noise = replace(
+            self.noise,
+            sigma_position_m=sigma_position_m,
+            sigma_rotation_rad=sigma_rotation_rad,
+            estimated=False,
+        )
+        return replace(self, noise=noise)
 
     @property
     def tick_ns(self) -> int:

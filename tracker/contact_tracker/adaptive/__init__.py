@@ -2,6 +2,16 @@
 
 from contact_tracker.adaptive.offline import OfflineTracker, segment
 from contact_tracker.adaptive.online import AdaptiveState, advance, finish, start, step
-from contact_tracker.adaptive.report import Report
+from contact_tracker.adaptive.report import Report, report
 
-__all__ = ["AdaptiveState", "OfflineTracker", "Report", "advance", "finish", "segment", "start", "step"]
+__all__ = [
+    "AdaptiveState",
+    "OfflineTracker",
+    "Report",
+    "advance",
+    "finish",
+    "report",
+    "segment",
+    "start",
+    "step",
+]

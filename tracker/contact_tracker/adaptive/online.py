@@ -66,6 +66,11 @@ class AdaptiveState(NamedTuple):
         return self.pending is None and len(self.trackers) == 1
 
     @property
+    def outliers(self) -> int:
+        """Poses left out of their ticks so far."""
+        return 0 if self.best is None else self.best.outliers
+
+    @property
     def best(self) -> TrackerState | None:
         """The most probable tracker; None before the rate of the stream is known."""
         return self.trackers[int(self.log_weight.argmax())] if self.trackers else None

@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_source
+from contact_tracker.cli.arguments import add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
@@ -36,9 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.evaluation.report import Report
-    from contact_tracker.presets import load_model
 
-    model, knowledge = load_model(args.model), knowledge_of(args)
+    model, knowledge = model_of(args), knowledge_of(args)
     evaluations = {}
     code = DONE
     for name in recordings(args.logs, "evaluate"):

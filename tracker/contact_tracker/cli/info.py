@@ -9,6 +9,7 @@ from contact_tracker.cli.terminal import warn
 from contact_tracker.errors import NoPoses
 
 if TYPE_CHECKING:
+    from contact_tracker.adaptive import Report
     from contact_tracker.recording import SourceSummary
 
 HELP: Final = "which poses are in a recording, and how good they are"
@@ -16,7 +17,7 @@ DESCRIPTION: Final = """\
 List the sources of poses in a recording with their topics, frames, rates, gaps and estimated
 noise, and whatever else the recording holds."""
 EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
-NOISE_POSES: Final = 20_000
+MOST_POSES: Final = 20_000
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,17 +28,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    from contact_tracker.adaptive import Report
     from contact_tracker.outputs.summary import summary_json, summary_lines
-    from contact_tracker.recording import summarise
+    from contact_tracker.recording import PoseSource, summarise
 
-    summary = summarise(args.log)
-    if args.log != "-":  # stdin cannot be read again for its noise
-        sources = (_with_noise(args.log, s) if s.poses else s for s in summary.sources)
-        summary = replace(summary, sources=tuple(sources))
+    summary, reports = summarise(args.log), dict[PoseSource, Report | None]()
+    if args.log != "-":  # stdin cannot be read again
+        sources = [_with_noise(args.log, s) if s.poses else (s, None) for s in summary.sources]
+        summary = replace(summary, sources=tuple(source for source, _ in sources))
+        reports = {source.source: adapted for source, adapted in sources}
     if args.json:
-        print(json.dumps(summary_json(summary), indent=1, allow_nan=False))
+        print(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
     else:
-        print("\n".join(summary_lines(summary)))
+        print("\n".join(summary_lines(summary, reports)))
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not any(source.poses for source in summary.sources):
@@ -45,16 +48,22 @@ def run(args: argparse.Namespace) -> int:
     return DONE if summary.damage is None else DAMAGED
 
 
-def _with_noise(path: str, summary: "SourceSummary") -> "SourceSummary":
-    """``summary`` with the sensor noise, estimated from the source's first valid poses."""
+def _with_noise(path: str, summary: "SourceSummary") -> "tuple[SourceSummary, Report | None]":
+    """``summary`` with the sensor noise, and what the default tracker adapts to: by the first valid poses."""
     from dataclasses import replace
     from itertools import islice
 
+    from contact_tracker import adaptive
+    from contact_tracker.belief import Detail
     from contact_tracker.noise import estimate_noise
     from contact_tracker.poses import Poses
+    from contact_tracker.presets import load_model
     from contact_tracker.recording import open_log
 
     log = open_log(path, summary.source.topic, summary.source.frames)
-    position_m, rotation_rad = estimate_noise(Poses.collect(islice(log, NOISE_POSES)))
+    poses = Poses.collect(islice(log, MOST_POSES))
     log.close()
-    return replace(summary, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)
+    position_m, rotation_rad = estimate_noise(poses)
+    state, _ = adaptive.advance(adaptive.start(load_model()), poses, Detail.WEIGHTS)
+    summary = replace(summary, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)
+    return summary, adaptive.report(state)

@@ -4,17 +4,15 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recording, positive, seconds
+from contact_tracker.cli.arguments import add_model, add_recording, model_of, positive, seconds
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.status import INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine
 from contact_tracker.errors import UsageError
 
 if TYPE_CHECKING:
-    from contact_tracker.averaging import Tick
     from contact_tracker.belief import Belief
     from contact_tracker.cli.source import Source
-    from contact_tracker.tracker import TrackerState
     from contact_tracker.viewer.absent import LiveView
 
 HELP: Final = "what holds now: a line per change while poses stream in"
@@ -43,46 +41,38 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from contact_tracker import tracker
+    from contact_tracker import adaptive
     from contact_tracker.cli.source import Source, paced
-    from contact_tracker.presets import load_model
     from contact_tracker.recording import Follow, open_log
 
-    model, knowledge = load_model(args.model), knowledge_of(args)
+    model, knowledge = model_of(args), knowledge_of(args)
     if args.lag > model.search.window_s:
         raise UsageError(
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
         )
-    state = tracker.start(model, args.lag, knowledge)
+    state = adaptive.start(model, args.lag, knowledge)
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False
     with _viewer(args) as viewer, StatusLine() as status:
         show = _shower(args.json, source, status)
 
-        def observe(gathered: "tuple[TrackerState, list[Tick]]") -> None:
-            nonlocal state
-            state, closed = gathered
-            for tick in closed:  # several after a gap: each is shown, and none twice when interrupted
-                state, online = tracker.observe(state, tick)
-                say(tracker.answer(state, online))
-
-        def say(belief: "Belief | None") -> None:
-            if belief is not None:
+        def say(beliefs: "list[Belief]") -> None:
+            for belief in beliefs:
                 show(belief)
                 viewer.belief(belief)
 
         try:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
-                observe(tracker.gather(state, pose))
+                state, beliefs = adaptive.advance(state, pose)
+                say(beliefs)
         except KeyboardInterrupt:
             interrupted = True
-        observe(tracker.gather_rest(state))
-        for belief in tracker.remaining(state):
-            say(belief)
+        state, beliefs = adaptive.finish(state)
+        say(beliefs)
     source.outliers = state.outliers
-    code = source.finish()
+    code = source.finish(adaptive.report(state))
     return INTERRUPTED if interrupted else code
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recording, output_file
+from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress
 from contact_tracker.cli.workers import add_processes, workers
@@ -42,23 +42,23 @@ def _output(text: str) -> Path | None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from contact_tracker.adaptive import OfflineTracker
     from contact_tracker.belief import Detail
     from contact_tracker.cli.source import Source
-    from contact_tracker.presets import load_model
     from contact_tracker.recording import open_log
-    from contact_tracker.segmenter import pieces
 
-    model, knowledge = load_model(args.model), knowledge_of(args)
+    model, knowledge = model_of(args), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
     with progress("segment", "poses") as set_done, workers(args.processes) as executor:
-        found = source.counted(pieces(source, model, set_done, knowledge, executor, online=Detail.WEIGHTS))
+        tracker = OfflineTracker(model, knowledge, executor)
+        found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
         if args.output is None:
             segments = [one for piece in found for one in piece.segments]
         else:
             _write(found, args.output)
     if args.output is None:
         _print(segments, source.origin_ns)
-    return source.finish()
+    return source.finish(tracker.report)
 
 
 def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import say, warn
 from contact_tracker.errors import NoPoses
+from contact_tracker.outputs.adaptation import report_lines
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording import PoseLog
 
 if TYPE_CHECKING:
+    from contact_tracker.adaptive import Report
     from contact_tracker.segmentation import Segmentation
 
 _LONGEST_WAIT_S: Final = 1e6
@@ -86,10 +88,13 @@ class Source:
             self.outliers += piece.outliers
             yield piece
 
-    def finish(self) -> int:
-        """Say what was read and what was not used of it; returns the exit code."""
+    def finish(self, adapted: "Report | None") -> int:
+        """Say what was read, what was not used of it, and what the tracker has adapted to; returns the exit
+        code."""
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
+        for line in () if adapted is None else report_lines(adapted):
+            say(line)
         if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
             warn(
                 f"{self._name}: time runs backward in it; if its files are recordings of their own, name one"

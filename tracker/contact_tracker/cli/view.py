@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recording, output_file
+from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress
 
@@ -33,23 +33,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from contact_tracker.adaptive import OfflineTracker
     from contact_tracker.cli.source import Source
-    from contact_tracker.presets import load_model
     from contact_tracker.recording import open_log, read_metadata, read_truth
-    from contact_tracker.segmenter import pieces
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.offline import open_viewer, write_rrd
 
-    model, knowledge = load_model(args.model), knowledge_of(args)
+    tracker = OfflineTracker(model_of(args), knowledge_of(args))
     source = Source(open_log(args.log, args.topic, args.frame), args)
     truth, vertices_m = read_truth(args.log), vertices_from_metadata(read_metadata(args.log))
     with progress("segment", "poses") as set_done:
 
         def found(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
-            return source.counted(pieces(poses, model, set_done, knowledge))
+            return source.counted(tracker.pieces(poses, set_done))
 
         if args.save is None:
             open_viewer(source, found, truth, vertices_m, paper=True)
         else:
             write_rrd(args.save, source, found, truth, vertices_m, paper=True)
-    return source.finish()
+    return source.finish(tracker.report)

@@ -1,18 +1,23 @@
 """What a recording holds, for people and for programs."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+from contact_tracker.adaptive import Report
+from contact_tracker.outputs.adaptation import report_json, report_lines
 from contact_tracker.printable import printable
-from contact_tracker.recording import RecordingSummary, SourceSummary
+from contact_tracker.recording import PoseSource, RecordingSummary, SourceSummary
+
+Reports = Mapping[PoseSource, Report | None]
+"""What a tracker adapts to in each source, where that is known."""
 
 
-def summary_lines(summary: RecordingSummary) -> Iterator[str]:
+def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
     """A block per pose source, then the other topics, metadata and attachments."""
     for source in summary.sources:
         yield printable(str(source.source))
-        for name, text in _source_rows(source):
+        for name, text in _source_rows(source, reports.get(source.source)):
             yield f"  {name:<10}{text}"
     poses = {source.source.topic for source in summary.sources}
     for (topic, type_name, encoding), count in sorted(summary.topics.items()):
@@ -28,10 +33,10 @@ def summary_lines(summary: RecordingSummary) -> Iterator[str]:
         yield printable(f"attachment {name}")
 
 
-def summary_json(summary: RecordingSummary) -> dict[str, Any]:
+def summary_json(summary: RecordingSummary, reports: Reports) -> dict[str, Any]:
     """The same as one object; null where a figure could not be had."""
     return {
-        "sources": [_source_json(source) for source in summary.sources],
+        "sources": [_source_json(source, reports.get(source.source)) for source in summary.sources],
         "topics": [
             {"topic": topic, "type": type_name, "encoding": encoding, "messages": count}
             for (topic, type_name, encoding), count in sorted(summary.topics.items())
@@ -43,7 +48,7 @@ def summary_json(summary: RecordingSummary) -> dict[str, Any]:
     }
 
 
-def _source_rows(source: SourceSummary) -> Iterator[tuple[str, str]]:
+def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tuple[str, str]]:
     usable = "" if source.poses == source.observed else f" of {source.observed} published"
     yield "poses", f"{source.poses}{usable}"
     if source.poses > 1:
@@ -54,11 +59,13 @@ def _source_rows(source: SourceSummary) -> Iterator[tuple[str, str]]:
     position_m, rotation_rad = _finite(source.sigma_position_m), _finite(source.sigma_rotation_rad)
     if position_m is not None and rotation_rad is not None:
         yield "noise", f"about {position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
+    if adapted is not None:
+        yield from (("tracking", line) for line in report_lines(adapted))
     if source.counts:
         yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
 
 
-def _source_json(source: SourceSummary) -> dict[str, Any]:
+def _source_json(source: SourceSummary, adapted: Report | None) -> dict[str, Any]:
     return {
         "topic": source.source.topic,
         "type": source.source.type,
@@ -79,6 +86,7 @@ def _source_json(source: SourceSummary) -> dict[str, Any]:
             "sigma_rotation_rad": _finite(source.sigma_rotation_rad),
         },
         "counts": dict(source.counts),
+        "tracking": None if adapted is None else report_json(adapted),
     }
 
 
