@@ -122,6 +122,7 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
         )
         found.append(Finding("bodies", text, True))
     if inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
+        # Where the elements are known (--known), labels come out sure and wrong from either half of the poses.
         what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
         found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))
     if inspection.filtered and not inspection.bodies:

@@ -25,10 +25,10 @@ FAR_M_PER_S2: Final = 50.0
 """No hand shakes an object faster than that."""
 CLOSE: Final = 0.25
 """Of the step, the distance from the pose that is returned to."""
-# Page's test: with returns in 15 % of the poses the sum drifts down, with 45 % it rises; the chance of a
+# Page's test: with returns in 13 % of the poses the sum drifts down, with 40 % it rises; the chance of a
 # false alarm is about exp(-ALARM) a pose.
-RETURN: Final = log(0.45 / 0.15)
-NO_RETURN: Final = log(0.55 / 0.85)
+RETURN: Final = log(0.40 / 0.13)
+NO_RETURN: Final = log(0.60 / 0.87)
 ALARM: Final = 25.0
 
 
