@@ -57,8 +57,8 @@ class Inspection(NamedTuple):
     ``recent`` are the last KEPT poses of the ``blocks`` before and those that wait for a full block.
     ``first`` is the first pose, of ``total``; ``moved`` says whether position and orientation have changed
     since. ``noise`` (2, BINS) counts squared third differences of both; ``top_m_per_s`` is the speed of the
-    fastest block. ``returns`` are poses that went back; ``page`` is the sum of Page's test. ``units``,
-    ``bodies`` and ``filtered`` were found at some time.
+    fastest block. ``page`` is the sum of Page's test, ``share`` that of the poses of the last block that went
+    back. ``units``, ``bodies`` and ``filtered`` were found at some time.
     """
 
     recent: Poses
@@ -68,8 +68,8 @@ class Inspection(NamedTuple):
     moved: tuple[bool, bool]
     noise: Array
     top_m_per_s: float
-    returns: int
     page: float
+    share: float
     whiteness: Whiteness
     units: bool
     bodies: bool
@@ -84,8 +84,8 @@ NOTHING_INSPECTED: Final = Inspection(
     moved=(False, False),
     noise=np.zeros((2, BINS)),
     top_m_per_s=0.0,
-    returns=0,
     page=0.0,
+    share=0.0,
     whiteness=NOTHING_COMPARED,
     units=False,
     bodies=False,
@@ -99,7 +99,7 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     new = Poses.join([last, poses]).fresh[len(last) :]
     if not len(new):
         return inspection
-    first = inspection.first if inspection.total else new[:1]
+    first = inspection.first if inspection.total else new[np.zeros(1, int)]
     total, recent = inspection.total + len(new), Poses.join([inspection.recent, new])
     inspection = inspection._replace(first=first, total=total, moved=_moved(inspection.moved, first, new))
     end = len(recent) - (total - BLOCK * inspection.blocks)
@@ -115,14 +115,13 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
     if inspection.units:
         found.append(Finding("units", _units_text(inspection), True))
     if inspection.bodies:
-        share = 100.0 * inspection.returns / (BLOCK * inspection.blocks)
         text = (
-            f"poses jump back and forth between two places ({share:.0f} % of all frames): two bodies on one "
-            "topic? choose one with --topic or --frame, or record them on topics of their own"
+            f"poses jump back and forth between two places ({100.0 * inspection.share:.0f} % of the frames): two "
+            "bodies on one topic? choose one with --topic or --frame, or record them on topics of their own"
         )
         found.append(Finding("bodies", text, True))
     if inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
-        # Where the elements are known (--known), labels come out sure and wrong from either half of the poses.
+        # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
         what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
         found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))
     if inspection.filtered and not inspection.bodies:
@@ -155,28 +154,27 @@ def _units_text(inspection: Inspection) -> str:
 def _moved(moved: tuple[bool, bool], first: Poses, new: Poses) -> tuple[bool, bool]:
     if all(moved):
         return moved
-    position = np.abs(new.position_m - first.position_m).max() > CONSTANT
-    return moved[0] or bool(position), moved[1] or bool(
-        np.abs(new.quat_xyzw - first.quat_xyzw).max() > CONSTANT
-    )
+    position = bool(np.abs(new.position_m - first.position_m).max() > CONSTANT)
+    turned = bool(np.abs(new.quat_xyzw - first.quat_xyzw).max() > CONSTANT)
+    return moved[0] or position, moved[1] or turned
 
 
 def _inspect_block(before: Inspection, window: Poses) -> Inspection:
     """Take in the last BLOCK poses of ``window``; the others came before."""
     blocks = before.blocks + 1
+    if before.bodies:
+        return before._replace(blocks=blocks)
     near = window[-BLOCK - BACK :]
     time_s = 1e-9 * (near.stamp_ns - near.stamp_ns[0])
     interval_s = _median(np.diff(time_s))
     back = returned(near, interval_s)
-    after = before._replace(blocks=blocks, returns=before.returns + int(back.sum()))
-    if before.bodies:
-        return after
     page, bodies = page_sum(before.page, back)
-    after = after._replace(
-        page=page, bodies=bodies, top_m_per_s=max(before.top_m_per_s, _speed(near.position_m, time_s))
+    top_m_per_s = max(before.top_m_per_s, _speed(near.position_m, time_s))
+    after = before._replace(
+        blocks=blocks, page=page, share=float(back.mean()), bodies=bodies, top_m_per_s=top_m_per_s
     )
     if blocks <= 2:
-        return _inspect_noise(after, window[-BLOCK - 3 :], BLOCK, interval_s)
+        return _inspect_noise(after, window[-BLOCK - 4 :], BLOCK, interval_s)
     if blocks % (2 if blocks <= BEGINNING else 8) == 0:
         return _inspect_noise(after, window, 2 * BLOCK, interval_s)
     return after

@@ -55,8 +55,8 @@ class Whiteness(NamedTuple):
     """Running sums over pairs of third differences.
 
     ``products`` of their signs and ``pairs`` (3, 2, 3) are sums and the number of those that are not zero, by
-    stride, position or orientation, and lag. ``blocks`` were compared; ``oscillation``
-    is the sum of the last column of STRIDES.
+    stride, position or orientation, and lag. ``blocks`` were compared; ``oscillation`` is the sum of the last
+    column of STRIDES.
     """
 
     products: Array
