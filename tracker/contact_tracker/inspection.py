@@ -115,9 +115,10 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
     if inspection.units:
         found.append(Finding("units", _units_text(inspection), True))
     if inspection.bodies:
+        share = f"{100.0 * inspection.share:.0f} % of the frames"
         text = (
-            f"poses jump back and forth between two places ({100.0 * inspection.share:.0f} % of the frames): two "
-            "bodies on one topic? choose one with --topic or --frame, or record them on topics of their own"
+            f"poses jump back and forth between two places ({share}): two bodies on one topic? "
+            "choose one with --topic or --frame, or record them on topics of their own"
         )
         found.append(Finding("bodies", text, True))
     if inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
@@ -134,7 +135,7 @@ def is_in_doubt(inspection: Inspection) -> bool:
     return any(finding.doubts_labels for finding in findings(inspection))
 
 
-_ROTATION: Final = "contacts are told by rotation"
+_ROTATION: Final = "contacts are recognised by rotation"
 _FILTERED: Final = (
     "poses look filtered, interpolated or rounded (successive errors are correlated): the noise of a tick is "
     "judged by evidence; record raw poses if you can, or give the noise with --noise"

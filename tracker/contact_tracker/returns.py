@@ -48,6 +48,8 @@ def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
 
 def page_sum(page: float, returns: NDArray[np.bool_]) -> tuple[float, bool]:
     """Page's sum, which never falls below zero, and whether it rose to the alarm."""
+    if not page and not returns.any():
+        return 0.0, False
     path = np.append(page, np.where(returns, RETURN, NO_RETURN)).cumsum()
     above = path - np.minimum(np.minimum.accumulate(path), 0.0)
     return float(above[-1]), bool(above.max() > ALARM)
