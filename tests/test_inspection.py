@@ -129,8 +129,10 @@ def test_nothing_is_said_of_other_recordings(shared_recordings, part):
 def test_of_tosses_in_other_units_it_is_said(shared_recordings):
     """They last 0.6 s."""
     for path in sorted((shared_recordings / "cube_tosses").glob("*.mcap")):
-        for factor in (100.0, 1000.0):
-            assert kinds(scaled(recorded(path), factor)) == ["units"], path.name
+        for factor, unit in ((1e2, "centimetres"), (1e3, "millimetres")):
+            (finding,) = findings(inspected(scaled(recorded(path), factor)))
+            assert finding.kind == "units", path.name
+            assert unit in finding.text, path.name
 
 
 @each_recording

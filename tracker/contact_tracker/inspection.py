@@ -30,6 +30,7 @@ LEVER_M: Final = 3.0
 COARSE_M: Final = 0.01
 """Noise of position that comes with a lever that long in other units only; a mobile robot's is a few mm."""
 FAST_M_PER_S: Final = 15.0
+TOSSED_CM_PER_S: Final = 500.0
 USUAL_LEVER_M: Final = 0.12
 ENOUGH_NOISE: Final = 40
 """Third differences before the noise is known."""
@@ -145,7 +146,8 @@ _FILTERED: Final = (
 def _units_text(inspection: Inspection) -> str:
     position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
     lever = position / rotation if rotation else inspection.top_m_per_s
-    unit = "millimetres" if lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) else "centimetres"
+    small = lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) or inspection.top_m_per_s > TOSSED_CM_PER_S
+    unit = "millimetres" if small else "centimetres"
     return (
         f"positions look like {unit} (noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s): convert to metres"
