@@ -24,6 +24,8 @@ LAYERS = (
     ("rows", "table", "travel", "window"),
     ("compiled",),
     ("noise", "free_motion"),
+    ("whiteness", "returns"),
+    ("inspection",),
     (
         "assumptions",
         "bank",
