@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.adaptive import segment
 from contact_tracker.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.knowledge import NOTHING, Knowledge
@@ -30,7 +31,6 @@ from contact_tracker.labels import STATES
 from contact_tracker.poses import Poses
 from contact_tracker.presets import load_model
 from contact_tracker.recording import open_log, read_metadata, read_truth
-from contact_tracker.segmenter import segment
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 MOVING_M_S: Final = 0.05

@@ -15,6 +15,7 @@ from contact_tracker.shipped import preset_names, shipped
 
 _RANGES: Final = {
     "tick_s": (1e-3, 10.0),
+    "poses_per_tick": (0.0, 1000.0),
     "foreknowledge": (0.0, 1.0),
     "independence": (0.0, 1.01),
     "reach_m": (1e-6, 1e6),

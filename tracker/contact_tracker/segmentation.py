@@ -67,6 +67,12 @@ class Beliefs(Sequence[Belief]):
         rows["geometry"][has_one] += np.repeat(before, [len(part) for part in parts])[has_one]
         return cls(rows, [packed for part in parts for packed in part.geometries])
 
+    def with_probability(self, probability: Array) -> "Beliefs":
+        """The same with other posteriors (T, 7)."""
+        rows = self.rows.copy()
+        rows["probability"] = probability
+        return Beliefs(rows, self.geometries)
+
     def __len__(self) -> int:
         return len(self.rows)
 

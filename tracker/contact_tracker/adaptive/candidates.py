@@ -11,10 +11,8 @@ from contact_tracker.model import Model
 from contact_tracker.noise import begin, estimate_noise
 from contact_tracker.poses import Poses
 
-FRAMES_PER_TICK: Final = 3
-"""A tick holds so many frames at least: fewer tell noise from motion badly."""
 TOLERANCE: Final = 1.05
-"""A tick that is shorter than so many frames by this factor, as of a period that jitters, is long enough."""
+"""A tick that is too short by less than this factor, as of a period that jitters, is long enough."""
 TICKS_PER_WINDOW: Final = 10
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
 """Candidates for the noise of a tick: geometric means of its deviations in position (m) and orientation
@@ -27,8 +25,8 @@ USUAL_ROTATION_PER_POSITION: Final = 7.0
 
 
 def with_ticks_for(model: Model, period_s: float) -> Model:
-    """The model with ticks of ``FRAMES_PER_TICK`` frames of this period at least, as the window allows."""
-    needed_s = min(FRAMES_PER_TICK * period_s, model.search.window_s / TICKS_PER_WINDOW)
+    """The model with ticks of ``poses_per_tick`` poses of this period at least, as the window allows."""
+    needed_s = min(model.poses_per_tick * period_s, model.search.window_s / TICKS_PER_WINDOW)
     return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
 

@@ -1,7 +1,8 @@
-"""What several trackers believe together."""
+"""What several trackers believe together, and what is left of it while the stream itself is in doubt."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from contact_tracker.belief import Belief
 from contact_tracker.labels import STATES
 
 Array = NDArray[np.float64]
+
+DOUBT: Final = 0.5
+"""Share of the probability that is spread evenly while the stream is in doubt."""
 
 
 def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
@@ -30,3 +34,8 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     if source.contact is not label:
         source = replace(source, contact=label, onset_ns=source.stamp_ns, geometry=None, inseparable=())
     return replace(source, probability=probability)
+
+
+def doubted(probability: Array) -> Array:
+    """Posterior (..., 7) of which nothing is sure: the poses may not be what they seem."""
+    return np.asarray((1.0 - DOUBT) * probability + DOUBT / len(STATES))

@@ -2,13 +2,18 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import chain
 from typing import Final
 
+import numpy as np
+
 from contact_tracker import segmenter
 from contact_tracker.adaptive import online
+from contact_tracker.adaptive.mixture import doubted
 from contact_tracker.adaptive.report import Report, report
 from contact_tracker.belief import Belief, Detail
+from contact_tracker.inspection import inspect, is_in_doubt
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose, Poses, batches
@@ -46,16 +51,25 @@ class OfflineTracker:
         if best is None:
             yield Segmentation()
             return
-        everything = _Stream(chain(looked_at, stream))
+        everything = _Stream(chain(looked_at, self._inspected(stream)))
         found = segmenter.pieces(
             everything, best.model, progress, self._knowledge, self._executor, None, detail
         )
-        waiting = Beliefs.of(early)  # what was said before the model was chosen, where anybody asks
+        waiting = Beliefs.of(early)  # what was said before the model was chosen
         for piece in found:
             count = min(len(waiting), len(piece.filtered))
-            filtered = Beliefs.join([waiting[:count], piece.filtered[count:]])
-            waiting = waiting[count:]
-            yield Segmentation(piece.segments, piece.beliefs, filtered, piece.outliers)
+            said, waiting = waiting[:count], waiting[count:]
+            piece = replace(piece, filtered=piece.filtered[count:])
+            if is_in_doubt(self._state.inspection):
+                piece = _doubted(piece)
+            yield replace(piece, filtered=Beliefs.join([said, piece.filtered]))
+
+    def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
+        """Poses on their way, looked at."""
+        for poses in stream:
+            inspection = inspect(self._state.inspection, poses)
+            self._state = self._state._replace(inspection=inspection)
+            yield poses
 
     def _choose(self, stream: Iterator[Poses], detail: Detail) -> tuple[Iterator[Poses], list[Belief]]:
         """Poses until the model is chosen, and what was believed online meanwhile."""
@@ -71,6 +85,18 @@ class OfflineTracker:
             self._state, told = online.finish(self._state)
             beliefs += told
         return _released(looked_at), beliefs if detail >= Detail.SHARED else []
+
+
+def _doubted(piece: Segmentation) -> Segmentation:
+    """Of which nothing is sure."""
+    return replace(
+        piece,
+        segments=tuple(
+            replace(one, probability=float(doubted(np.array(one.probability)))) for one in piece.segments
+        ),
+        beliefs=piece.beliefs.with_probability(doubted(piece.beliefs.probability)),
+        filtered=piece.filtered.with_probability(doubted(piece.filtered.probability)),
+    )
 
 
 class _Stream:

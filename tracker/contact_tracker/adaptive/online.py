@@ -6,6 +6,7 @@ best.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,8 +15,9 @@ from numpy.typing import NDArray
 from contact_tracker import tracker
 from contact_tracker.adaptive.candidates import candidates, with_ticks_for
 from contact_tracker.adaptive.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
-from contact_tracker.adaptive.mixture import mixture
+from contact_tracker.adaptive.mixture import doubted, mixture
 from contact_tracker.belief import Belief, Detail
+from contact_tracker.inspection import NOTHING_INSPECTED, Inspection, inspect, is_in_doubt
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
 from contact_tracker.poses import NO_POSES, Pose, Poses
@@ -34,6 +36,9 @@ MARGIN_NATS: Final = 20.0
 DECIDED_AFTER_S: Final = 10.0
 """After so much motion the best is taken: what is left differs little."""
 
+TOGETHER: Final = 50
+"""So many single poses are inspected at once, or those of a tick."""
+
 
 class Followed(NamedTuple):
     """A tick that a tracker has taken in: its ``evidence``, whether the object ``moves``, and the answer."""
@@ -48,7 +53,8 @@ class AdaptiveState(NamedTuple):
 
     ``model`` as asked for; ``trackers`` side by side, none before the rate is known, and their ``log_weight``
     (K,); ``pending``, the poses so far as long as other trackers may begin with them, and what the ticks in
-    them were to the first tracker (``first``); for how long the object has moved (s).
+    them were to the first tracker (``first``); for how long the object has moved (s); the ``inspection`` of
+    all poses but those of the tick under way, which are ``uninspected``.
     """
 
     model: Model
@@ -59,6 +65,8 @@ class AdaptiveState(NamedTuple):
     pending: Poses | None
     first: tuple[Followed, ...]
     moved_s: float
+    inspection: Inspection
+    uninspected: tuple[Pose | Poses, ...]
 
     @property
     def is_decided(self) -> bool:
@@ -78,7 +86,7 @@ class AdaptiveState(NamedTuple):
 
 def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> AdaptiveState:
     """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
-    return AdaptiveState(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0)
+    return AdaptiveState(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0, NOTHING_INSPECTED, ())
 
 
 def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None]:
@@ -94,7 +102,16 @@ def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None
 def advance(
     state: AdaptiveState, poses: Pose | Poses, detail: Detail = Detail.GEOMETRY
 ) -> tuple[AdaptiveState, list[Belief]]:
-    """Take in one pose or several, of which there are some; the beliefs of the ticks that they close."""
+    """Take in one pose or several, of which there are some; the beliefs of the ticks that they close.
+
+    No label is sure while the poses are in doubt.
+    """
+    state = state._replace(uninspected=(*state.uninspected, poses))
+    state, beliefs = _advance(state, poses, detail)
+    return _inspected(state, beliefs) if beliefs or len(state.uninspected) >= TOGETHER else (state, beliefs)
+
+
+def _advance(state: AdaptiveState, poses: Pose | Poses, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
     if state.pending is None:
         return _side_by_side(state, poses, detail)
     rest, beliefs = Poses.join([poses]), list[Belief]()
@@ -127,7 +144,17 @@ def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
     ended = [tracker.finish(one) for one in state.trackers]
     rest = zip(*(said for _, said in ended), strict=True)
     beliefs += [mixture(some, state.log_weight) for some in rest]
-    return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
+    return _inspected(state._replace(trackers=tuple(one for one, _ in ended)), beliefs)
+
+
+def _inspected(state: AdaptiveState, beliefs: list[Belief]) -> tuple[AdaptiveState, list[Belief]]:
+    """All poses looked at, and the beliefs as sure as that allows."""
+    if state.uninspected:
+        inspection = inspect(state.inspection, Poses.join(state.uninspected))
+        state = state._replace(inspection=inspection, uninspected=())
+    if is_in_doubt(state.inspection):
+        beliefs = [replace(belief, probability=doubted(belief.probability)) for belief in beliefs]
+    return state, beliefs
 
 
 def _with_first(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:

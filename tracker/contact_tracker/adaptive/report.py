@@ -6,19 +6,23 @@ import numpy as np
 
 from contact_tracker.adaptive.online import AdaptiveState
 from contact_tracker.averaging import tick_variances
+from contact_tracker.inspection import Finding, findings
 from contact_tracker.model import Model
 from contact_tracker.noise import NoiseEstimate
 
 
 class Report(NamedTuple):
     """``model`` as asked for and the one ``chosen``, whether it ``is_decided``; deviations (m, rad) of the
-    ``noise`` of a pose, as estimated or given, and of a ``tick``."""
+    ``noise`` of a pose, as estimated or given, and of a ``tick``, which holds ``poses_per_tick`` usually; what
+    the stream shows of itself (``findings``)."""
 
     model: Model
     chosen: Model
     is_decided: bool
     noise: tuple[float, float]
     tick: tuple[float, float]
+    poses_per_tick: float
+    findings: tuple[Finding, ...]
 
 
 def report(state: AdaptiveState) -> Report | None:
@@ -31,4 +35,5 @@ def report(state: AdaptiveState) -> Report | None:
     variance = tick_variances(estimate, np.array(typical), best.model)
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
     noise = estimate.sigma_position_m, estimate.sigma_rotation_rad
-    return Report(state.model, best.model, state.is_decided, noise, tick)
+    found = findings(state.inspection)
+    return Report(state.model, best.model, state.is_decided, noise, tick, typical, found)

@@ -13,9 +13,15 @@ def report_lines(report: Report) -> Iterator[str]:
     yield f"noise {pose} a pose{_given(report)}, {tick} a tick{_chosen(report)}"
     if report.chosen.tick_s > report.model.tick_s:
         yield (
-            f"ticks of {report.chosen.tick_s:.2f} s instead of {report.model.tick_s:g} s: "
-            "they hold three poses of this stream; what is shorter cannot be told, more poses a second can"
+            f"few poses: ticks of {report.chosen.tick_s:.2f} s instead of {report.model.tick_s:g} s, so that each "
+            f"holds {report.model.poses_per_tick:g}; shorter contacts are not found: record more poses a second"
         )
+    elif report.poses_per_tick < report.model.poses_per_tick:
+        yield (
+            f"few poses: {report.poses_per_tick:g} in a tick of {report.chosen.tick_s:g} s; "
+            "record more poses a second, or take a model with longer ticks (tick_s)"
+        )
+    yield from (finding.text for finding in report.findings)
 
 
 def report_json(report: Report) -> dict[str, Any]:
@@ -28,6 +34,8 @@ def report_json(report: Report) -> dict[str, Any]:
         "tick_sigma_rotation_rad": report.tick[1],
         "decided": report.is_decided,
         "tick_s": report.chosen.tick_s,
+        "poses_per_tick": report.poses_per_tick,
+        "findings": [{"kind": finding.kind, "text": finding.text} for finding in report.findings],
     }
 
 
