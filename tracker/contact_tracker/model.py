@@ -119,7 +119,7 @@ class Model:
     certainty: Certainty
     search: Search
     poses_per_tick: float = 3.0
-    """A tick holds so many poses of the stream at least: where they are fewer it is longer than ``tick_s``."""
+    """A tick holds so many poses of the stream at least: of a slow one it is longer than ``tick_s``."""
 
     def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":
         """A copy for poses of which the noise is known: nothing of it is estimated."""

@@ -52,9 +52,8 @@ class OfflineTracker:
             yield Segmentation()
             return
         everything = _Stream(chain(looked_at, self._inspected(stream)))
-        found = segmenter.pieces(
-            everything, best.model, progress, self._knowledge, self._executor, None, detail
-        )
+        others = self._knowledge, self._executor, None, detail
+        found = segmenter.pieces(everything, best.model, progress, *others)
         waiting = Beliefs.of(early)  # what was said before the model was chosen
         for piece in found:
             count = min(len(waiting), len(piece.filtered))

@@ -13,8 +13,8 @@ from contact_tracker.noise import NoiseEstimate
 
 class Report(NamedTuple):
     """``model`` as asked for and the one ``chosen``, whether it ``is_decided``; deviations (m, rad) of the
-    ``noise`` of a pose, as estimated or given, and of a ``tick``, which holds ``poses_per_tick`` usually; what
-    the stream shows of itself (``findings``)."""
+    ``noise`` of a pose, as estimated or given, and of a ``tick``, which usually holds ``poses_per_tick``;
+    what the stream shows of itself (``findings``)."""
 
     model: Model
     chosen: Model

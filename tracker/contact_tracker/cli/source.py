@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import say, warn
 from contact_tracker.errors import NoPoses
-from contact_tracker.outputs.adaptation import report_lines
+from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording import PoseLog
 
@@ -93,8 +93,10 @@ class Source:
         code."""
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
-        for line in () if adapted is None else report_lines(adapted):
-            say(line)
+        if adapted is not None:
+            say(noise_text(adapted))
+            for line in warnings(adapted):
+                warn(line)
         if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
             warn(
                 f"{self._name}: time runs backward in it; if its files are recordings of their own, name one"

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from contact_tracker.adaptive import Report
-from contact_tracker.outputs.adaptation import report_json, report_lines
+from contact_tracker.outputs.adaptation import noise_text, report_json, warnings
 from contact_tracker.printable import printable
 from contact_tracker.recording import PoseSource, RecordingSummary, SourceSummary
 
@@ -60,7 +60,8 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
     if position_m is not None and rotation_rad is not None:
         yield "noise", f"about {position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
     if adapted is not None:
-        yield from (("tracking", line) for line in report_lines(adapted))
+        yield "tracking", noise_text(adapted)
+        yield from (("warning", line) for line in warnings(adapted))
     if source.counts:
         yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
 
