@@ -78,7 +78,11 @@ def test_little_motion_has_an_answer(make: Callable[[], Poses], tmp_path: Path, 
     assert run(["segment", str(log)]) == 0
     table = capsys.readouterr()
     assert table.out.splitlines()[1].split()[2] in NAMES
-    assert table.err.count("\n") == 2, "a summary of each run and nothing else"
+    lines = [line.removeprefix("contact-tracker: ") for line in table.err.splitlines()]
+    assert sum(line.startswith(f"{len(poses)} poses, ") for line in lines) == 2, "a summary of each run"
+    assert sum(line.startswith("noise ") for line in lines) == 2
+    rest = [line for line in lines if not line.startswith((f"{len(poses)} poses, ", "noise "))]
+    assert all(line.startswith("warning: ") for line in rest)
     assert run(["live", str(log), "--json"]) == 0
     online = [json.loads(line, parse_constant=refuse) for line in capsys.readouterr().out.splitlines()]
     assert [b["stamp_ns"] for b in online] == [b["stamp_ns"] for b in beliefs]

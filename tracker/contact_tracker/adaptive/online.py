@@ -139,12 +139,15 @@ def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
     Should it go on after all, it has paused, as after a gap.
     """
     beliefs = list[Belief]()
-    if not state.trackers and state.pending is not None and len(state.pending):
-        state, beliefs = _with_first(state, Detail.GEOMETRY)
+    if state.pending is not None and len(state.pending):
+        if not state.trackers:
+            state, beliefs = _with_first(state, Detail.GEOMETRY)
+        state = _with_others(state, Detail.GEOMETRY)
     ended = [tracker.finish(one) for one in state.trackers]
     rest = zip(*(said for _, said in ended), strict=True)
     beliefs += [mixture(some, state.log_weight) for some in rest]
-    return _inspected(state._replace(trackers=tuple(one for one, _ in ended)), beliefs)
+    state = state._replace(trackers=tuple(one for one, _ in ended))
+    return _inspected(state, beliefs)
 
 
 def _inspected(state: AdaptiveState, beliefs: list[Belief]) -> tuple[AdaptiveState, list[Belief]]:
@@ -173,14 +176,12 @@ def _with_others(state: AdaptiveState, detail: Detail) -> AdaptiveState:
     begun = [
         _follow(tracker.start(model, state.lag_s, state.knowledge), state.pending, detail) for model in models
     ]
-    state, first = (
-        state._replace(
-            trackers=(*state.trackers, *(one for one, _ in begun)),
-            log_weight=LOG_PRIOR_STEP * np.arange(1.0 + len(models)),
-            pending=None,
-            first=(),
-        ),
-        state.first,
+    first = state.first
+    state = state._replace(
+        trackers=(*state.trackers, *(one for one, _ in begun)),
+        log_weight=LOG_PRIOR_STEP * np.arange(1.0 + len(models)),
+        pending=None,
+        first=(),
     )
     alive = np.arange(len(state.trackers))
     for now in zip(first, *(followed for _, followed in begun), strict=True):
