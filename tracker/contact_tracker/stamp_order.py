@@ -100,14 +100,14 @@ class StampOrder:
         while self._held:
             stamps_ns = [pose.stamp_ns for pose in self._held]
             run = longest_run(stamps_ns, self._last_ns)
-            if ended:
+            if len(self._held) < HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
+                if not ended:
+                    break
                 # One stamp against all before it; where nothing is known, there is nothing against it.
                 if len(run) == 1 and self._last_ns is not None and self._periods.known:
                     self._counts["leading_stamp"] += len(self._held)
                     self._held = []
                     break
-            elif len(self._held) < HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
-                break
             first = run[0]
             accepted_ns = stamps_ns[first]
             released.append(self._accept(self._held[first]))
