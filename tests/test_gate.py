@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 from math import inf, nan, sqrt
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -153,7 +154,7 @@ def test_stale_poses_without_order_never_look_like_a_reset() -> None:
 
 @given(st.sets(st.integers(3, 58)), st.integers(30 * MS, 3600 * 10**9), st.randoms())
 def test_a_leading_stamp_costs_its_own_pose_only(where: set[int], lead_ns: int, random: Random) -> None:
-    rows, alone = regular(60), [i for i in where if i - 1 not in where]
+    rows, alone = regular(60), [i for i in where if not where & {i - 1, i - 2, i - 3}]
     for i in alone:
         rows[i] = rows[i]._replace(stamp_ns=rows[i].stamp_ns + random.randrange(30 * MS, lead_ns + 1))
     kept, counts = pass_through(rows)
@@ -246,25 +247,29 @@ forward = st.lists(st.tuples(st.integers(-2, 30), any_pose), max_size=80).map(
 )
 
 
+def mostly(usual: list[Any], odd: list[Any]) -> st.SearchStrategy[Any]:
+    return st.integers(0, 60).flatmap(lambda i: st.sampled_from(usual if i else odd))
+
+
 smooth_step = st.tuples(
-    st.sampled_from([5 * MS] * 12 + [k * MS for k in (6, 25, 26, 80, 700, 1000, 0, -5, -1000)]),
-    st.sampled_from([0.0, 0.0, 0.001, 0.002, 0.02, -0.002]),
-    st.sampled_from([1.0, 1.0, -1.0, 1.01, 1.2]),
-    st.sampled_from([None] * 12 + [(0.0, 0.0, 0.0), (0.5, 0.0, 1.0), (nan, 0.0, 0.0)]),
+    mostly([5 * MS, 5 * MS, 6 * MS], [k * MS for k in (24, 26, 80, 700, 1000, 0, -5, -1000)]),
+    mostly([0.0, 0.001, 0.002, -0.002], [0.02, 0.5]),
+    mostly([1.0, 1.0, -1.0], [1.01, 1.2]),
+    mostly([None], [(0.0, 0.0, 0.0), (0.5, 0.0, 1.0), (nan, 0.0, 0.0)]),
 )
 
 
 def moving(rows: list[tuple[int, float, float, tuple[float, float, float] | None]]) -> list[Pose]:
     """Mostly a smooth motion with regular stamps; among it whatever trackers and clocks do."""
-    poses, stamp_ns, x = [], 0, 0.3
+    poses, stamp_ns, x = list[Pose](), 0, 0.003
     for step_ns, step_m, factor, elsewhere in rows:
         stamp_ns, x = stamp_ns + step_ns, x + step_m
         a, b, c, d = (factor * component for component in ((0.0, 0.0, 0.0, 1.0) if elsewhere else UNIT))
-        poses.append(Pose(stamp_ns, elsewhere or (x, 0.0, 0.1), (a, b, c, d)))
+        poses.append(Pose(stamp_ns, elsewhere or (x, 0.0, 0.0), (a, b, c, d)))
     return poses
 
 
-motion = st.lists(smooth_step, min_size=20, max_size=150).map(moving)
+motion = st.lists(smooth_step, min_size=20, max_size=120).map(moving)
 DROPPED = (
     "nonfinite",
     "out_of_range",
@@ -323,11 +328,11 @@ def state(gate: PoseGate) -> str:
     return str([{k: v for k, v in vars(part).items() if not hasattr(v, "__dict__")} for part in parts])
 
 
-@given(stream | st.lists(any_pose, max_size=80) | motion, st.integers(1, 40))
+@given(motion | stream | st.lists(any_pose, max_size=80) | motion, st.integers(1, 40))
 def test_in_columns_the_same_passes_and_is_counted(poses: list[Pose], batch: int) -> None:
     """Many at once, or none of them and nothing has happened: then they go one by one."""
     one_by_one, gate = PoseGate(), PoseGate()
-    start = [p._replace(stamp_ns=p.stamp_ns - 10**9) for p in regular(PERIODS_KEPT + 5)]
+    start = regular(PERIODS_KEPT + 5, -PERIODS_KEPT - 5)
     for first in range(-len(start), len(poses), batch):
         rows = (start + poses)[first + len(start) : first + len(start) + batch]
         expected = [p for row in rows for p in one_by_one.admit(row)]

@@ -53,6 +53,7 @@ class DefaultPoseFilter:
         self._steps: deque[_Step] = deque(maxlen=_STEPS_KEPT)
         self._held: list[tuple[Pose, bool]] = []
         self._motion = 0
+        self._dropped = 0
         self._arrivals: dict[Numbers, None] = {}
 
     def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
@@ -65,6 +66,7 @@ class DefaultPoseFilter:
         if not continues and not self._held:  # what is held waits for motion on either side of a gap
             self._kept.clear()
             self._steps.clear()
+            self._dropped = 0
         if len(self._kept) == NEIGHBOURS:
             return (pose,) if self._passes(pose) else ()
         suspect = self._is_suspect(pose)
@@ -97,7 +99,8 @@ class DefaultPoseFilter:
         steps = np.diff(joined.position_m, axis=0)
         # Rounded differently than one by one: a little less is let through.
         near = (steps * steps).sum(axis=1).max() <= (0.999 * NEAR_M) ** 2
-        return len(self._kept) == NEIGHBOURS and bool(near and np.abs(cosine).min() >= _SURELY_NEAR_COSINE)
+        known = len(self._kept) == NEIGHBOURS and not self._dropped
+        return known and bool(near and np.abs(cosine).min() >= _SURELY_NEAR_COSINE)
 
     def pass_all(self, joined: Poses, fresh: Poses) -> None:
         """Pass on poses that need no closer look.
@@ -106,12 +109,14 @@ class DefaultPoseFilter:
         ----------
         joined, fresh : as above, and those of them that differ from the one before.
         """
-        self._steps.extend(_step(a, b) for a, b in pairwise(fresh[-_STEPS_KEPT - 1 :]))
+        all_count = fresh.position_m.any(axis=1).all()  # no step from or to the origin is among them
+        for before, pose in pairwise(fresh[-_STEPS_KEPT - 1 :] if all_count else fresh):
+            self._note_step(before, pose, _step(before, pose))
         self._kept.extend(joined[1:][-NEIGHBOURS:])
 
     def _keep(self, pose: Pose) -> None:
         if self._kept and self._kept[-1][1:] != pose[1:]:
-            self._steps.append(_step(self._kept[-1], pose))
+            self._note_step(self._kept[-1], pose, _step(self._kept[-1], pose))
         self._kept.append(pose)
 
     def _passes(self, pose: Pose) -> bool:
@@ -121,10 +126,18 @@ class DefaultPoseFilter:
             step = _step(last, pose)
             if (step.distance_m > NEAR_M or step.angle_rad > NEAR_RAD) and self._is_default(pose):
                 self._counts["default_pose"] += 1
+                self._dropped += 1
                 return False
-            self._steps.append(step)
+            self._note_step(last, pose, step)
+        self._dropped = 0
         self._kept.append(pose)
         return True
+
+    def _note_step(self, before: Pose, pose: Pose, step: _Step) -> None:
+        """Learn from a step how far the motion goes from pose to pose; how far the origin is says nothing."""
+        if (pose.position_m == _ORIGIN) == (before.position_m == _ORIGIN):
+            frames = 1 + self._dropped
+            self._steps.append(_Step(step.distance_m / frames, step.angle_rad / frames))
 
     def _is_default(self, pose: Pose) -> bool:
         """Whether a pose away from the motion is a default pose; remembers where it was away."""
@@ -145,7 +158,8 @@ class DefaultPoseFilter:
         if pose.position_m != _ORIGIN:
             return False
         before = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose
-        return _is_unturned(pose) or before.quat_xyzw == pose.quat_xyzw
+        turns_there = before.position_m == _ORIGIN and before.quat_xyzw != pose.quat_xyzw
+        return _is_unturned(pose) or not turns_there
 
     def _judge_held(self) -> None:
         """Drop the default poses among those held, by the motion that has come before or since."""
