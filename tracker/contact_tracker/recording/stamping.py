@@ -33,8 +33,11 @@ class Stamping:
 
     def __init__(self, prefix: Sequence[Logged]) -> None:
         self.by_log_time = _are_zero(prefix) or _are_coarse([pose for pose, _ in prefix])
-        offsets_ns = [log_time_ns - pose.stamp_ns for pose, log_time_ns in prefix if pose.stamp_ns]
-        self._offset_ns = round(median(offsets_ns)) if offsets_ns else None
+        good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
+        offsets_ns = [log_time_ns - stamp_ns for stamp_ns, log_time_ns in good]
+        self._offset_ns = round(median(offsets_ns)) if good else None
+        # A clock may run faster than log time: so far from zero the stamps of the prefix may take it.
+        self._near_zero_ns = max(PREFIX_NS, max(good)[0] - min(good)[0]) if good else PREFIX_NS
 
     def lacks_stamp(self, stamp_ns: int, log_time_ns: int) -> bool:
         """Whether the log time says more of when a pose was than its stamp does.
@@ -45,7 +48,7 @@ class Stamping:
             return True
         if stamp_ns or self._offset_ns is None:
             return False
-        return abs(log_time_ns - self._offset_ns) > PREFIX_NS
+        return abs(log_time_ns - self._offset_ns) > self._near_zero_ns
 
     def from_log_time(self, log_time_ns: int) -> int:
         """The stamp of a pose that lacks one; as its header would have it, where the others have stamps."""
