@@ -12,21 +12,21 @@ then until some other poses have come.
 from collections import Counter, deque
 from collections.abc import Collection, Sequence
 from itertools import pairwise
-from math import acos, cos, dist, radians
+from math import radians, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.poses import Array, Pose, Poses
 
 NEAR_M: Final = 0.01
-NEAR_RAD: Final = radians(3.0)
+NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
 STEPS: Final = 10.0
 """Farther than so many steps of the motion is away from it, and farther than the two above."""
 QUANTILE: Final = 0.95
 NEIGHBOURS: Final = 5
 HELD: Final = 2000
-_SURELY_NEAR_COSINE: Final = 1.0 - 0.999 * (1.0 - cos(NEAR_RAD / 2))
 _STEPS_KEPT: Final = 25
 _ARRIVALS_KEPT: Final = 256
 _ORIGIN: Final = (0.0, 0.0, 0.0)
@@ -34,9 +34,28 @@ _ORIGIN: Final = (0.0, 0.0, 0.0)
 Numbers = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
 
+class Steps(NamedTuple):
+    """From each pose to the next: the distance, the turn as below, and the cosine of half its angle."""
+
+    distance_m: Array
+    turn: Array
+    cosine: Array
+
+    @classmethod
+    def between(cls, poses: Poses) -> "Steps":
+        """Rounded as one by one."""
+        x, y, z = (poses.position_m[1:] - poses.position_m[:-1]).T
+        a, b, c, d = (poses.quat_xyzw[1:] * poses.quat_xyzw[:-1]).T
+        cosine = a + b + c + d
+        turn = 2.0 * np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+        return cls(np.sqrt(x * x + y * y + z * z), turn, cosine)
+
+
 class _Step(NamedTuple):
+    """``turn`` is twice the sine of half the angle: of small angles as good as the angle in radians."""
+
     distance_m: float
-    angle_rad: float
+    turn: float
 
 
 class DefaultPoseFilter:
@@ -88,30 +107,23 @@ class DefaultPoseFilter:
             self._keep(pose)
         return held
 
-    def passes_all(self, joined: Poses, cosine: Array) -> bool:
-        """Whether poses pass without a closer look.
-
-        Parameters
-        ----------
-        joined : the last pose that was passed on, and these.
-        cosine : of half the angle between each and the one before.
-        """
-        steps = np.diff(joined.position_m, axis=0)
-        # Rounded differently than one by one: a little less is let through.
-        near = (steps * steps).sum(axis=1).max() <= (0.999 * NEAR_M) ** 2
+    def passes_all(self, steps: "Steps") -> bool:
+        """Whether poses that go on from the last one by these steps pass without a closer look."""
         known = len(self._kept) == NEIGHBOURS and not self._dropped
-        return known and bool(near and np.abs(cosine).min() >= _SURELY_NEAR_COSINE)
+        return known and bool(steps.distance_m.max() <= NEAR_M and steps.turn.max() <= NEAR_TURN)
 
-    def pass_all(self, joined: Poses, fresh: Poses) -> None:
+    def pass_all(self, joined: Poses, steps: "Steps", repeats: NDArray[np.bool_]) -> None:
         """Pass on poses that need no closer look.
 
         Parameters
         ----------
-        joined, fresh : as above, and those of them that differ from the one before.
+        joined : the last pose that was passed on, and these.
+        steps, repeats : between them, and whether they are none at all.
         """
-        all_count = fresh.position_m.any(axis=1).all()  # no step from or to the origin is among them
-        for before, pose in pairwise(fresh[-_STEPS_KEPT - 1 :] if all_count else fresh):
-            self._note_step(before, pose, _step(before, pose))
+        x, y, z = joined.position_m.T
+        at_origin = (x == 0.0) & (y == 0.0) & (z == 0.0)
+        noted = np.flatnonzero(~repeats & (at_origin[1:] == at_origin[:-1]))[-_STEPS_KEPT:]
+        self._steps.extend(map(_Step, steps.distance_m[noted].tolist(), steps.turn[noted].tolist()))
         self._kept.extend(joined[1:][-NEIGHBOURS:])
 
     def _keep(self, pose: Pose) -> None:
@@ -124,7 +136,7 @@ class DefaultPoseFilter:
         last = self._kept[-1]
         if last[1:] != pose[1:]:
             step = _step(last, pose)
-            if (step.distance_m > NEAR_M or step.angle_rad > NEAR_RAD) and self._is_default(pose):
+            if (step.distance_m > NEAR_M or step.turn > NEAR_TURN) and self._is_default(pose):
                 self._counts["default_pose"] += 1
                 self._dropped += 1
                 return False
@@ -137,7 +149,7 @@ class DefaultPoseFilter:
         """Learn from a step how far the motion goes from pose to pose; how far the origin is says nothing."""
         if (pose.position_m == _ORIGIN) == (before.position_m == _ORIGIN):
             frames = 1 + self._dropped
-            self._steps.append(_Step(step.distance_m / frames, step.angle_rad / frames))
+            self._steps.append(_Step(step.distance_m / frames, step.turn / frames))
 
     def _is_default(self, pose: Pose) -> bool:
         """Whether a pose away from the motion is a default pose; remembers where it was away."""
@@ -183,14 +195,14 @@ class _Away(NamedTuple):
 
     @classmethod
     def of(cls, pose: Pose, motion: Sequence[Pose], steps: Collection[_Step]) -> "_Away":
-        reach_m, reach_rad = NEAR_M, NEAR_RAD
+        reach_m, reach_turn = NEAR_M, NEAR_TURN
         if steps:
             rank = int(QUANTILE * (len(steps) - 1))
             reach_m = max(reach_m, STEPS * sorted(step.distance_m for step in steps)[rank])
-            reach_rad = max(reach_rad, STEPS * sorted(step.angle_rad for step in steps)[rank])
+            reach_turn = max(reach_turn, STEPS * sorted(step.turn for step in steps)[rank])
         between = [_step(other, pose) for other in motion]
         in_position = all(step.distance_m > reach_m for step in between)
-        return cls(all(s.distance_m > reach_m or s.angle_rad > reach_rad for s in between), in_position)
+        return cls(all(s.distance_m > reach_m or s.turn > reach_turn for s in between), in_position)
 
 
 def _is_origin(pose: Pose, away: _Away) -> bool:
@@ -203,7 +215,8 @@ def _is_unturned(pose: Pose) -> bool:
 
 
 def _step(a: Pose, b: Pose) -> _Step:
-    """Distance and angle between two poses."""
+    (ax, ay, az), (bx, by, bz) = a.position_m, b.position_m
+    x, y, z = bx - ax, by - ay, bz - az
     (ax, ay, az, aw), (bx, by, bz, bw) = a.quat_xyzw, b.quat_xyzw
-    cosine = abs(ax * bx + ay * by + az * bz + aw * bw)
-    return _Step(dist(a.position_m, b.position_m), 2.0 * acos(min(cosine, 1.0)))
+    cosine = ax * bx + ay * by + az * bz + aw * bw
+    return _Step(sqrt(x * x + y * y + z * z), 2.0 * sqrt(max(1.0 - cosine * cosine, 0.0)))

@@ -37,7 +37,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.default_poses import DefaultPoseFilter
+from contact_tracker.default_poses import DefaultPoseFilter, Steps
 from contact_tracker.poses import Pose, Poses
 from contact_tracker.stamp_order import Ordered, StampOrder
 
@@ -88,8 +88,8 @@ class PoseGate:
 
     def admit_all(self, poses: Poses) -> Poses | None:
         """The same of poses that need no closer look; None, and nothing has happened, if one of them does."""
-        before, last = self._unit, self._last
-        if before is None or last is None or not self._order.passes_all(poses.stamp_ns):
+        before, last, steps_ns = self._unit, self._last, self._order.steps_of_all(poses.stamp_ns)
+        if before is None or last is None or steps_ns is None:
             return None
         with np.errstate(all="ignore"):
             x, y, z, w = poses.quat_xyzw.T
@@ -99,16 +99,16 @@ class PoseGate:
             return None
         unit = poses.quat_xyzw / norm[:, None]
         joined = Poses.join([before, Poses(poses.stamp_ns, poses.position_m, unit)])
-        cosine = (joined.quat_xyzw[1:] * joined.quat_xyzw[:-1]).sum(axis=1)
-        if not self._defaults.passes_all(joined, cosine):
+        steps = Steps.between(joined)
+        if not self._defaults.passes_all(steps):
             return None
-        fresh = joined.fresh
-        if held := len(joined) - len(fresh):
+        repeats = joined.repeats
+        if held := int(np.count_nonzero(repeats)):
             self._counts["held"] += held
-        self._order.pass_all(poses.stamp_ns)
-        self._defaults.pass_all(joined, fresh)
+        self._order.pass_all(poses.stamp_ns, steps_ns)
+        self._defaults.pass_all(joined, steps, repeats)
         first = 1.0 if last.quat_xyzw == before.quat_xyzw else -1.0
-        sign = first * np.where(cosine < 0.0, -1.0, 1.0).cumprod()
+        sign = first * np.where(steps.cosine < 0.0, -1.0, 1.0).cumprod()
         admitted = Poses(poses.stamp_ns, poses.position_m, unit * sign[:, None])
         (self._unit,), (self._last,) = joined[-1:], admitted[-1:]
         return admitted

@@ -78,19 +78,20 @@ class StampOrder:
         """What is held and was followed by something, or is all there is; nothing more can follow."""
         return self._release(ended=True)
 
-    def passes_all(self, stamp_ns: NDArray[np.int64]) -> bool:
-        """Whether all these stamps pass without a closer look."""
+    def steps_of_all(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64] | None:
+        """The times between poses, from the last one on; None if one of them needs a closer look."""
         if self._last_ns is None or self._held or self._offset_ns or stamp_ns[-1] > RANGE_NS:
-            return False
-        steps_ns = np.diff(stamp_ns, prepend=self._last_ns)
-        return bool(steps_ns.min() > 0 and steps_ns.max() <= GAP_NS) and not self._periods.lead_among(
-            steps_ns
-        )
+            return None
+        steps_ns = np.empty_like(stamp_ns)
+        steps_ns[0] = stamp_ns[0] - self._last_ns
+        np.subtract(stamp_ns[1:], stamp_ns[:-1], out=steps_ns[1:])
+        if steps_ns.min() <= 0 or steps_ns.max() > GAP_NS or self._periods.lead_among(steps_ns):
+            return None
+        return steps_ns
 
-    def pass_all(self, stamp_ns: NDArray[np.int64]) -> None:
+    def pass_all(self, stamp_ns: NDArray[np.int64], steps_ns: NDArray[np.int64]) -> None:
         """Pass on poses that need no closer look."""
-        assert self._last_ns is not None
-        self._periods.extend(np.diff(stamp_ns, prepend=self._last_ns)[-PERIODS_KEPT:].tolist())
+        self._periods.extend(steps_ns[-PERIODS_KEPT:].tolist())
         self._backward = None
         self._last_ns = int(stamp_ns[-1])
 

@@ -5,6 +5,7 @@ from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, islice
 from types import MappingProxyType
+from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.gate import PoseGate
@@ -24,6 +25,9 @@ from contact_tracker.recording.sources import (
     take_prefix,
 )
 from contact_tracker.recording.stamping import Stamping
+
+_FEW: Final = 50
+"""The first poses always need a closer look."""
 
 
 class PoseLog:
@@ -77,7 +81,9 @@ class PoseLog:
     def batches(self) -> Iterator[Poses]:
         """The same in columns, of many messages at once: for those who wait for none of them."""
         items = (item for item in self._items if isinstance(item, RawMessage))
-        while messages := list(islice(items, BATCH)):
+        many = min(_FEW, BATCH)
+        while messages := list(islice(items, many)):
+            many = BATCH
             poses = self._columns(messages)
             if poses is None:
                 poses = Poses.collect(self._admit(messages))
