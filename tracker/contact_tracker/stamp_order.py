@@ -112,12 +112,15 @@ class StampOrder:
             first = run[0]
             accepted_ns = stamps_ns[first]
             released.append(self._accept(self._held[first]))
-            self._held, others = self._held[first + 1 :], self._held[:first]
-            for pose in others:
-                self._counts["leading_stamp" if pose.stamp_ns > accepted_ns else "repeated_stamp"] += 1
+            # What came before it and is no part of the run is ahead of it.
+            if first:
+                self._counts["leading_stamp"] += first
+            self._held = self._held[first + 1 :]
             for pose in self._held:
-                if pose.stamp_ns <= accepted_ns:
-                    self._counts["repeated_stamp" if pose.stamp_ns == accepted_ns else "backward_stamp"] += 1
+                if pose.stamp_ns == accepted_ns:
+                    self._counts["repeated_stamp"] += 1
+                elif pose.stamp_ns < accepted_ns:
+                    self._counts["backward_stamp"] += 1
             self._held = [pose for pose in self._held if pose.stamp_ns > accepted_ns]
         return released
 
