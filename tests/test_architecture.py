@@ -16,7 +16,9 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 LAYERS = (
     ("printable", "labels", "geometry", "quaternions", "small"),
     ("errors",),
-    ("poses", "truth", "gate", "polyhedron"),
+    ("poses", "truth", "polyhedron"),
+    ("default_poses", "stamp_order"),
+    ("gate",),
     ("knowledge",),
     ("lift",),
     ("contacts", "paper"),

@@ -115,8 +115,8 @@ def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
 def counted_kinds() -> set[str]:
     """The names under which the gate and the reader count what they drop or repair."""
     kinds: set[str] = set()
-    for path in (PACKAGE / "gate.py", PACKAGE / "recording" / "log.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for name in ("gate.py", "stamp_order.py", "default_poses.py", "recording/log.py"):
+        for node in ast.walk(ast.parse((PACKAGE / name).read_text(encoding="utf-8"))):
             match node:
                 case (
                     ast.Subscript(value=ast.Name("counts"), slice=ast.Constant(kind))

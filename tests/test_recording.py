@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -234,6 +234,113 @@ def test_without_any_header_stamp_the_log_time_stands_in(tmp_path: Path) -> None
     (source,) = summarise(path).sources
     assert (source.poses, source.counts) == (len(poses), log.counts)
     assert (source.first_ns, source.last_ns) == (poses.stamp_ns[0], poses.stamp_ns[-1])
+
+
+def stamped(path: Path, stamps_ns: Iterable[int], poses: Poses) -> str:
+    """The poses with these stamps in their headers, logged when they were."""
+    rows = [(p.stamp_ns, pose_stamped(int(ns), *p[1:])) for ns, p in zip(stamps_ns, poses, strict=True)]
+    return str(write_log(path, [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+
+
+def read_alike(path: str) -> tuple[Poses, dict[str, int]]:
+    """The poses of a log, which come one by one, in columns and to its summary with the same counts."""
+    log = open_log(path)
+    poses = Poses.collect(log)
+    columns, other = in_columns(path)
+    (source,) = summarise(path).sources
+    assert list(columns) == list(poses)
+    assert other.counts == log.counts == source.counts
+    assert source.poses == len(poses)
+    return poses, dict(log.counts)
+
+
+@pytest.mark.parametrize("resolution_ns", [10**18, 10**9, 10**8])
+@pytest.mark.parametrize("rate_hz", [30.0, 200.0, 1000.0])
+def test_stamps_too_coarse_to_tell_poses_apart_are_no_time(
+    tmp_path: Path, resolution_ns: int, rate_hz: float
+) -> None:
+    poses = smooth_poses(int(3 * rate_hz), rate_hz)
+    if rate_hz * resolution_ns < 4e9:
+        pytest.skip("three poses to a stamp")
+    path = stamped(tmp_path / "a.mcap", poses.stamp_ns // resolution_ns * resolution_ns, poses)
+    found, counts = read_alike(path)
+    assert_same(found, poses)
+    assert counts == {"log_time_as_stamp": len(poses)}
+
+
+def test_slow_poses_with_stamps_in_seconds_have_no_time(tmp_path: Path) -> None:
+    poses = smooth_poses(60, 5.0)
+    found, _ = read_alike(stamped(tmp_path / "a.mcap", poses.stamp_ns // 10**9 * 10**9, poses))
+    assert_same(found, poses)
+
+
+def test_two_poses_to_a_stamp_are_told_apart_by_stamps(tmp_path: Path) -> None:
+    poses = smooth_poses(600)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", poses.stamp_ns // 10**7 * 10**7, poses))
+    assert len(found) == 300
+    assert counts == {"repeated_stamp": 300}
+
+
+def test_the_same_pose_published_again_has_its_stamp(tmp_path: Path) -> None:
+    """The tracker measures at 20 Hz, and what it measured last is published at 200 Hz."""
+    poses = smooth_poses(600)
+    measured = poses[np.arange(600) // 10 * 10]
+    again = Poses(poses.stamp_ns, measured.position_m, measured.quat_xyzw)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", measured.stamp_ns, again))
+    assert_same(found, measured[::10])
+    assert counts == {"repeated_stamp": 540}
+
+
+@pytest.mark.parametrize(
+    "zeros", [[0], range(100), range(0, 600, 10), [300], [599], [0, 1, 7, 300, 301, 599]], ids=str
+)
+@pytest.mark.parametrize("delay_ns", [0, 3_000_000, -515_000 * 10**9])
+def test_stamps_that_are_zero_among_others_follow_from_log_time(
+    tmp_path: Path, zeros: Sequence[int], delay_ns: int
+) -> None:
+    poses = smooth_poses(600)
+    stamps = poses.stamp_ns - delay_ns
+    path = stamped(tmp_path / "a.mcap", [0 if i in zeros else ns for i, ns in enumerate(stamps)], poses)
+    found, counts = read_alike(path)
+    assert_same(found, replace(poses, stamp_ns=stamps))
+    assert counts == {"log_time_as_stamp": len(zeros)}
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 3.0])
+def test_a_clock_that_starts_at_zero_is_not_touched(tmp_path: Path, speed: float) -> None:
+    """That of a simulation, slower or faster than real time."""
+    poses = smooth_poses(900)
+    stamps = np.round((poses.stamp_ns - START_NS) * speed).astype(np.int64)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
+    assert_same(found, replace(poses, stamp_ns=stamps))
+    assert counts == {}
+
+
+@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), min_size=1, max_size=80))
+@settings(max_examples=40)
+def test_the_summary_counts_what_reading_counts(tmp_path_factory: Any, rows: list[tuple[int, int]]) -> None:
+    """Whatever the stamps: zero, coarse, leading, late, after a gap."""
+    moving = smooth_poses(len(rows), 20.0)
+    odd = {
+        0: lambda ns: 0,
+        1: lambda ns: ns + 10**10,
+        2: lambda ns: ns - 10**9,
+        3: lambda ns: ns // 10**9 * 10**9,
+    }
+    stamps = [odd.get(kind, int)(int(p.stamp_ns)) for (_, kind), p in zip(rows, moving, strict=True)]
+    origin = [
+        (0.0, 0.0, 0.0) if place < 4 else p.position_m for (place, _), p in zip(rows, moving, strict=True)
+    ]
+    poses = replace(moving, position_m=np.array(origin))
+    read_alike(stamped(tmp_path_factory.mktemp("log") / "a.mcap", stamps, poses))
+
+
+def test_the_last_poses_come_though_they_were_held(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    stamps = poses.stamp_ns + np.where(np.arange(100) < 95, 0, 10**10)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
+    assert_same(found, replace(poses, stamp_ns=stamps))
+    assert counts == {"gap": 1}
 
 
 @pytest.mark.parametrize("stamps", [[0], [0, 10**7], [10**7, 0]])

@@ -84,13 +84,18 @@ class Poses:
         return (self[first : first + BATCH] for first in range(0, len(self), BATCH))
 
     @property
+    def repeats(self) -> NDArray[np.bool_]:
+        """Whether each but the first is the one before, bit for bit (N - 1)."""
+        same = (self.position_m[1:] == self.position_m[:-1]).all(axis=1)
+        if same.any():
+            same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
+        return np.asarray(same, bool)
+
+    @property
     def fresh(self) -> "Poses":
         """Those that differ from the one before; one that is held says nothing new."""
-        same = (self.position_m[1:] == self.position_m[:-1]).all(axis=1)
-        if not same.any():
-            return self
-        same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
-        return self[np.append(True, ~same)]
+        repeats = self.repeats
+        return self[np.append(True, ~repeats)] if repeats.any() else self
 
     @property
     def rotation(self) -> Array:

@@ -1,10 +1,11 @@
 """A recording as a stream of validated poses of one source."""
 
 from collections import Counter
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, islice
 from types import MappingProxyType
+from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.gate import PoseGate
@@ -16,14 +17,17 @@ from contact_tracker.recording.ros import RosDecoder, Undecodable
 from contact_tracker.recording.sources import (
     ChannelFilter,
     PoseSource,
-    are_unstamped,
     message_counts,
     not_named,
     only_one,
     peek,
-    stamps_by_source,
+    poses_by_source,
     take_prefix,
 )
+from contact_tracker.recording.stamping import Stamping
+
+_FEW: Final = 50
+"""The first poses always need a closer look."""
 
 
 class PoseLog:
@@ -34,7 +38,8 @@ class PoseLog:
     source : where the poses come from.
     counts : what was dropped or repaired so far, by kind: those of ``contact_tracker.gate`` and
         ``undecodable`` (messages), ``other_source`` (poses of sources that were neither chosen nor known
-        when this one was), ``log_time_as_stamp`` (poses without a header stamp, where all are so).
+        when this one was), ``log_time_as_stamp`` (poses whose header has no
+        time, see ``contact_tracker.recording.stamping``).
     damage : one line if the recording turned out truncated or damaged; final after iteration.
     """
 
@@ -44,7 +49,7 @@ class PoseLog:
         reading: Reading,
         items: Iterator[Item],
         decoder: RosDecoder,
-        use_log_time: bool,
+        stamping: Stamping,
         count_others: bool,
     ) -> None:
         self.source = source
@@ -52,7 +57,7 @@ class PoseLog:
         self._gate = PoseGate(self._counts)
         self._reading = reading
         self._decoder = decoder
-        self._use_log_time = use_log_time
+        self._stamping = stamping
         self._count_others = count_others
         self._items = items
         self._poses = self._read(items)
@@ -76,20 +81,26 @@ class PoseLog:
     def batches(self) -> Iterator[Poses]:
         """The same in columns, of many messages at once: for those who wait for none of them."""
         items = (item for item in self._items if isinstance(item, RawMessage))
-        while messages := list(islice(items, BATCH)):
+        many = min(_FEW, BATCH)
+        while messages := list(islice(items, many)):
+            many = BATCH
             poses = self._columns(messages)
             if poses is None:
-                poses = Poses.collect(self._read(iter(messages)))
+                poses = Poses.collect(self._admit(messages))
             if len(poses):
                 yield poses
+        if rest := self._gate.finish():
+            yield Poses.collect(rest)
 
     def _columns(self, messages: list[RawMessage]) -> Poses | None:
         """The poses of messages that need no closer look; None if one of them does."""
         channel = messages[0].channel
-        if self._use_log_time or any(message.channel is not channel for message in messages):
+        if self._stamping.by_log_time or any(message.channel is not channel for message in messages):
             return None
         observed = self._decoder.observe_all(messages)
         if observed is None or not self._is_meant(channel, *observed[:2]):
+            return None
+        if not observed.poses.stamp_ns.all():  # a stamp that is zero may be missing
             return None
         return self._gate.admit_all(observed.poses)
 
@@ -99,7 +110,11 @@ class PoseLog:
         return found == (source.topic, source.type, source.frame_id, source.child_frame_id)
 
     def _read(self, items: Iterator[Item]) -> Generator[Pose]:
-        source, counts, admit = self.source, self._counts, self._gate.admit
+        yield from self._admit(items)
+        yield from self._gate.finish()
+
+    def _admit(self, items: Iterable[Item]) -> Generator[Pose]:
+        source, counts, admit, stamping = self.source, self._counts, self._gate.admit, self._stamping
         for item in items:
             if not isinstance(item, RawMessage):
                 continue
@@ -115,12 +130,10 @@ class PoseLog:
                 if frame_id != source.frame_id or child_frame_id != source.child_frame_id:
                     self._other()
                     continue
-                if self._use_log_time:
+                if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
-                    pose = pose._replace(stamp_ns=item.log_time_ns)
-                admitted = admit(pose)
-                if admitted is not None:
-                    yield admitted
+                    pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
+                yield from admit(pose)
 
     def _other(self) -> None:
         if self._count_others:
@@ -153,18 +166,18 @@ def open_log(
     decoder = RosDecoder()
     reading = Reading(path, wanted, follow)
     items = iter(reading)
-    known = {} if follow else stamps_by_source(peek(path, wanted), decoder)
+    known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     met = set(known)
     head: list[RawMessage] = []
     while not (fitting := [s for s in known if frame is None or s.is_named(frame)]):
         head = take_prefix(items)
         if not head:
             raise _explain(path, frame, met, wanted, reading.damage)
-        known = stamps_by_source(head, decoder)
+        known = poses_by_source(head, decoder)
         met |= known.keys()
     source = only_one(path, fitting)
-    unstamped = are_unstamped(known[source])
-    return PoseLog(source, reading, chain(head, items), decoder, unstamped, count_others=frame is None)
+    stamping = Stamping(known[source])
+    return PoseLog(source, reading, chain(head, items), decoder, stamping, count_others=frame is None)
 
 
 def list_sources(path: str) -> list[PoseSource]:
@@ -186,7 +199,7 @@ def list_sources(path: str) -> list[PoseSource]:
         for channel_id, count in message_counts(summary):
             assert summary is not None
             counts[channel_of(summary.channels[channel_id], summary.schemas).topic] += count
-    sources = sorted(stamps_by_source(messages, RosDecoder()))
+    sources = sorted(poses_by_source(messages, RosDecoder()))
     return [replace(source, messages=counts.get(source.topic)) for source in sources]
 
 

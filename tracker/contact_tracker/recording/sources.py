@@ -8,7 +8,7 @@ its first pose, and at most 2000 pose messages. A source that shows up only late
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -20,9 +20,8 @@ from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
 from contact_tracker.recording.reading import parts_of, summary_of
 from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
+from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
 
-PREFIX_NS: Final = 1_000_000_000
-PREFIX_MESSAGES: Final = 2000
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage")
@@ -142,9 +141,9 @@ def take_prefix(items: Iterator[Item], limit: int = PREFIX_MESSAGES) -> list[Raw
     return messages
 
 
-def stamps_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dict[PoseSource, list[int]]:
-    """The sources in some messages, each with its header stamps; what cannot be decoded is passed over."""
-    stamps: dict[PoseSource, list[int]] = {}
+def poses_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dict[PoseSource, list[Logged]]:
+    """The sources in some messages, each with its poses; what cannot be decoded is passed over."""
+    poses: dict[PoseSource, list[Logged]] = {}
     for message in messages:
         try:
             observations = decoder.observe(message)
@@ -152,13 +151,8 @@ def stamps_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dic
             continue
         for frame_id, child_frame_id, pose in observations:
             source = PoseSource(message.channel.topic, message.channel.type, frame_id, child_frame_id)
-            stamps.setdefault(source, []).append(pose.stamp_ns)
-    return stamps
-
-
-def are_unstamped(stamps_ns: Sequence[int]) -> bool:
-    """Whether the first poses of a source say that it has no stamps: more than one, and all zero."""
-    return len(stamps_ns) > 1 and not any(stamps_ns)
+            poses.setdefault(source, []).append((pose, message.log_time_ns))
+    return poses
 
 
 def only_one(path: str, sources: Iterable[PoseSource]) -> PoseSource:

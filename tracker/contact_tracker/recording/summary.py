@@ -13,7 +13,8 @@ from contact_tracker.poses import Pose
 from contact_tracker.recording.items import Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
-from contact_tracker.recording.sources import PoseSource, are_unstamped
+from contact_tracker.recording.sources import PoseSource
+from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
 
 SOURCES_KEPT: Final = 256
 _SAMPLE: Final = 50_000
@@ -148,8 +149,8 @@ class _Tally:
         self.counts: Counter[str] = Counter()
         self._gate = PoseGate(self.counts)
         self._observed = 0
-        self._waiting: list[tuple[Pose, int]] = []
-        self._unstamped = False
+        self._prefix: list[Logged] = []
+        self._stamping: Stamping | None = None
         self._poses = 0
         self._first: Pose | None = None
         self._last: Pose | None = None
@@ -160,27 +161,30 @@ class _Tally:
         self._high_m = [float("-inf")] * 3
 
     def add(self, observed: Pose, log_time_ns: int) -> None:
-        """Take in a pose; the first waits for the second, which says whether any has a stamp."""
+        """Take in a pose; the first wait until there are enough to say which stamps they get."""
         self._observed += 1
         self._offsets_ns.add(log_time_ns - observed.stamp_ns)
-        self._waiting.append((observed, log_time_ns))
-        if self._observed > 1:
-            self._let_in()
-
-    def _let_in(self) -> None:
-        if self._observed == len(self._waiting):  # nothing was let in before
-            self._unstamped = are_unstamped([pose.stamp_ns for pose, _ in self._waiting])
-        for observed, log_time_ns in self._waiting:
-            if self._unstamped:
-                self.counts["log_time_as_stamp"] += 1
-                observed = observed._replace(stamp_ns=log_time_ns)
-            self._admit(observed)
-        self._waiting.clear()
-
-    def _admit(self, observed: Pose) -> None:
-        pose = self._gate.admit(observed)
-        if pose is None:
+        if self._stamping is not None:
+            self._admit(self._stamping, observed, log_time_ns)
             return
+        self._prefix.append((observed, log_time_ns))
+        if len(self._prefix) == PREFIX_MESSAGES or log_time_ns - self._prefix[0][1] >= PREFIX_NS:
+            self._admit_prefix()
+
+    def _admit_prefix(self) -> None:
+        self._stamping = Stamping(self._prefix)
+        for observed, log_time_ns in self._prefix:
+            self._admit(self._stamping, observed, log_time_ns)
+        self._prefix = []
+
+    def _admit(self, stamping: Stamping, observed: Pose, log_time_ns: int) -> None:
+        if stamping.lacks_stamp(observed.stamp_ns, log_time_ns):
+            self.counts["log_time_as_stamp"] += 1
+            observed = observed._replace(stamp_ns=stamping.from_log_time(log_time_ns))
+        for pose in self._gate.admit(observed):
+            self._note(pose)
+
+    def _note(self, pose: Pose) -> None:
         self._poses += 1
         if self._last is not None:
             self._steps_ns.add(pose.stamp_ns - self._last.stamp_ns)
@@ -191,7 +195,10 @@ class _Tally:
         self._high_m = [max(pair) for pair in zip(self._high_m, pose.position_m, strict=True)]
 
     def summary(self, source: PoseSource) -> SourceSummary:
-        self._let_in()
+        if self._stamping is None:
+            self._admit_prefix()
+        for pose in self._gate.finish():
+            self._note(pose)
         nan = float("nan")
         steps = self._steps_ns.values
         period_ns = median(steps) if steps else nan

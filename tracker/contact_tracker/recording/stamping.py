@@ -1,0 +1,66 @@
+"""Which time a pose has: that of its header, or, where headers have none, that at which it was logged."""
+
+from collections.abc import Sequence
+from statistics import median
+from typing import Final
+
+from contact_tracker.poses import Pose
+
+PREFIX_NS: Final = 1_000_000_000
+PREFIX_MESSAGES: Final = 2000
+SECOND_NS: Final = 1_000_000_000
+COARSE: Final = 4
+"""So many different poses to a stamp, and stamps do not tell their order in time."""
+COARSE_SECONDS: Final = 2
+"""The same of stamps in whole seconds: of these only two are among the first poses."""
+
+Logged = tuple[Pose, int]
+"""A pose with the stamp of its header, and its log time in nanoseconds."""
+
+
+class Stamping:
+    """Gives the poses of one source their stamps.
+
+    Parameters
+    ----------
+    prefix : the first poses of the source: one second of log time, and at most 2000.
+
+    Attributes
+    ----------
+    by_log_time : whether every pose gets its log time: all stamps of the prefix are zero, or so few that
+        most poses share one though they differ.
+    """
+
+    def __init__(self, prefix: Sequence[Logged]) -> None:
+        self.by_log_time = _are_zero(prefix) or _are_coarse([pose for pose, _ in prefix])
+        good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
+        offsets_ns = [log_time_ns - stamp_ns for stamp_ns, log_time_ns in good]
+        self._offset_ns = round(median(offsets_ns)) if good else None
+        # A clock may run faster than log time: so far from zero the stamps of the prefix may take it.
+        self._near_zero_ns = max(PREFIX_NS, max(good)[0] - min(good)[0]) if good else PREFIX_NS
+
+    def lacks_stamp(self, stamp_ns: int, log_time_ns: int) -> bool:
+        """Whether the log time says more of when a pose was than its stamp does.
+
+        Zero is no time, unless by the other poses it was then: clocks of simulations start at zero.
+        """
+        if self.by_log_time:
+            return True
+        if stamp_ns or self._offset_ns is None:
+            return False
+        return abs(log_time_ns - self._offset_ns) > self._near_zero_ns
+
+    def from_log_time(self, log_time_ns: int) -> int:
+        """The stamp of a pose that lacks one; as its header would have it, where the others have stamps."""
+        return log_time_ns if self.by_log_time or self._offset_ns is None else log_time_ns - self._offset_ns
+
+
+def _are_zero(prefix: Sequence[Logged]) -> bool:
+    return len(prefix) > 1 and not any(pose.stamp_ns for pose, _ in prefix)
+
+
+def _are_coarse(poses: Sequence[Pose]) -> bool:
+    """Whether most poses share their stamp with others that differ; the same pose again is no other."""
+    stamps = {pose.stamp_ns for pose in poses}
+    enough = COARSE_SECONDS if all(stamp_ns % SECOND_NS == 0 for stamp_ns in stamps) else COARSE
+    return len({pose[1:] for pose in poses}) >= enough * len(stamps) > 0
