@@ -1,7 +1,7 @@
 """What real logs do to poses, done to those of a labelled recording: the truth stays as it is.
 
-Each distortion takes poses and a random generator and returns poses in the order of their arrival, with stamps
-as a header would have them: they pass the gate afterwards.
+Each distortion takes poses and a random generator and returns poses in the order of their arrival, with the
+stamps of their headers: they pass the gate afterwards.
 """
 
 from collections.abc import Callable

@@ -3,10 +3,10 @@
     python tests/benchmarks/field.py recordings
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only none moving_average_3
 
-Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as ``evaluate`` does,
-and beside it with the model as it is, adapted to nothing. Figures of a distortion are means over the
-recordings: accuracy, share of the time with a probability above 0.9 on a wrong state, calibration error of the
-most probable state, and the accuracy of the worst recording.
+Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as ``evaluate``
+does, and beside it with the model as it is, adapted to nothing. Figures of a distortion are means over the
+recordings: accuracy, share of the time with a probability above 0.9 on a wrong state, calibration error of
+the most probable state, and the accuracy of the worst recording.
 """
 
 import argparse
