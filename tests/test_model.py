@@ -25,6 +25,9 @@ MODELS = Path(__file__).resolve().parent.parent / "models"
 DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
 
 
+MAY_BE_LEFT_OUT = {(None, "poses_per_tick")}
+
+
 def toml(table, prefix=""):
     """The table as TOML, sections last."""
     rows = [f"{k} = {_toml_value(v)}" for k, v in table.items() if not isinstance(v, dict)]
@@ -170,8 +173,9 @@ def test_whole_numbers_are_numbers(tmp_path):
 @each_number
 def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
     name = key if section is None else f"{section}.{key}"
+    needed = [(None, "missing")] if (section, key) not in MAY_BE_LEFT_OUT else []
     for value, reason in (
-        (None, "missing"),
+        *needed,
         ("fast", "must be a number, not str"),
         (True, "must be a number, not bool"),
         ([1.0], "must be a number, not list"),
@@ -322,3 +326,16 @@ def state_after(poses, model):
     for pose in poses:
         state, _ = tracker.step(state, pose)
     return state
+
+
+def test_what_may_be_left_out_has_its_usual_value(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(changed(None, "poses_per_tick", None)))
+    model = load_model(str(path))
+    assert (model.poses_per_tick, model.noise.estimated) == (3.0, True)
+    path.write_text(toml(changed("noise", "estimated", False)))
+    given = load_model(str(path))
+    assert given.noise == load_model().with_noise(0.5e-3, 4e-3).noise
+    assert refused(tmp_path, toml(changed("noise", "estimated", 1.0))).key == "noise.estimated"
+    path.write_text(model_text(given))
+    assert load_model(str(path)) == given

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from contact_tracker import ticks
 from contact_tracker.averaging import tick_variances
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.free_motion import NO_EXCESS
 from contact_tracker.labels import Contact
 from contact_tracker.lift import ONE, R, T, lift
 from contact_tracker.poses import Poses
@@ -267,12 +268,24 @@ def test_stamps_that_run_backward_close_no_tick_again(late, batch):
     assert 19 <= len(found) <= 21
 
 
-def test_after_a_gap_motion_is_met_anew():
-    poses = moving(np.random.default_rng(14), 3.0, 200.0, 3e-4, 2e-3)
-    present = poses[np.abs(np.arange(600) - 300) > 50]  # ticks 12 to 17 are missing in part or whole
-    state, _ = ticks.advance(ticks.begin(MODEL, present), present, MODEL)
-    assert state.learnt.motion is not None
-    assert state.learnt.motion.ticks == 29 - 18
+@pytest.mark.parametrize(("gap_s", "mute"), [(0.5, 1), (1.8, 1), (2.5, 5)])
+def test_after_a_gap_motion_goes_on_unless_it_was_long(gap_s, mute):
+    """The first ticks after it have no excess: errors of a long prediction do not count."""
+    poses = moving(np.random.default_rng(14), 6.0, 200.0, 3e-4, 2e-3)
+    at_s = (poses.stamp_ns - START_NS) * 1e-9
+    present = poses[(at_s < 2.0) | (at_s >= 2.0 + gap_s)]
+    found = [t for t in averaged(present) if t.start_ns - START_NS >= (2.0 + gap_s) * 1e9]
+    assert [tick.excess == NO_EXCESS for tick in found[: mute + 5]] == [True] * mute + [False] * 5
+    anew = averaged(poses[at_s >= 2.0 + gap_s])
+    if mute == 1:  # what is known of the motion is worth more than to begin anew
+        assert np.mean([t.excess for t in found[5:15]]) < np.mean([t.excess for t in anew[5:15]])
+
+
+def test_an_object_that_rests_through_a_gap_is_known_to_rest():
+    rest = moving(np.random.default_rng(15), 6.0, 200.0, 3e-4, 2e-3, rms_m=0.0, rms_rad=0.0)
+    at_s = (rest.stamp_ns - START_NS) * 1e-9
+    found = averaged(rest[(at_s < 2.0) | (at_s >= 3.0)])
+    assert np.mean([tick.excess == NO_EXCESS for tick in found]) > 0.95
 
 
 def test_turning_the_sign_of_quaternions_changes_nothing():

@@ -174,11 +174,11 @@ def _plausible(
     """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far;
     ``ahead_s`` (N,) after the middle of the tick before, with noise ``sigma_sq`` (2,).
 
-    While nothing is known of the motion: that stand out no more than by their steps. With all frames
-    implausible the object has jumped: they are taken, and the filter follows.
+    While nothing is known of the motion, or just after a gap: that stand out no more than by their steps. With
+    all frames implausible the object has jumped: they are taken, and the filter follows.
     """
     count, everything = len(frames), np.ones(len(frames), bool)
-    if motion is not None and motion.weight:
+    if motion is not None and motion.is_settled:
         at, facing = free_motion.predicted(motion, ahead_s)
         off, spread = _off(frames, at + origin_m, facing), motion.spread
         if count >= 3:  # frames stand beside their neighbours: little motion lies between them

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 # hand and robot motion alike, between 0.03 and 0.3 it hardly matters.
 JERK_SHARE: Final = 0.1
 SETTLING_TICKS: Final = 4
+SETTLING_AGAIN_TICKS: Final = 1
+"""After a gap that the filter has coasted through."""
+LONGEST_COAST_S: Final = 2.0
 NOW_TICKS: Final = 3
 """Over this many ticks an object that has stopped is known to have stopped."""
 SHAPE_MEMORY_S: Final = 1.5
@@ -69,6 +72,11 @@ class FreeMotion(NamedTuple):
     direction: Array
     echo: Array
     ticks: int
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether its predictions have been compared with poses, and there was no gap since."""
+        return self.weight > 0.0 and self.ticks >= SETTLING_TICKS
 
     @property
     def spread(self) -> Array:
@@ -122,6 +130,25 @@ def begin(rotation: Array, position_m: Array) -> FreeMotion:
         direction=np.zeros((2, 3)),
         echo=np.zeros(2),
         ticks=0,
+    )
+
+
+def coasted(state: FreeMotion, count: int, tick_s: float, memory_s: float) -> FreeMotion | None:
+    """After ``count`` ticks without a pose; None if that is too long, or of too little motion, to go on with.
+
+    What is known of the strength of the motion is kept. The filter settles again before its errors count:
+    they are those of a longer prediction.
+    """
+    if count * tick_s > LONGEST_COAST_S or state.ticks <= SETTLING_TICKS:
+        return None
+    tick = onward(tick_s, memory_s)
+    x, covariance = state.x.reshape(6, 3), state.covariance
+    for _ in range(count):
+        unexplained = np.maximum(state.spread - covariance.diagonal()[::3], 0.0)
+        jerk = tick.jerk * (unexplained * (JERK_SHARE / tick.jerk[0, 0])).repeat(3)
+        x, covariance = tick.onward @ x, tick.onward @ covariance @ tick.onward.T + jerk
+    return state._replace(
+        x=x.reshape(2, 3, 3), covariance=covariance, ticks=SETTLING_TICKS - SETTLING_AGAIN_TICKS
     )
 
 

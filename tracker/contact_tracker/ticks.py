@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import noise
+from contact_tracker import free_motion, noise
 from contact_tracker.averaging import Array, Learnt, Run, Tick, averaged
-from contact_tracker.free_motion import NO_EXCESS
+from contact_tracker.free_motion import NO_EXCESS, FreeMotion
 from contact_tracker.model import Model
 from contact_tracker.poses import Pose, Poses
 
@@ -78,6 +78,14 @@ def _run(
     return state._replace(number=state.number + len(ends) - 1, last=closed[-1], learnt=learnt), closed
 
 
+def _coasted(state: TickState, missed: int, model: Model) -> FreeMotion | None:
+    """What is known of the motion after ticks without poses."""
+    motion = state.learnt.motion
+    if motion is None:
+        return None
+    return free_motion.coasted(motion, missed, model.tick_s, model.motion.memory_s)
+
+
 def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
     """On to the tick of the next pose; empty ones where the stream has a gap."""
     step_ns = model.tick_ns
@@ -89,7 +97,7 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
         like = replace(state.last, count=0, outliers=0, excess=NO_EXCESS)
         stamps = [like.stamp_ns + (i + 1) * step_ns for i in range(missed)]
         empty = [replace(like, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
-        state = state._replace(learnt=state.learnt._replace(motion=None))
+        state = state._replace(learnt=state.learnt._replace(motion=_coasted(state, missed, model)))
     if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)

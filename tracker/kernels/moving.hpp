@@ -20,6 +20,9 @@ struct Motion {
     Quaternion orientation;
     double weight;
     int latest, ticks;
+
+    // As `FreeMotion.is_settled`.
+    bool is_settled() const { return weight > 0.0 && ticks >= settings.motion.settling_ticks; }
 };
 
 // What a tick does to a state, as `free_motion.onward`, and by how much it makes fade what was before.

@@ -83,7 +83,7 @@ inline void plausible(const Frames& frames, const double* ahead, const Motion* m
     std::fill_n(good, count, true);
     double allowed[2];
     std::vector<Off> offs;
-    if (motion && motion->weight != 0.0) {
+    if (motion && motion->is_settled()) {
         offs = off_motion(frames, ahead, *motion, origin);
         double share = 1.0;
         if (count >= 3) {
