@@ -15,7 +15,7 @@ from contact_tracker import adaptive, compiled, hmm, tracker
 from contact_tracker.adaptive.candidates import candidates, with_ticks_for
 from contact_tracker.adaptive.comparison import TickEvidence, is_moving, relative_evidence
 from contact_tracker.adaptive.mixture import doubted, mixture
-from contact_tracker.adaptive.online import RATE_POSES, RATIO_POSES
+from contact_tracker.adaptive.side_by_side import RATE_POSES, RATIO_POSES
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.forward import Pass, forward
@@ -105,7 +105,7 @@ def test_however_poses_come_the_same_is_said(sizes: list[int], lag_s: float) -> 
     for one, other in zip(beliefs, expected, strict=True):
         assert one.contact is other.contact
         assert one.probability == pytest.approx(other.probability, abs=1e-12)
-    assert state.log_weight == pytest.approx(at_once.log_weight, abs=1e-9)
+    assert state.trackers.log_weight == pytest.approx(at_once.trackers.log_weight, abs=1e-9)
 
 
 def test_a_stream_may_end_before_its_rate_is_known_and_may_go_on_after_its_end() -> None:
@@ -224,8 +224,8 @@ def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
     state = adaptive.start(MODEL)
     for some in moving_average(recorded(FACE_TO_EDGE).poses, 5).batches():
         before, state = state, adaptive.advance(state, some)[0]
-        if len(before.trackers) > 1:
-            floors = [one.model.noise.floor_position_m for one in before.trackers]
+        if len(before.trackers.trackers) > 1:
+            floors = [one.model.noise.floor_position_m for one in before.trackers.trackers]
             assert floors == sorted(floors)
     assert state.best is not None
     assert state.best.model.noise.floor_position_m > MODEL.noise.floor_position_m

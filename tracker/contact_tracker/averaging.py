@@ -174,7 +174,7 @@ def _plausible(
     """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far;
     ``ahead_s`` (N,) after the middle of the tick before, with noise ``sigma_sq`` (2,).
 
-    While nothing is known of the motion, or just after a gap: that stand out no more than by their steps. With
+    While nothing is known of the motion, and just after a gap: no farther out than by their steps. With
     all frames implausible the object has jumped: they are taken, and the filter follows.
     """
     count, everything = len(frames), np.ones(len(frames), bool)

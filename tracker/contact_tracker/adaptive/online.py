@@ -1,92 +1,53 @@
-"""Online: trackers side by side that differ in the noise of a tick, weighed by their evidence.
+"""Online: a pose at a time, or several; ticks, noise and doubt are those of the stream."""
 
-The first is the model's. Others begin, with the poses so far, once these tell the ratio of the noise of
-position and orientation. One that falls far behind is dropped, and after some seconds of motion all but the
-best.
-"""
-
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from contact_tracker import tracker
-from contact_tracker.adaptive.candidates import candidates, with_ticks_for
-from contact_tracker.adaptive.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
-from contact_tracker.adaptive.mixture import doubted, mixture
+from contact_tracker.adaptive import side_by_side
+from contact_tracker.adaptive.mixture import doubted
+from contact_tracker.adaptive.side_by_side import SideBySide
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.inspection import NOTHING_INSPECTED, Inspection, inspect, is_in_doubt
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
-from contact_tracker.poses import NO_POSES, Pose, Poses
+from contact_tracker.poses import Pose, Poses
 from contact_tracker.state import TrackerState
 
-Array = NDArray[np.float64]
-
-RATE_POSES: Final = 12
-"""So many poses tell the rate of the stream."""
-RATIO_POSES: Final = 60
-"""So many tell the ratio of the noise of position and orientation."""
-LOG_PRIOR_STEP: Final = -1.0
-"""Each candidate is less probable than the one of less noise, to begin with (nats)."""
-MARGIN_NATS: Final = 20.0
-"""A tracker so far behind the best is dropped."""
-DECIDED_AFTER_S: Final = 10.0
-"""After so much motion the best is taken: what is left differs little."""
-
 TOGETHER: Final = 50
-"""So many single poses are inspected at once, or those of a tick."""
-
-
-class Followed(NamedTuple):
-    """A tick that a tracker has taken in: its ``evidence``, whether the object ``moves``, and the answer."""
-
-    evidence: TickEvidence
-    moves: bool
-    belief: Belief | None
+"""So many poses are inspected together."""
 
 
 class AdaptiveState(NamedTuple):
     """Everything known of the stream; bounded in size however long it is.
 
-    ``model`` as asked for; ``trackers`` side by side, none before the rate is known, and their ``log_weight``
-    (K,); ``pending``, the poses so far as long as other trackers may begin with them, and what the ticks in
-    them were to the first tracker (``first``); for how long the object has moved (s); the ``inspection`` of
-    all poses but those of the tick under way, which are ``uninspected``.
+    The ``trackers`` side by side, the ``inspection`` of the poses, and those that wait for it
+    (``uninspected``), so ``many``.
     """
 
-    model: Model
-    knowledge: Knowledge
-    lag_s: float
-    trackers: tuple[TrackerState, ...]
-    log_weight: Array
-    pending: Poses | None
-    first: tuple[Followed, ...]
-    moved_s: float
+    trackers: SideBySide
     inspection: Inspection
     uninspected: tuple[Pose | Poses, ...]
+    many: int
 
     @property
     def is_decided(self) -> bool:
-        """Whether one tracker is left, and none is to begin."""
-        return self.pending is None and len(self.trackers) == 1
+        """Whether ticks and noise are chosen for good."""
+        return self.trackers.is_decided
+
+    @property
+    def best(self) -> TrackerState | None:
+        """The most probable tracker; None before the rate of the stream is known."""
+        return self.trackers.best
 
     @property
     def outliers(self) -> int:
         """Poses left out of their ticks so far."""
         return 0 if self.best is None else self.best.outliers
 
-    @property
-    def best(self) -> TrackerState | None:
-        """The most probable tracker; None before the rate of the stream is known."""
-        return self.trackers[int(self.log_weight.argmax())] if self.trackers else None
-
 
 def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> AdaptiveState:
     """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
-    return AdaptiveState(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0, NOTHING_INSPECTED, ())
+    return AdaptiveState(side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, (), 0)
 
 
 def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None]:
@@ -102,33 +63,16 @@ def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None
 def advance(
     state: AdaptiveState, poses: Pose | Poses, detail: Detail = Detail.GEOMETRY
 ) -> tuple[AdaptiveState, list[Belief]]:
-    """Take in one pose or several, of which there are some; the beliefs of the ticks that they close.
+    """Take in one pose or several, in order; the beliefs of the ticks that they close.
 
     No label is sure while the poses are in doubt.
     """
-    state = state._replace(uninspected=(*state.uninspected, poses))
-    state, beliefs = _advance(state, poses, detail)
-    return _inspected(state, beliefs) if beliefs or len(state.uninspected) >= TOGETHER else (state, beliefs)
-
-
-def _advance(state: AdaptiveState, poses: Pose | Poses, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
-    if state.pending is None:
-        return _side_by_side(state, poses, detail)
-    rest, beliefs = Poses.join([poses]), list[Belief]()
-    while len(rest) and state.pending is not None:
-        enough = RATIO_POSES if state.trackers else RATE_POSES
-        missing = enough - len(state.pending)
-        some, rest = rest[:missing], rest[missing:]
-        state = state._replace(pending=Poses.join([state.pending, some]))
-        said = list[Belief]()
-        if state.trackers:
-            state, said = _side_by_side(state, some, detail)
-            state = _with_others(state, detail) if len(some) == missing else state
-        elif len(some) == missing:
-            state, said = _with_first(state, detail)
-        beliefs += said
-    if len(rest):
-        state, said = _side_by_side(state, rest, detail)
+    if isinstance(poses, Pose):
+        return _advance(state, poses, 1, detail)
+    beliefs = list[Belief]()
+    while len(poses):
+        some, poses = poses[: TOGETHER - state.many], poses[TOGETHER - state.many :]
+        state, said = _advance(state, some, len(some), detail)
         beliefs += said
     return state, beliefs
 
@@ -138,99 +82,26 @@ def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
 
     Should it go on after all, it has paused, as after a gap.
     """
-    beliefs = list[Belief]()
-    if state.pending is not None and len(state.pending):
-        if not state.trackers:
-            state, beliefs = _with_first(state, Detail.GEOMETRY)
-        state = _with_others(state, Detail.GEOMETRY)
-    ended = [tracker.finish(one) for one in state.trackers]
-    rest = zip(*(said for _, said in ended), strict=True)
-    beliefs += [mixture(some, state.log_weight) for some in rest]
-    state = state._replace(trackers=tuple(one for one, _ in ended))
-    return _inspected(state, beliefs)
+    trackers, beliefs = side_by_side.finish(state.trackers)
+    return state._replace(trackers=trackers), _as_sure_as_allowed(state, beliefs)
 
 
-def _inspected(state: AdaptiveState, beliefs: list[Belief]) -> tuple[AdaptiveState, list[Belief]]:
-    """All poses looked at, and the beliefs as sure as that allows."""
-    if state.uninspected:
-        inspection = inspect(state.inspection, Poses.join(state.uninspected))
-        state = state._replace(inspection=inspection, uninspected=())
-    if is_in_doubt(state.inspection):
-        beliefs = [replace(belief, probability=doubted(belief.probability)) for belief in beliefs]
-    return state, beliefs
-
-
-def _with_first(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
-    """With the tracker of the model itself, whose ticks hold frames, and what it says of the poses so far."""
-    assert state.pending is not None
-    stamp_ns = state.pending.stamp_ns
-    period_s = float(np.median(np.diff(stamp_ns))) * 1e-9 if len(stamp_ns) > 1 else 0.0
-    first = tracker.start(with_ticks_for(state.model, period_s), state.lag_s, state.knowledge)
-    return _side_by_side(state._replace(trackers=(first,)), state.pending, detail)
-
-
-def _with_others(state: AdaptiveState, detail: Detail) -> AdaptiveState:
-    """With the trackers of more noise after the poses so far: what they say of those comes too late."""
-    assert state.pending is not None
-    _, *models = candidates(state.trackers[0].model, state.pending)
-    begun = [
-        _follow(tracker.start(model, state.lag_s, state.knowledge), state.pending, detail) for model in models
-    ]
-    first = state.first
-    state = state._replace(
-        trackers=(*state.trackers, *(one for one, _ in begun)),
-        log_weight=LOG_PRIOR_STEP * np.arange(1.0 + len(models)),
-        pending=None,
-        first=(),
-    )
-    alive = np.arange(len(state.trackers))
-    for now in zip(first, *(followed for _, followed in begun), strict=True):
-        state, kept = _weigh(state, [now[i] for i in alive])
-        alive = alive[kept]
-    return state
-
-
-def _side_by_side(
-    state: AdaptiveState, poses: Pose | Poses, detail: Detail
+def _advance(
+    state: AdaptiveState, poses: Pose | Poses, many: int, detail: Detail
 ) -> tuple[AdaptiveState, list[Belief]]:
-    """All trackers take in poses; one that is dropped meanwhile says nothing any more."""
-    followed = [_follow(one, poses, detail) for one in state.trackers]
-    state = state._replace(trackers=tuple(one for one, _ in followed))
-    beliefs, alive = list[Belief](), np.arange(len(followed))
-    for now in zip(*(ticks for _, ticks in followed), strict=True):
-        state, kept = _weigh(state, [now[i] for i in alive])
-        alive = alive[kept]
-        said = [now[i].belief for i in alive]
-        if said[0] is not None:  # they lag alike
-            beliefs.append(mixture([b for b in said if b is not None], state.log_weight))
-    return state, beliefs
+    """No more poses than are inspected together, those that wait for it included."""
+    trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
+    beliefs = _as_sure_as_allowed(state, beliefs)
+    uninspected, many = (*state.uninspected, poses), state.many + many
+    if many < TOGETHER:
+        return AdaptiveState(trackers, state.inspection, uninspected, many), beliefs
+    inspection = inspect(state.inspection, Poses.join(uninspected))
+    if inspection.filtered:
+        trackers = side_by_side.without_prior(trackers)
+    return AdaptiveState(trackers, inspection, (), 0), beliefs
 
 
-def _follow(state: TrackerState, poses: Pose | Poses, detail: Detail) -> tuple[TrackerState, list[Followed]]:
-    """One tracker takes in poses."""
-    gather = tracker.gather if isinstance(poses, Pose) else tracker.gather_some
-    state, closed = gather(state, poses)  # type: ignore[arg-type]
-    followed = list[Followed]()
-    for tick in closed:
-        before = state
-        state, online = tracker.observe(state, tick, detail)
-        evidence, moves = tick_evidence(before, state), is_moving(state.window)
-        followed.append(Followed(evidence, moves, tracker.answer(state, online)))
-    return state, followed
-
-
-def _weigh(state: AdaptiveState, now: Sequence[Followed]) -> tuple[AdaptiveState, NDArray[np.int64]]:
-    """Weigh the trackers by what a tick was to each of them; which of them are kept."""
-    every = np.arange(len(now))
-    if len(now) == 1:
-        return state if state.pending is None else state._replace(first=(*state.first, *now)), every
-    if not now[0].moves:
-        return state, every
-    model = state.trackers[0].model
-    log_weight = state.log_weight + relative_evidence([one.evidence for one in now], model.motion)
-    moved_s = state.moved_s + model.tick_s
-    best = log_weight.max()
-    kept = every[log_weight > best - (MARGIN_NATS if moved_s < DECIDED_AFTER_S else 0.0)]
-    kept = kept if len(kept) else every[log_weight == best][:1]
-    trackers = tuple(state.trackers[i] for i in kept)
-    return state._replace(trackers=trackers, log_weight=log_weight[kept] - best, moved_s=moved_s), kept
+def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
+    if not is_in_doubt(state.inspection):
+        return beliefs
+    return [replace(belief, probability=doubted(belief.probability)) for belief in beliefs]

@@ -36,4 +36,4 @@ def report(state: AdaptiveState) -> Report | None:
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
     noise = estimate.sigma_position_m, estimate.sigma_rotation_rad
     found = findings(state.inspection)
-    return Report(state.model, best.model, state.is_decided, noise, tick, typical, found)
+    return Report(state.trackers.model, best.model, state.is_decided, noise, tick, typical, found)
