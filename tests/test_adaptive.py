@@ -141,8 +141,8 @@ def test_evidence_is_that_of_all_paths() -> None:
 def test_free_motion_is_the_same_for_all_that_are_compared() -> None:
     """Two trackers that gain alike, of which one holds much of the motion for noise: it gains more."""
     face = np.eye(7)[Contact.FF.column]
-    small = TickEvidence(1.0, face, np.array([1e-6, 1e-4]))
-    large = TickEvidence(1.0, face, np.array([1e-8, 1e-6]))
+    small = TickEvidence(1.0, face, np.array([1e-6, 1e-4]), 1.0)
+    large = TickEvidence(1.0, face, np.array([1e-8, 1e-6]), 1.0)
     one, other = relative_evidence([small, large], MODEL.motion)
     assert one == 1.0
     three_constraints = 3 * 0.5 * np.log(100.0) * MODEL.motion.independence
@@ -236,3 +236,14 @@ def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
     assert known.best.averaging is not None
     assert known.best.averaging.learnt.noise.sigma_position_m == pytest.approx(3e-4)
     assert tracker.start(given).model == known.best.model
+
+
+@needs_kernels
+def test_noise_of_filtered_poses_at_rest_is_not_taken_for_motion() -> None:
+    """The first five seconds, in which nothing can be known but that things rest on faces."""
+    rest = low_pass(paper()[:1000], 20.0)
+    state, beliefs = adaptive.advance(adaptive.start(MODEL), rest)
+    assert not state.is_decided
+    assert np.mean([belief.contact is Contact.FF for belief in beliefs]) > 0.7
+    alone = segment(rest, MODEL).filtered
+    assert np.mean([contact is Contact.FF for contact in alone.contacts]) < 0.5

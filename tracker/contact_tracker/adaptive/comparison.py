@@ -28,22 +28,20 @@ _ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTAC
 
 class TickEvidence(NamedTuple):
     """What a tick was to one tracker: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after it,
-    and the variances (2,) of free motion and noise together (m^2, rad^2)."""
+    the variances (2,) of free motion and noise together (m^2, rad^2), and the ``activity``."""
 
     gain: float
     posterior: Array
     free_variance: Array
+    activity: float
 
 
 def tick_evidence(before: TrackerState, after: TrackerState) -> TickEvidence:
     """Of the tick that has led from one state to the next."""
     weight = np.exp(after.log_left - after.log_left.max())
     window = after.window
-    return TickEvidence(
-        after.log_evidence - before.log_evidence,
-        weight / weight.sum(),
-        window.excess[-1] + window.variance[-1],
-    )
+    gain, free_variance = after.log_evidence - before.log_evidence, window.excess[-1] + window.variance[-1]
+    return TickEvidence(gain, weight / weight.sum(), free_variance, window.latest_activity)
 
 
 def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:

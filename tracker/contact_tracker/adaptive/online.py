@@ -95,10 +95,7 @@ def _advance(
     uninspected, many = (*state.uninspected, poses), state.many + many
     if many < TOGETHER:
         return AdaptiveState(trackers, state.inspection, uninspected, many), beliefs
-    inspection = inspect(state.inspection, Poses.join(uninspected))
-    if inspection.filtered:
-        trackers = side_by_side.without_prior(trackers)
-    return AdaptiveState(trackers, inspection, (), 0), beliefs
+    return AdaptiveState(trackers, inspect(state.inspection, Poses.join(uninspected)), (), 0), beliefs
 
 
 def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:

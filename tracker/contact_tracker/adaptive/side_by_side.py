@@ -28,9 +28,11 @@ RATE_POSES: Final = 12
 RATIO_POSES: Final = 60
 """So many tell the ratio of the noise of position and orientation."""
 LOG_PRIOR_STEP: Final = -1.0
-"""Each candidate is less probable than the one of less noise (nats), unless the noise is not white."""
+"""Each candidate is less probable than the one of less noise, to begin with (nats)."""
 MARGIN_NATS: Final = 20.0
 """A tracker so far behind the best is dropped."""
+REST_NATS: Final = 10.0
+"""So much less counts a tracker that takes noise for motion, as long as the object rests."""
 DECIDED_AFTER_S: Final = 10.0
 """After so much motion the best is taken: what is left differs little."""
 
@@ -46,10 +48,9 @@ class Followed(NamedTuple):
 class SideBySide(NamedTuple):
     """The trackers of one stream; bounded in size however long it is.
 
-    ``model`` as asked for; the ``trackers``, none before the rate is known, their ``log_weight`` (K,) and
-    what of it is ``log_prior`` (K,); ``pending``, the poses so far as long as other trackers may begin with
-    them, and what the ticks in them were to the first tracker (``first``); for how long the object has moved
-    (s).
+    ``model`` as asked for; the ``trackers``, none before the rate is known, and their ``log_weight``
+    (K,); ``pending``, the poses so far as long as other trackers may begin with them, and what the ticks in
+    them were to the first tracker (``first``); for how long the object has moved (s).
     """
 
     model: Model
@@ -57,7 +58,6 @@ class SideBySide(NamedTuple):
     lag_s: float
     trackers: tuple[TrackerState, ...]
     log_weight: Array
-    log_prior: Array
     pending: Poses | None
     first: tuple[Followed, ...]
     moved_s: float
@@ -75,14 +75,7 @@ class SideBySide(NamedTuple):
 
 def begin(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> SideBySide:
     """No pose has come yet."""
-    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), np.zeros(1), NO_POSES, (), 0.0)
-
-
-def without_prior(state: SideBySide) -> SideBySide:
-    """Where noise is known not to be white: that is what makes little of it probable."""
-    return state._replace(
-        log_weight=state.log_weight - state.log_prior, log_prior=np.zeros_like(state.log_prior)
-    )
+    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0)
 
 
 def advance(state: SideBySide, poses: Pose | Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
@@ -140,11 +133,10 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     begun = [
         _follow(tracker.start(model, state.lag_s, state.knowledge), state.pending, detail) for model in models
     ]
-    first, log_prior = state.first, LOG_PRIOR_STEP * np.arange(1.0 + len(models))
+    first = state.first
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in begun)),
-        log_weight=log_prior,
-        log_prior=log_prior,
+        log_weight=LOG_PRIOR_STEP * np.arange(1.0 + len(models)),
         pending=None,
         first=(),
     )
@@ -165,7 +157,9 @@ def _side_by_side(state: SideBySide, poses: Pose | Poses, detail: Detail) -> tup
         alive = alive[kept]
         said = [now[i].belief for i in alive]
         if said[0] is not None:  # they lag alike
-            beliefs.append(mixture([b for b in said if b is not None], state.log_weight))
+            activity = np.array([now[i].evidence.activity for i in alive])
+            held_for_motion = 0.0 if now[0].moves else REST_NATS * activity
+            beliefs.append(mixture([b for b in said if b is not None], state.log_weight - held_for_motion))
     return state, beliefs
 
 
@@ -198,7 +192,6 @@ def _weigh(state: SideBySide, now: Sequence[Followed]) -> tuple[SideBySide, NDAr
     state = state._replace(
         trackers=tuple(state.trackers[i] for i in kept),
         log_weight=log_weight[kept] - best,
-        log_prior=state.log_prior[kept],
         moved_s=moved_s,
     )
     return state, kept
