@@ -15,6 +15,7 @@ from contact_tracker import tracker
 from contact_tracker.adaptive.candidates import candidates, with_ticks_for
 from contact_tracker.adaptive.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
 from contact_tracker.adaptive.mixture import mixture
+from contact_tracker.averaging import Tick
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
@@ -130,9 +131,8 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     """With the trackers of more noise after the poses so far: what they say of those comes too late."""
     assert state.pending is not None
     _, *models = candidates(state.trackers[0].model, state.pending)
-    begun = [
-        _follow(tracker.start(model, state.lag_s, state.knowledge), state.pending, detail) for model in models
-    ]
+    starts = (tracker.start(model, state.lag_s, state.knowledge) for model in models)
+    begun = [_observe(*_gather(start, state.pending), detail) for start in starts]
     first = state.first
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in begun)),
@@ -149,7 +149,14 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
 
 def _side_by_side(state: SideBySide, poses: Pose | Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """All trackers take in poses; one that is dropped meanwhile says nothing any more."""
-    followed = [_follow(one, poses, detail) for one in state.trackers]
+    gathered = [_gather(one, poses) for one in state.trackers]
+    state = state._replace(trackers=tuple(one for one, _ in gathered))
+    closed = [ticks for _, ticks in gathered]
+    if not closed[0]:  # they have the same ticks
+        return state, []
+    if state.is_decided:
+        return _alone(state, closed[0], detail)
+    followed = [_observe(one, ticks, detail) for one, ticks in zip(state.trackers, closed, strict=True)]
     state = state._replace(trackers=tuple(one for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(ticks for _, ticks in followed), strict=True):
@@ -163,12 +170,29 @@ def _side_by_side(state: SideBySide, poses: Pose | Poses, detail: Detail) -> tup
     return state, beliefs
 
 
-def _follow(state: TrackerState, poses: Pose | Poses, detail: Detail) -> tuple[TrackerState, list[Followed]]:
-    """One tracker takes in poses."""
-    gather = tracker.gather if isinstance(poses, Pose) else tracker.gather_some
-    state, closed = gather(state, poses)  # type: ignore[arg-type]
+def _alone(state: SideBySide, ticks: Sequence[Tick], detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """The one that is left goes on: there is nothing to weigh."""
+    (one,), beliefs = state.trackers, list[Belief]()
+    for tick in ticks:
+        one, online = tracker.observe(one, tick, detail)
+        belief = tracker.answer(one, online)
+        if belief is not None:
+            beliefs.append(belief)
+    return state._replace(trackers=(one,)), beliefs
+
+
+def _gather(state: TrackerState, poses: Pose | Poses) -> tuple[TrackerState, list[Tick]]:
+    if isinstance(poses, Pose):
+        return tracker.gather(state, poses)
+    return tracker.gather_some(state, poses)
+
+
+def _observe(
+    state: TrackerState, ticks: Sequence[Tick], detail: Detail
+) -> tuple[TrackerState, list[Followed]]:
+    """One tracker takes in ticks."""
     followed = list[Followed]()
-    for tick in closed:
+    for tick in ticks:
         before = state
         state, online = tracker.observe(state, tick, detail)
         evidence, moves = tick_evidence(before, state), is_moving(state.window)
