@@ -20,14 +20,15 @@ TOGETHER: Final = 50
 class AdaptiveState(NamedTuple):
     """Everything known of the stream; bounded in size however long it is.
 
-    The ``trackers`` side by side, the ``inspection`` of the poses, and those that wait for it
-    (``uninspected``), so ``many``.
+    The ``trackers`` side by side, and the ``inspection`` of the poses, but for the last ones: those wait for
+    it (``uninspected``, so ``many``), and after the first ``taken_in`` parts of them for the end of a tick.
     """
 
     trackers: SideBySide
     inspection: Inspection
     uninspected: tuple[Pose | Poses, ...]
     many: int
+    taken_in: int
 
     @property
     def is_decided(self) -> bool:
@@ -47,7 +48,7 @@ class AdaptiveState(NamedTuple):
 
 def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> AdaptiveState:
     """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
-    return AdaptiveState(side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, (), 0)
+    return AdaptiveState(side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, (), 0, 0)
 
 
 def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None]:
@@ -82,23 +83,37 @@ def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
 
     Should it go on after all, it has paused, as after a gap.
     """
-    trackers, beliefs = side_by_side.finish(state.trackers)
-    return state._replace(trackers=trackers), _as_sure_as_allowed(state, beliefs)
+    state, beliefs = _take_in(state, Detail.GEOMETRY)
+    trackers, rest = side_by_side.finish(state.trackers)
+    return state._replace(trackers=trackers), [*beliefs, *_as_sure_as_allowed(state, rest)]
 
 
 def _advance(
     state: AdaptiveState, poses: Pose | Poses, many: int, detail: Detail
 ) -> tuple[AdaptiveState, list[Belief]]:
     """No more poses than are inspected together, those that wait for it included."""
-    trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
-    beliefs = _as_sure_as_allowed(state, beliefs)
-    uninspected, many = (*state.uninspected, poses), state.many + many
-    if many < TOGETHER:
-        return AdaptiveState(trackers, state.inspection, uninspected, many), beliefs
-    return AdaptiveState(trackers, inspect(state.inspection, Poses.join(uninspected)), (), 0), beliefs
+    trackers, inspection, uninspected, before, taken_in = state
+    state = AdaptiveState(trackers, inspection, (*uninspected, poses), before + many, taken_in)
+    if isinstance(poses, Pose) and state.many < TOGETHER and side_by_side.goes_on(trackers, poses.stamp_ns):
+        return state, []  # as mostly, where poses come one by one: trackers need them at the end of the tick
+    state, beliefs = _take_in(state, detail)
+    if state.many == TOGETHER:
+        inspection = inspect(inspection, Poses.join(state.uninspected))
+        state = AdaptiveState(state.trackers, inspection, (), 0, 0)
+    return state, beliefs
+
+
+def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
+    """The trackers take in what waits for the end of a tick."""
+    waiting = state.uninspected[state.taken_in :]
+    if not waiting:
+        return state, []
+    trackers, beliefs = side_by_side.advance(state.trackers, Poses.join(waiting), detail)
+    state = state._replace(trackers=trackers, taken_in=len(state.uninspected))
+    return state, _as_sure_as_allowed(state, beliefs)
 
 
 def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
-    if not is_in_doubt(state.inspection):
+    if not beliefs or not is_in_doubt(state.inspection):
         return beliefs
     return [replace(belief, probability=doubted(belief.probability)) for belief in beliefs]

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import tracker
+from contact_tracker import ticks, tracker
 from contact_tracker.adaptive.candidates import candidates, with_ticks_for
 from contact_tracker.adaptive.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
 from contact_tracker.adaptive.mixture import mixture
@@ -19,7 +19,7 @@ from contact_tracker.averaging import Tick
 from contact_tracker.belief import Belief, Detail
 from contact_tracker.knowledge import NOTHING, Knowledge
 from contact_tracker.model import Model
-from contact_tracker.poses import NO_POSES, Pose, Poses
+from contact_tracker.poses import NO_POSES, Poses
 from contact_tracker.state import TrackerState
 
 Array = NDArray[np.float64]
@@ -79,11 +79,19 @@ def begin(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> S
     return SideBySide(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0)
 
 
-def advance(state: SideBySide, poses: Pose | Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """Take in one pose or several; the beliefs of the ticks that they close."""
+def goes_on(state: SideBySide, stamp_ns: int) -> bool:
+    """Whether a pose that follows closes no tick."""
+    if not state.trackers:
+        return False
+    one = state.trackers[0]
+    return one.averaging is not None and ticks.goes_on(one.averaging, stamp_ns, one.model)
+
+
+def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """Take in poses; the beliefs of the ticks that they close."""
     if state.pending is None:
         return _side_by_side(state, poses, detail)
-    rest, beliefs = Poses.join([poses]), list[Belief]()
+    rest, beliefs = poses, list[Belief]()
     while len(rest) and state.pending is not None:
         enough = RATIO_POSES if state.trackers else RATE_POSES
         missing = enough - len(state.pending)
@@ -132,7 +140,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     assert state.pending is not None
     _, *models = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(model, state.lag_s, state.knowledge) for model in models)
-    begun = [_observe(*_gather(start, state.pending), detail) for start in starts]
+    begun = [_observe(*tracker.gather_some(start, state.pending), detail) for start in starts]
     first = state.first
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in begun)),
@@ -147,19 +155,17 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     return state
 
 
-def _side_by_side(state: SideBySide, poses: Pose | Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """All trackers take in poses; one that is dropped meanwhile says nothing any more."""
-    gathered = [_gather(one, poses) for one in state.trackers]
-    state = state._replace(trackers=tuple(one for one, _ in gathered))
-    closed = [ticks for _, ticks in gathered]
-    if not closed[0]:  # they have the same ticks
-        return state, []
+    gathered = [tracker.gather_some(one, poses) for one in state.trackers]
+    if not gathered[0][1]:  # no tick is over, of any of them
+        return state._replace(trackers=tuple([one for one, _ in gathered])), []
     if state.is_decided:
-        return _alone(state, closed[0], detail)
-    followed = [_observe(one, ticks, detail) for one, ticks in zip(state.trackers, closed, strict=True)]
+        return _alone(state, *gathered[0], detail)
+    followed = [_observe(one, closed, detail) for one, closed in gathered]
     state = state._replace(trackers=tuple(one for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
-    for now in zip(*(ticks for _, ticks in followed), strict=True):
+    for now in zip(*(seen for _, seen in followed), strict=True):
         state, kept = _weigh(state, [now[i] for i in alive])
         alive = alive[kept]
         said = [now[i].belief for i in alive]
@@ -170,10 +176,12 @@ def _side_by_side(state: SideBySide, poses: Pose | Poses, detail: Detail) -> tup
     return state, beliefs
 
 
-def _alone(state: SideBySide, ticks: Sequence[Tick], detail: Detail) -> tuple[SideBySide, list[Belief]]:
+def _alone(
+    state: SideBySide, one: TrackerState, closed: Sequence[Tick], detail: Detail
+) -> tuple[SideBySide, list[Belief]]:
     """The one that is left goes on: there is nothing to weigh."""
-    (one,), beliefs = state.trackers, list[Belief]()
-    for tick in ticks:
+    beliefs = list[Belief]()
+    for tick in closed:
         one, online = tracker.observe(one, tick, detail)
         belief = tracker.answer(one, online)
         if belief is not None:
@@ -181,18 +189,12 @@ def _alone(state: SideBySide, ticks: Sequence[Tick], detail: Detail) -> tuple[Si
     return state._replace(trackers=(one,)), beliefs
 
 
-def _gather(state: TrackerState, poses: Pose | Poses) -> tuple[TrackerState, list[Tick]]:
-    if isinstance(poses, Pose):
-        return tracker.gather(state, poses)
-    return tracker.gather_some(state, poses)
-
-
 def _observe(
-    state: TrackerState, ticks: Sequence[Tick], detail: Detail
+    state: TrackerState, closed: Sequence[Tick], detail: Detail
 ) -> tuple[TrackerState, list[Followed]]:
     """One tracker takes in ticks."""
     followed = list[Followed]()
-    for tick in ticks:
+    for tick in closed:
         before = state
         state, online = tracker.observe(state, tick, detail)
         evidence, moves = tick_evidence(before, state), is_moving(state.window)
