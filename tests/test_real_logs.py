@@ -1,0 +1,97 @@
+"""Logs as they come from the field: what is chosen and what is wrong is said, and nothing wrong is sure."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from distortions import low_pass, thinned
+
+from contact_tracker.cli.main import run
+from contact_tracker.poses import Poses
+from contact_tracker.recording import open_log
+from logs import poses_topic, write_log
+
+PAPER = Path(__file__).parents[1] / "recordings" / "paper_experiment.mcap"
+
+
+def raw(seconds: float) -> Poses:
+    """The beginning of a recording, motion included."""
+    return Poses.collect(open_log(str(PAPER)))[800 : 800 + round(200 * seconds)]
+
+
+def millimetres(poses: Poses) -> Poses:
+    return replace(poses, position_m=1000.0 * poses.position_m)
+
+
+def two_bodies(poses: Poses) -> Poses:
+    """Every other pose is that of a body beside."""
+    shifted = poses.position_m + np.where(np.arange(len(poses))[:, None] % 2, 0.2, 0.0)
+    return replace(poses, position_m=shifted)
+
+
+def unturned(poses: Poses) -> Poses:
+    return replace(poses, quat_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1)))
+
+
+FAULTS = {
+    "positions look like millimetres": millimetres,
+    "two bodies on one topic?": two_bodies,
+    "the orientation never changes": unturned,
+}
+
+
+@pytest.mark.parametrize("said", FAULTS)
+def test_while_the_stream_is_in_doubt_no_label_is_sure(said: str, tmp_path: Path, capsys: Any) -> None:
+    log = str(write_log(tmp_path / "a.mcap", [poses_topic(FAULTS[said](raw(12.0)))]))
+    out = tmp_path / "out.jsonl"
+    assert run(["segment", log, "-o", str(out)]) == 0
+    assert run(["live", log, "--json"]) == 0
+    captured = capsys.readouterr()
+    for lines in (out.read_text().splitlines(), captured.out.splitlines()):
+        posterior = np.array([list(json.loads(line)["probability"].values()) for line in lines])
+        assert posterior.sum(axis=1) == pytest.approx(np.ones(len(lines)))
+        assert posterior[30:].max() <= 0.9
+    warnings = [line for line in captured.err.splitlines() if "warning: " in line]
+    assert sum(said in line for line in warnings) == 2, "one line of each run"
+    assert run(["info", log]) == 0
+    assert any(line.startswith("  warning") and said in line for line in capsys.readouterr().out.splitlines())
+
+
+def test_what_was_chosen_is_said(tmp_path: Path, capsys: Any) -> None:
+    filtered = str(write_log(tmp_path / "a.mcap", [poses_topic(low_pass(raw(24.0), 20.0))]))
+    assert run(["info", filtered, "--json"]) == 0
+    tracking = json.loads(capsys.readouterr().out)["sources"][0]["tracking"]
+    assert tracking["noise_decided"]
+    assert tracking["findings"] == ["filtered"]
+    assert tracking["tick_sigma_position_m"] > 3.0 * tracking["sigma_position_m"] / np.sqrt(20.0)
+    for command in (["segment", filtered], ["live", filtered]):
+        assert run(command) == 0
+        said = capsys.readouterr().err
+        assert "a tick (chosen by the evidence; white noise would leave less)" in said
+        assert "poses look filtered" in said
+    slow = thinned(raw(24.0), 10.0, 0.0, np.random.default_rng(0))
+    assert run(["segment", str(write_log(tmp_path / "b.mcap", [poses_topic(slow)]))]) == 0
+    assert "ticks of 0.30 s instead of 0.1 s" in capsys.readouterr().err
+
+
+def test_noise_that_is_given_is_used_and_said(tmp_path: Path, capsys: Any) -> None:
+    log = str(write_log(tmp_path / "a.mcap", [poses_topic(raw(6.0))]))
+    for command in (["segment", log], ["live", log], ["view", log, "--save", str(tmp_path / "a.rrd")]):
+        assert run([*command, "--noise", "0.3mm,0.15deg"]) == 0
+        assert "noise 0.3 mm 0.15 deg a pose (as given)" in capsys.readouterr().err
+    assert run(["segment", log, "--noise", "300um, 2.618mrad"]) == 0
+    assert "noise 0.3 mm 0.15 deg a pose (as given)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "noise",
+    ["0.3", "0.3mm", "0.3mm,0.15", "0.15deg,0.3mm", "0mm,0deg", "-1mm,1deg", "1mm,1deg,1deg", "x", "5m,1deg"],
+)
+def test_noise_without_units_or_sense_is_wrong_usage(noise: str, capsys: Any) -> None:
+    assert run(["segment", str(PAPER), f"--noise={noise}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert noise in line
+    assert "0.3mm,0.15deg" in line or "1e-9" in line
