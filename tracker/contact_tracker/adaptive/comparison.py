@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 
 SPAN_TICKS: Final = 5
 SMOOTH: Final = 4.0
-"""An object moves if it gets so much farther in ``SPAN_TICKS`` ticks, in squares, than noise would."""
+"""An object gets farther in ``SPAN_TICKS`` ticks, in squares, by more than this times what noise would."""
+LASTING_TICKS: Final = 3
+"""It moves if it did in so many ticks that follow each other: by chance noise does it once, hardly thrice."""
 _DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
 _ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
 """Constraints of each state (7,) on a distance and on angles."""
@@ -63,9 +65,12 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
 
 
 def is_moving(window: Window) -> bool:
-    """Whether the object moves in the newest tick, whatever the noise: noise does not lead away."""
-    poses = window.zeta[-1 - SPAN_TICKS :]
-    return len(poses) > SPAN_TICKS and any(_leads_away(poses[:, part]) for part in (R, T))
+    """Whether the object moves in the newest tick, whatever the noise: noise does not lead away for long."""
+    poses, least = window.zeta[-SPAN_TICKS - LASTING_TICKS :], SPAN_TICKS + LASTING_TICKS
+    if len(poses) < least:
+        return False
+    spans = [poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
+    return any(all(_leads_away(span[:, part]) for span in spans) for part in (R, T))
 
 
 def _leads_away(places: Array) -> bool:

@@ -1,8 +1,8 @@
 """Trackers side by side that differ in the noise of a tick, weighed by their evidence.
 
 The first is the model's. Others begin, with the poses so far, once these tell the ratio of the noise of
-position and orientation. One that falls far behind is dropped, and after some seconds of motion all but the
-best.
+position and orientation. After some seconds of motion those that are far behind are dropped, after some more
+all but the best.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,9 @@ RATIO_POSES: Final = 60
 """So many tell the ratio of the noise of position and orientation."""
 LOG_PRIOR_STEP: Final = -1.0
 """Each candidate is less probable than the one of less noise, to begin with (nats)."""
+DROPPED_AFTER_S: Final = 5.0
 MARGIN_NATS: Final = 20.0
-"""A tracker so far behind the best is dropped."""
+"""After so much motion (its first ticks mislead) a tracker so far behind the best is dropped."""
 REST_NATS: Final = 10.0
 """So much less counts a tracker that takes noise for motion, as long as the object rests."""
 DECIDED_AFTER_S: Final = 10.0
@@ -213,8 +214,11 @@ def _weigh(state: SideBySide, now: Sequence[Followed]) -> tuple[SideBySide, NDAr
     log_weight = state.log_weight + relative_evidence([one.evidence for one in now], model.motion)
     moved_s = state.moved_s + model.tick_s
     best = log_weight.max()
-    kept = every[log_weight > best - (MARGIN_NATS if moved_s < DECIDED_AFTER_S else 0.0)]
-    kept = kept if len(kept) else every[log_weight == best][:1]
+    kept = every
+    if moved_s >= DECIDED_AFTER_S:
+        kept = every[[int(log_weight.argmax())]]
+    elif moved_s >= DROPPED_AFTER_S:
+        kept = every[log_weight > best - MARGIN_NATS]
     state = state._replace(
         trackers=tuple(state.trackers[i] for i in kept),
         log_weight=log_weight[kept] - best,
