@@ -73,7 +73,6 @@ def test_covariances_know_of_errors_that_last(contact, monkeypatch):
         return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
 
     known = normalised()
-    monkeypatch.setattr("contact_tracker.compiled.in_use", lambda: False)  # kernels keep what they were told
     monkeypatch.setattr("contact_tracker.echoes.MOST_ECHO", 0.0)
     assert 0.5 < known < 2.5
     assert known < 0.6 * normalised()

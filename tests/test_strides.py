@@ -5,27 +5,25 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from contact_tracker import hmm, hypotheses, tracker
+from contact_tracker import hypotheses, tracker
 from contact_tracker import strides as strides_
 from contact_tracker.belief import Detail
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.forward import forward, glimpses
-from contact_tracker.hypotheses import Until
+from contact_tracker.hypotheses import MOST, Until
 from contact_tracker.intake import coming, slid_on
 from contact_tracker.knowledge import NOTHING
 from contact_tracker.labels import Contact
 from contact_tracker.memory import LONGER, SURE, Memory, Met
 from contact_tracker.poses import Poses
 from contact_tracker.state import scales_of
-from contact_tracker.strides import MOST, strides
+from contact_tracker.strides import strides
 from contact_tracker.table import blank
 from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from test_encounter import CUBE_ON_TABLE
 
-both = pytest.importorskip("kernels").both
+pytest.importorskip("contact_tracker.compiled.kernels")
 SECOND = 1_000_000_000
 
 
@@ -137,9 +135,9 @@ def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
                 and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
                 for one, p in zip(seen, sure, strict=True)
             ]
-            living = hypotheses.stride(*given, Until(probability, sureness, due))
+            living = hypotheses.update(*given, Until(probability, sureness, due))
             assert len(living.weighed) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
-    assert len(hypotheses.stride(*given).weighed) == 20
+    assert len(hypotheses.update(*given).weighed) == 20
 
 
 def averaged(poses, state):
@@ -185,21 +183,10 @@ def test_weights_that_are_no_numbers_end_a_stride():
     births = ahead[0].births._replace(begins=begins, entry=np.full(7, np.nan))
     banks = (blank(CONTACT_MODELS[0], 0), *state.banks[1:])
     given = MODEL.noise.beyond_floor, scales_of(MODEL), MODEL.search.margin_nats
-    living = hypotheses.stride(
+    living = hypotheses.update(
         banks, [ahead[0]._replace(births=births), *ahead[1:]], *given, Until(SURE, 0.5, {})
     )
     assert len(living.weighed) == 1
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_states_begin_alike(seed):
-    """With kernels to the last digit as in numpy, of empty states as well."""
-    rng = np.random.default_rng(seed)
-    left = np.where(rng.random(7) > 0.3, -30.0 * rng.random(7), -np.inf)
-    change = np.where(rng.random((7, 7)) > 0.2, -9.0 * rng.random((7, 7)), -np.inf)
-    numpy, kernel = both(hmm.enter, left, change)
-    np.testing.assert_array_equal(kernel, numpy)
 
 
 def test_what_has_taught_is_due_when_it_has_lasted_longer_by_half():

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contact_tracker import compiled
 from contact_tracker.labels import CONTACTS, Contact
 from contact_tracker.paper import matrix, minimise_slsqp, motion
-from contact_tracker.paper.batched import minimise_batched, random_starts
-from contact_tracker.paper.kronecker import form, rows
 from contact_tracker.poses import Poses
-from contact_tracker.windows import curves, minimised
+from contact_tracker.windows import curves
 from touching import touching
 
 RATE_NS = 5_000_000
@@ -109,31 +106,3 @@ def test_long_recordings_in_pieces_give_the_same(monkeypatch):
     pieces = curves(poses, 100, 25)
     np.testing.assert_array_equal(pieces.stamp_ns, whole.stamp_ns)
     np.testing.assert_allclose(pieces.minimum, whole.minimum, rtol=0.05)
-
-
-def some_windows(contact, rng, count=6):
-    """K of windows with contact and noise, one that is empty, and one that is no number; a start for each."""
-    poses = recording(Contact.VF, frames=40 * count, seed=int(rng.integers(1000)))
-    a = rows(contact, *motion(poses.rotation, poses.position_m)).reshape(count, -1, form(contact).size)
-    k = np.swapaxes(a, 1, 2) @ a
-    k[-2], k[-1] = 0.0, np.nan
-    return k, *random_starts(contact, count, rng, 0.3)
-
-
-@pytest.mark.parametrize("contact", CONTACTS, ids=str)
-@pytest.mark.parametrize(("steps", "rel"), [(0, 1e-12), (1, 1e-7), (4, 1e-3), (300, 1e-5)])
-def test_compiled_minima_are_the_same(contact, steps, rel, monkeypatch):
-    pytest.importorskip("contact_tracker.compiled.kernels")
-    k, x, y = some_windows(contact, np.random.default_rng(steps))
-    expected = minimise_batched(contact, k, x, y, 1e-9, steps)
-    assert not len(minimise_batched(contact, k[:0], x[:0], y[:0], 1e-9, steps).value)
-    monkeypatch.setattr(compiled, "in_use", lambda: True)
-    assert not len(minimised(contact, k[:0], x[:0], y[:0], 1e-9, steps).value)
-    found = minimised(contact, k, x, y, 1e-9, steps)
-    np.testing.assert_array_equal(found.converged, expected.converged)
-    np.testing.assert_allclose(found.value, expected.value, rtol=rel)
-    if steps < 300:  # in the end valleys are flat
-        np.testing.assert_allclose(found.x, expected.x, atol=10 * rel)
-        np.testing.assert_allclose(found.y, expected.y, atol=10 * rel)
-    v = (found.x[:, :, None] * found.y[:, None, :]).reshape(len(k), -1)
-    np.testing.assert_allclose(np.einsum("bi,bij,bj->b", v, k, v), found.value, rtol=1e-9, atol=1e-12)

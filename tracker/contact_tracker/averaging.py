@@ -2,22 +2,18 @@
 object moves."""
 
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled, free_motion, noise
+from contact_tracker import free_motion, noise
 from contact_tracker.free_motion import NO_EXCESS, Excess, FreeMotion
 from contact_tracker.lift import R, T, mean_lift
-from contact_tracker.model import Model, Motion, Noise
+from contact_tracker.model import Model
 from contact_tracker.noise import Heard, NoiseEstimate
 from contact_tracker.poses import Poses
 from contact_tracker.quaternions import between, rotation_vectors
-
-if TYPE_CHECKING:
-    from contact_tracker.compiled import kernels
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -70,8 +66,6 @@ def averaged(learnt: Learnt, run: Run, model: Model) -> tuple[Learnt, list[Tick]
     """The ticks of a run, and what is learnt after it."""
     if run.is_rest:
         learnt = learnt._replace(motion=None)
-    if compiled.in_use():
-        return _compiled(learnt, run, model)
     closed, first, first_ns = list[Tick](), 0, run.first_ns
     for end in run.ends.tolist():
         frames, is_rest = run.frames[first:end], run.is_rest and not first
@@ -108,36 +102,6 @@ def _closed(
         motion = free_motion.begin(turn, zeta[T])
     tick = Tick(start_ns, stamp_ns, zeta, len(some), len(frames) - len(some), excess, estimate)
     return Learnt(estimate, heard, motion), tick
-
-
-def _compiled(learnt: Learnt, run: Run, model: Model) -> tuple[Learnt, list[Tick]]:
-    from contact_tracker.compiled import kernels
-
-    estimate, heard, frames = learnt.noise, learnt.heard, run.frames
-    known = estimate.position_m2, estimate.rotation_rad2, estimate.centre_m, estimate.shape
-    waiting, columns = heard.frames.columns, frames.columns
-    how = _averaging(model.noise, model.motion, model.tick_s, model.tick_ns)
-    told, differences, left, motion, means = kernels.averaged(
-        how, *run[1:], columns, known, heard.differences, waiting, learnt.motion
-    )
-    noises = {after: NoiseEstimate(*fields) for after, fields in told}
-    heard = Heard(heard.differences if differences is None else differences, Poses(*left))
-    closed, first, stamps = list[Tick](), 0, frames.stamp_ns
-    for i, (end, zeta, count, out, excess) in enumerate(zip(run.ends.tolist(), *means, strict=True)):
-        estimate, when = noises.get(i, estimate), (int(stamps[first]), int(stamps[end - 1]))
-        closed.append(Tick(*when, zeta, count, out, Excess(*excess), estimate))
-        first = end
-    return Learnt(estimate, heard, None if motion is None else FreeMotion(*motion)), closed
-
-
-@lru_cache(maxsize=8)
-def _averaging(known: Noise, motion: Motion, tick_s: float, tick_ns: int) -> "kernels.Averaging":
-    from contact_tracker.compiled import kernels
-
-    prior = known.sigma_position_m, known.sigma_rotation_rad
-    floor = known.floor_position_m**2, known.floor_rotation_rad**2
-    onward = free_motion.onward(tick_s, motion.memory_s)
-    return kernels.Averaging(tick_ns, prior, floor, known.outlier_sigmas, known.estimated, *onward)
 
 
 def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -7,10 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.form import directions
-from contact_tracker.given import Pair, by_feet, given, rows_of
+from contact_tracker.given import Pair, by_feet, given
 from contact_tracker.pace import patience
 from contact_tracker.table import Bank, blank
 
@@ -58,12 +57,6 @@ def begun(
     directions. The rest as in ``Bank``; it may search, and has the grace to, where directions are not told.
     """
     none = blank(model, 0)
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        words, told = calls.begun(model, *rows_of(model, pairs), near_m, log_share, pair, certain, met)
-        past = np.zeros((len(pairs), *none.past.shape[1:]))
-        return Begins(Bank(words, none.layout, none.onsets, past), told)
     prior, pivot = given(model, pairs)
     if near_m is not None:
         prior, pivot = by_feet(model, prior, pivot, near_m)

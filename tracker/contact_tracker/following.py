@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled, fit
+from contact_tracker import fit
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, complexity
@@ -121,12 +121,6 @@ def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps
 
     The moments carry 1/m^2, the rows weights relative to that.
     """
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        learned = bank.copy()
-        calls.learn(model, learned.words, bank.onsets.words, window, scales, steps)
-        return learned
     if (steps == NOT_AT_ALL).any():
         rows = np.flatnonzero(steps != NOT_AT_ALL)
         learned = learn(bank.pick(rows), model, window, scales, steps[rows])

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled, small
+from contact_tracker import small
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.contacts.base import Array
 from contact_tracker.geometry import Element, Line, Plane, numbers
@@ -144,10 +144,6 @@ def _face(element: Element | None) -> Array:
         return np.array([*np.zeros(16), np.inf])
     assert isinstance(element, Plane)
     covariance = _covariance(element)
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
-
-        return kernels.face_row(numbers(element), covariance, _SMALLEST)
     information = _inverse(covariance[:3, :3], 0)
     slope = information @ covariance[:3, 3]
     off = np.array([*-slope, 1.0])
@@ -164,10 +160,6 @@ def _part(kind: str, element: Element | None) -> Array:
     if element is None:
         return np.concatenate([np.zeros(width + width**2), pivot])
     covariance, lengths = _covariance(element), _LENGTHS[kind]
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
-
-        return kernels.part_row(numbers(element), covariance, lengths, _SMALLEST)
     if isinstance(element, Line):
         across = np.zeros((6, 6))
         across[:3, :3] = across[3:, 3:] = np.eye(3) - np.outer(element.direction, element.direction)

@@ -1,7 +1,7 @@
 """How the hypotheses of all contacts live: each has its onset, a window since then and its own geometry."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ from contact_tracker.window import Window
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+MOST: Final = 12
+"""So many ticks at most are taken in at once: what is worked out for those after one that teaches something
+is lost."""
 
 
 class Alive(NamedTuple):
@@ -82,23 +86,58 @@ class Living(NamedTuple):
     weighed: list[Weighed]
 
 
-def advance(
+def ticks_at_once(banks: Sequence[Bank]) -> int:
+    """So many ticks ``update`` may take in one call: one, where numpy does the work, or answers lag."""
+    return MOST if compiled.in_use() and not banks[0].past.shape[1] else 1
+
+
+def update(
+    banks: Sequence[Bank],
+    moments: Sequence[Moment],
+    beyond: Sequence[tuple[float, float]],
+    scales: Scales,
+    margin: float,
+    until: Until | None = None,
+) -> Living:
+    """Take in the newest tick of a window and what begins with it, and drop what is hopeless beside the best
+    of all, free motion included; then the next of the ``moments``, as long as there is nothing to look at.
+
+    Hopeless is what is further behind the best than the ``margin`` (nats) when its contact has just searched:
+    before that it may only have lost its minimum. What is far behind (see ``pace``) may wait for that, while
+    its moments grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond``
+    (m^2, rad^2) that of the windows.
+
+    With the first tick, states begin by its entry; with the others by what was weighed before, whatever their
+    births say. Where ``ticks_at_once`` is one, there is one.
+    """
+    assert len(moments) == 1 or ticks_at_once(banks) > 1
+    if not compiled.in_use():
+        return reference(banks, moments[0], beyond, scales, margin)
+    from contact_tracker.compiled import calls
+
+    first, words = moments[0].births, [(bank.words, bank.onsets.words) for bank in banks]
+    seen = [calls.moment(moment, *_begun(moment.births)) for moment in moments]
+    kept = calls.stride(words, seen, first.number, first.entry, beyond, scales, margin, until)
+    last = moments[len(kept.weighed) - 1].births
+    pasts = [
+        joined(bank.past, past, begins.many, rows)
+        for bank, begins, past, rows in zip(banks, last.begins, last.past[:-1], kept.rows, strict=True)
+    ]
+    left = [
+        Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past)
+        for bank, past, (words, since) in zip(banks, pasts, kept.words, strict=True)
+    ]
+    return Living(left, [Weighed(*told[:-1], Alive(*told[-1])) for told in kept.weighed])
+
+
+def reference(
     banks: Sequence[Bank],
     moment: Moment,
     beyond: Sequence[tuple[float, float]],
     scales: Scales,
     margin: float,
 ) -> Living:
-    """Take in the newest tick of a window and what begins with it, and drop what is hopeless beside the best
-    of all, free motion included.
-
-    Hopeless is what is further behind the best than the ``margin`` (nats) when its contact has just searched:
-    before that it may only have lost its minimum. What is far behind (see ``pace``) may wait for that, while
-    its moments grow. What the window ``before`` had more is summed up. Noise of each contact is ``beyond``
-    (m^2, rad^2) that of the windows.
-    """
-    if compiled.in_use():
-        return stride(banks, [moment], beyond, scales, margin)
+    """``update`` by one tick, in numpy."""
     births, _, window, before, _, log_stay = moment
     now = births.onset
     grown, oldest = [], before.lost_by(window)
@@ -120,39 +159,6 @@ def advance(
         Alive.of(kept, now),
     )
     return Living(kept, [weighed])
-
-
-def stride(
-    banks: Sequence[Bank],
-    moments: Sequence[Moment],
-    beyond: Sequence[tuple[float, float]],
-    scales: Scales,
-    margin: float,
-    until: Until | None = None,
-) -> Living:
-    """``advance`` through several ticks, as far as there is nothing to be looked at; without kernels one.
-
-    With the first, states begin by its entry; with the others by what was weighed before, whatever their
-    births say. Hypotheses have no past if there are several.
-    """
-    assert len(moments) == 1 or not moments[0].births.past.shape[1]
-    if not compiled.in_use():
-        return advance(banks, moments[0], beyond, scales, margin)
-    from contact_tracker.compiled import calls
-
-    first, words = moments[0].births, [(bank.words, bank.onsets.words) for bank in banks]
-    seen = [calls.moment(moment, *_begun(moment.births)) for moment in moments]
-    kept = calls.stride(words, seen, first.number, first.entry, beyond, scales, margin, until)
-    last = moments[len(kept.weighed) - 1].births
-    pasts = [
-        joined(bank.past, past, begins.many, rows)
-        for bank, begins, past, rows in zip(banks, last.begins, last.past[:-1], kept.rows, strict=True)
-    ]
-    left = [
-        Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past)
-        for bank, past, (words, since) in zip(banks, pasts, kept.words, strict=True)
-    ]
-    return Living(left, [Weighed(*told[:-1], Alive(*told[-1])) for told in kept.weighed])
 
 
 def _begun(births: Births) -> tuple[list[tuple[Array, Bools]], list[Array | None]]:

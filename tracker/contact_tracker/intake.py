@@ -70,7 +70,7 @@ def weigh(state: TrackerState, tick: Tick, sliding: Sliding) -> TrackerState:
     """The window moves on, hypotheses begin, grow and are weighed."""
     model, ahead = state.model, coming(state, tick, sliding)
     beyond, margin = model.noise.beyond_floor, model.search.margin_nats
-    living = hypotheses.advance(state.banks, ahead.moment, beyond, scales_of(model), margin)
+    living = hypotheses.update(state.banks, [ahead.moment], beyond, scales_of(model), margin)
     return after(state, tick, ahead, living.banks, living.weighed[0])
 
 

@@ -11,7 +11,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled, fit, following, lift, small
+from contact_tracker import fit, following, lift, small
 from contact_tracker.bank import anchors_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.base import cross
@@ -82,11 +82,6 @@ def shown(
 ) -> Shown:
     """What is known of a hypothesis by itself; the rest as in ``observed_geometry``."""
     vague = _vague(model, scales.reach_m)
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        rows, known = (one.words, one.onsets.words), (_perturbations(model), vague, information)
-        return Shown(*calls.shown(model, rows, variance, *known, scales.reach_m))
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
     prior = tangent.T @ (vague + one.known[0]) @ tangent
     if information is None:

@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.bank import anchors_of, prior_of
 from contact_tracker.contacts import ContactModel
 from contact_tracker.echoes import LEAST_SCALE, Errors, learnt, new_in
@@ -77,13 +76,6 @@ class _Settled(NamedTuple):
 
 
 def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> _Settled:
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        x, row_weight, moments, information, begins, ends = calls.polished(
-            model, bank.words, bank.onsets.words, window, scales.reach_m
-        )
-        return _Settled(_polished(bank, x, row_weight, moments, information), begins, ends)
     family = model.family
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)

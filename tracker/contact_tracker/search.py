@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled, fit
+from contact_tracker import fit
 from contact_tracker.bank import best_of, has_grace, is_near
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales
@@ -93,12 +93,6 @@ def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scale
     if not len(rows):
         return bank
     drawn = directions(model, window.index[-1])
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        better = bank.copy()
-        calls.searched(model, better.words, bank.onsets.words, window, scales, rows, drawn)
-        return better
     x = _found(bank, rows, model, scales, model.turned(drawn, window.zeta[-1, R].reshape(3, 3)))
     many = x.shape[1]
     some = bank.pick(rows.repeat(many)).having(x=x.reshape(-1, x.shape[-1]))

@@ -139,7 +139,7 @@ class Segmenter:
         """Take in the next tick of those that have led to the ``state``, and what was said of it."""
         tick = seen.tick
         if self._forward is None:
-            self._forward = hmm.begin(seen.entry)
+            self._forward = hmm.Forward(seen.entry)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, seen.residual)
         self._waiting.append((seen.alive, seen.change, row))
         if len(self._waiting) == _TOGETHER:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled, small
+from contact_tracker import small
 from contact_tracker.bank import best_of
 from contact_tracker.contacts.base import EYE
 from contact_tracker.labels import STATES, Contact
@@ -132,11 +132,6 @@ def used_directions(window: Window) -> int:
     """
     if len(window) <= STRIDE_TICKS:
         return 0
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
-
-        moves, usual = (window.zeta, window.activity), window.usual_variance.tolist()
-        return kernels.used_directions(*moves, usual, STRIDE_TICKS, TINY, USED)
     pose = window.zeta[:, : T[-1] + 1].T.copy()  # R comes before T; numbers of all ticks side by side
     rotation, place = pose[: T[0]].reshape(3, 3, -1), pose[T[0] :]
     place -= place.sum(axis=1, keepdims=True) / len(window)
@@ -162,10 +157,6 @@ def rivals_since(banks: Sequence[Bank], label: Contact, onset: int, now: int) ->
     just that onset on. -inf where none is left.
     """
     slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        return Rivals(*calls.rivals([bank.words for bank in banks], label, onset, slack, FAR_NATS))
     span = np.array([onset - slack, onset + slack + 1])
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)

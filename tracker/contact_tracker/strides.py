@@ -6,12 +6,12 @@ tick to tick, until one teaches something.
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled, hypotheses
+from contact_tracker import hypotheses
 from contact_tracker.averaging import Tick
 from contact_tracker.belief import Detail
 from contact_tracker.hypotheses import Alive, Until
@@ -22,9 +22,6 @@ from contact_tracker.state import TrackerState, scales_of
 from contact_tracker.tracker import hold, look
 
 Array = NDArray[np.float64]
-
-MOST: Final = 12
-"""So many ticks at most: what is worked out for those after one that teaches something is lost."""
 
 
 class Glimpse(NamedTuple):
@@ -47,7 +44,7 @@ def strides(state: TrackerState, ticks: Sequence[Tick]) -> Iterator[tuple[Tracke
     """Take in ticks that have been averaged; some at a time, each time with the state that they lead to."""
     slidings, first = list[Sliding](), 0
     while first < len(ticks):
-        some = ticks[first : first + MOST]
+        some = ticks[first : first + hypotheses.ticks_at_once(state.banks)]
         slidings = _slidings(state, some, slidings)
         state, seen = _stride(state, some, slidings)
         slidings = slidings[len(seen) :]
@@ -75,7 +72,7 @@ def _stride(
     model, ahead = state.model, _ahead(state, ticks, slidings)
     until = Until(SURE, model.certainty.sureness, state.memory.due_ns)
     moments, beyond = [one.moment for one in ahead], model.noise.beyond_floor
-    banks, weighed = hypotheses.stride(
+    banks, weighed = hypotheses.update(
         state.banks, moments, beyond, scales_of(model), model.search.margin_nats, until
     )
     seen = []
@@ -87,10 +84,10 @@ def _stride(
 
 def _ahead(state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[Sliding]) -> list[Coming]:
     """What is known before hypotheses are weighed, up to a tick that is mute or to where what is believed now
-    may teach more; of one tick, where there are no kernels or answers lag."""
-    ahead, many = list[Coming](), len(ticks) if compiled.in_use() and not state.past.shape[1] else 1
+    may teach more."""
+    ahead = list[Coming]()
     due_ns = math.inf if state.belief is None else state.memory.due_ns.get(state.belief.onset_ns, math.inf)
-    for tick, sliding in zip(ticks[:many], slidings[:many], strict=True):
+    for tick, sliding in zip(ticks, slidings, strict=True):
         if ahead and (is_mute(state, tick) or ahead[-1].moment.stamp_ns >= due_ns):
             break
         one = coming(state, tick, sliding)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales, log_ratio
 from contact_tracker.window import Window
@@ -35,12 +34,6 @@ def summed(
     model: ContactModel, x: Array, onset: Index, window: Window, scales: Scales, certain: NDArray[np.bool_]
 ) -> Sums:
     """Evaluate hypotheses x (B, S) that begin at ``onset`` (B,) as ``evidence.log_ratio`` does."""
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        totals, gain, precision = calls.summed(model, x, onset, window, scales, certain)
-        ratio, chi_sq, ticks, after = totals.T
-        return Sums(ratio, gain, precision, chi_sq, ticks.astype(np.int64), after.astype(np.int64))
     seen = log_ratio(model, x, window, scales, certain)
     mine, after = window.index >= onset[:, None], window.index > onset[:, None]
     relative = seen.row_weight * window.variance[:, :1]  # the moments' own weight is 1 over that

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
@@ -133,24 +132,15 @@ def minimise_windows(
     best = from_relaxed(model, k, moments)
     for shift in SHIFTS:
         source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
-        best = best.better(minimised(model.contact, k, best.x[source], best.y[source], *COARSE))
-    return minimised(model.contact, k, best.x, best.y, *FINE)
+        best = best.better(minimise_batched(model.contact, k, best.x[source], best.y[source], *COARSE))
+    return minimise_batched(model.contact, k, best.x, best.y, *FINE)
 
 
 def from_relaxed(model: ContactModel, k: Array, moments: Array) -> Batch:
     """The best, found coarsely, that solutions of the relaxed problems lead to, nothing else known."""
     x, y = _starts(model, moments)
-    found = (minimised(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1]))
+    found = (minimise_batched(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1]))
     return reduce(Batch.better, found)
-
-
-def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
-    """As ``minimise_batched``, compiled where that is in use."""
-    if compiled.in_use():
-        from contact_tracker.compiled import calls
-
-        return calls.minimised(contact, k, x, y, tolerance, iterations)
-    return minimise_batched(contact, k, x, y, tolerance, iterations)
 
 
 def window_sums(

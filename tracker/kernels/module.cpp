@@ -1,16 +1,7 @@
 // The Python module `contact_tracker.compiled.kernels`; kernels.pyi says what it has.
-#include "averaging.hpp"
-#include "beginning.hpp"
 #include "bindings.hpp"
-#include "elements.hpp"
-#include "inference.hpp"
-#include "observing.hpp"
 #include "parts.hpp"
-#include "polished.hpp"
-#include "products.hpp"
 #include "reading.hpp"
-#include "separating.hpp"
-#include "sliding.hpp"
 #include "striding.hpp"
 
 #define QUOTED(text) #text
@@ -59,103 +50,6 @@ Which which_of(const Form& form, const Sizes& sizes) {
     return Which::edge_edge;
 }
 
-py::tuple summed(const Model& model, const Floats& x, const Ints& onset, const Bools& certain,
-                 const Seeable& seen, const Weights& weights) {
-    return visit(model, [&](auto family) {
-        using F = decltype(family);
-        require(x.ndim() == 2 && x.shape(1) == F::S, "not geometry of this contact");
-        const int count = static_cast<int>(x.shape(0));
-        py::array_t<double> totals({count, 4}), gain({count, F::K}), precision({count, F::K});
-        for (int first = 0; first < count; first += lanes) {
-            Lanes geometry[F::S];
-            std::int64_t begun[lanes];
-            Mask sure;
-            const auto own = [&](int i) { return std::min(first + i, count - 1); };
-            for (int i = 0; i < lanes; ++i) {
-                begun[i] = onset.at(own(i));
-                sure.put(i, certain.at(own(i)));
-                for (int s = 0; s < F::S; ++s) geometry[s].put(i, x.data()[own(i) * F::S + s]);
-            }
-            const Sums<F> sums =
-                add_up<F>(model.kind, geometry, begun, sure, seen.ticks(model), weights.lengths);
-            for (int i = 0; i < lanes; ++i) {
-                const double total[] = {sums.log_ratio[i], sums.chi_sq[i], sums.ticks[i], sums.after[i]};
-                std::copy_n(total, 4, totals.mutable_data() + 4 * own(i));
-                for (int k = 0; k < F::K; ++k) {
-                    gain.mutable_at(own(i), k) = sums.gain[k][i];
-                    precision.mutable_at(own(i), k) = sums.precision[k][i];
-                }
-            }
-        }
-        return py::make_tuple(totals, gain, precision);
-    });
-}
-
-void learned(const Model& model, Floats words, const Floats& onsets, const Seeable& seen, const Ints& steps,
-             const Weights& weights) {
-    const Bank bank = changing(model, words, onsets);
-    visit(model, [&](auto family) {
-        Work<decltype(family)> work;
-        Learners learners;
-        for (int b = 0; b < bank.count(); ++b) {
-            const int own = static_cast<int>(steps.at(b));
-            if (own >= 0) learners.add(model.kind, bank[b], own);
-        }
-        learners.learn<decltype(family)>(model.kind, seen.ticks(model), weights, work);
-    });
-}
-
-void searched(const Model& model, Floats words, const Floats& onsets, const Seeable& seen, const Ints& rows,
-              const Floats& directions, const Floats& turn, const Weights& weights) {
-    const Bank bank = changing(model, words, onsets);
-    const Directions drawn = directions_of(model, directions, turn);
-    visit(model, [&](auto family) {
-        Work<decltype(family)> work;
-        for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
-            require(rows.at(i) >= 0 && rows.at(i) < bank.count(), "no such row");
-            search<decltype(family)>(model.kind, bank, static_cast<int>(rows.at(i)), drawn, seen.ticks(model),
-                                     weights, work);
-        }
-    });
-}
-
-template <class X, class Y>
-void minimise_all(const Floats& k, double tolerance, int iterations, Floats& x, Floats& y, Floats& value,
-                  Bools& converged) {
-    constexpr int n = X::size * Y::size;
-    const py::ssize_t count = k.shape(0);
-    require(k.ndim() == 3 && k.shape(1) == n && k.shape(2) == n, "K is not of these factors");
-    require_shape(x, {count, X::size}, "there is not one start of each window");
-    require_shape(y, {count, Y::size}, "there is not one start of each window");
-    for (int w = 0; w < k.shape(0); ++w) {
-        const Minimum found = minimise<X, Y>(k.data() + w * n * n, x.mutable_data() + w * X::size,
-                                             y.mutable_data() + w * Y::size, tolerance, iterations);
-        value.mutable_at(w) = found.value;
-        converged.mutable_at(w) = found.converged;
-    }
-}
-
-// Call with what a factor is, as a type.
-template <class Function>
-void with_factor(const std::string& factor, Function&& function) {
-    if (factor == "point") return function(Point{});
-    if (factor == "plane") return function(Plane{});
-    require(factor == "line", "a factor is a point, a plane or a line");
-    function(Line{});
-}
-
-py::tuple minimised(const std::string& of_x, const std::string& of_y, const Floats& k, const Floats& from_x,
-                    const Floats& from_y, double tolerance, int iterations) {
-    Floats x(from_x.request()), y(from_y.request()), value(k.shape(0));
-    Bools converged(k.shape(0));
-    with_factor(of_x, [&](auto a) {
-        with_factor(of_y, [&](auto b) {
-            minimise_all<decltype(a), decltype(b)>(k, tolerance, iterations, x, y, value, converged);
-        });
-    });
-    return py::make_tuple(value, x, y, converged);
-}
-
 }  // namespace
 }  // namespace kernels
 
@@ -180,7 +74,6 @@ PYBIND11_MODULE(kernels, module) {
         .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
             return Weights{{radius_sq, pull}, foreknowledge, independence};
         }));
-    module.def("summed", &summed);
     py::class_<Moment>(module, "Moment")
         .def(py::init([](std::vector<std::pair<Floats, Bools>> assumed,
                          std::vector<std::optional<Floats>> directions, Floats turn, std::int64_t onset,
@@ -199,23 +92,5 @@ PYBIND11_MODULE(kernels, module) {
                 return Until{probability, sureness, std::move(due)};
             }));
     module.def("strode", &strode);
-    module.def("entered", &entered);
-    module.def("used_directions", &used_directions);
-    module.def("rivals", &rivals);
-    module.def("learned", &learned, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
-               py::arg("ticks"), py::arg("steps"), py::arg("weights"));
-    module.def("searched", &searched, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets"),
-               py::arg("ticks"), py::arg("rows"), py::arg("directions"), py::arg("turn"), py::arg("weights"));
-    module.def("shown", &shown);
-    module.def("begun", &begun);
-    module.def("part_row", &part_row);
-    module.def("face_row", &face_row);
-    module.def("minimised", &minimised);
-    module.def("slid", &slid, py::arg("trail").noconvert(), py::arg("first"), py::arg("end"),
-               py::arg("number"), py::arg("newest"), py::arg("excess"), py::arg("count"), py::arg("sensor"),
-               py::arg("floor"), py::arg("position_m2"));
-    add_averaging(module);
-    add_inference(module);
-    add_polishing(module);
     parts::add(module.def_submodule("parts"));
 }

@@ -5,7 +5,7 @@
 
 namespace kernels {
 
-// Of Levenberg and Marquardt's damping, as in `fit` and in `paper.batched`.
+// Of Levenberg and Marquardt's damping, as in `fit`.
 struct Damping {
     double first, least, most, less, more, least_share, least_curvature;
 };
@@ -15,39 +15,8 @@ struct Round {
     int steps, kept;
 };
 
-// Of `free_motion`.
-struct MotionSettings {
-    double jerk_share, still, bias, tiny, prior_spread[3];
-    int settling_ticks, now_ticks;
-};
-
-// Of `noise`.
-struct NoiseSettings {
-    double regular, scale, prior, ball, spread, median_of_chi_sq, tiny, untold;
-    int stride, memory;
-};
-
-// Of `polish`.
-struct PolishSettings {
-    double step, first_damping, least_damping, less, more, tolerance, least_curvature, first_echo,
-        least_shown, strange_sigmas;
-    int rounds, steps;
-};
-
-// Of `echoes`.
-struct EchoSettings {
-    double prior_ticks, most_echo, least_scale, least_share;
-    int learning_steps;
-};
-
 struct Settings {
-    MotionSettings motion;
-    NoiseSettings noise;
-    PolishSettings polish;
-    EchoSettings echoes;
-    double least_sine;  // quaternions
-    int neighbours;     // averaging
-    Damping fits, products;
+    Damping fits;
     double tolerance;                        // fit
     double sine_sq_floor, tiny, edge_ridge;  // contacts.edge_edge
     double vertex_ridge;                     // contacts.vertex_face

@@ -10,13 +10,9 @@ from numpy.typing import NDArray
 from contact_tracker.compiled import kernels
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.base import Array
-from contact_tracker.labels import Contact
-from contact_tracker.lift import R
 from contact_tracker.pace import patience
-from contact_tracker.paper.batched import Batch
-from contact_tracker.paper.kronecker import form
 from contact_tracker.rows import layout
-from contact_tracker.table import Bank, Onsets, blank
+from contact_tracker.table import Bank, Onsets
 from contact_tracker.window import Window
 
 Index = NDArray[np.int64]
@@ -87,21 +83,6 @@ class Strode(NamedTuple):
     weighed: list[tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]]
 
 
-def summed(
-    model: ContactModel,
-    x: Array,
-    onset: Index,
-    window: Window,
-    scales: Scales,
-    certain: NDArray[np.bool_],
-) -> tuple[Array, Array, Array]:
-    """Totals (B, 4), that is log ratio, chi squared, ticks and ticks after the first, and ``gain`` and
-    ``precision`` (B, K), as in ``summed.Sums``."""
-    return kernels.summed(
-        model_of(model, scales.reach_m), x, onset, certain, ticks_of(window), _weights(scales)
-    )
-
-
 def moment(
     one: Moment, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
 ) -> kernels.Moment:
@@ -111,21 +92,6 @@ def moment(
     window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
     when = births.onset, births.onset_ns, one.stamp_ns
     return kernels.Moment(assumed, directions, births.turn, *when, window, before, one.change, one.log_stay)
-
-
-def begun(
-    model: ContactModel,
-    first: Sequence[Array],
-    second: Sequence[Array],
-    near_m: Array | None,
-    log_share: Sequence[float],
-    pair: Sequence[int],
-    certain: Sequence[bool],
-    met: Sequence[bool],
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Words of the rows of ``begins.begun``, and what is told, by the rows of ``given.rows_of``."""
-    told = first, second, near_m, log_share, pair, certain, met
-    return kernels.begun(model_of(model, 1.0), blank(model, 1).words, *told)  # the reach is not asked for
 
 
 def stride(
@@ -148,62 +114,6 @@ def stride(
         limit = kernels.Until(until.probability, until.sureness, list(until.due_ns.items()))
     told = words, moments, number, entry, beyond, _weights(scales), margin, limit
     return Strode(*kernels.strode(_models(scales.reach_m), *told))
-
-
-def learn(
-    model: ContactModel, words: Array, onsets: Array, window: Window, scales: Scales, steps: Index
-) -> None:
-    """A bank, in place."""
-    kernels.learned(model_of(model, scales.reach_m), words, onsets, ticks_of(window), steps, _weights(scales))
-
-
-def shown(
-    model: ContactModel,
-    rows: tuple[Array, Array],
-    variance: Array,
-    off: Array,
-    vague: Array,
-    information: Array | None,
-    reach_m: float,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """As ``observability.shown`` of the first of a bank's ``rows``; ``off`` (C, 6 C) is what a lifted pose
-    changes by when it is a little off, ``vague`` (S, S) what is known of x from the outset."""
-    kind = model_of(model, reach_m)
-    return kernels.shown(kind, *rows, variance.tolist(), off, vague, information)
-
-
-def searched(
-    model: ContactModel,
-    words: Array,
-    onsets: Array,
-    window: Window,
-    scales: Scales,
-    rows: Index,
-    directions: Array,
-) -> None:
-    """A bank, in place, of which ``rows`` search, from random ``directions`` of the body's frame as well."""
-    kind, ticks = model_of(model, scales.reach_m), ticks_of(window)
-    turn = window.zeta[-1, R].reshape(3, 3)
-    kernels.searched(kind, words, onsets, ticks, rows, directions, turn, _weights(scales))
-
-
-def rivals(words: Sequence[Array], label: Contact, onset: int, slack: int, far: float) -> tuple[Array, Array]:
-    """Evidence and residuals of ``separability.Rivals``, from the rows of all banks."""
-    return kernels.rivals(_models(1.0), words, label.column, onset, slack, far)  # the reach is not asked for
-
-
-def polished(
-    model: ContactModel, words: Array, onsets: Array, window: Window, reach_m: float
-) -> tuple[Array, Array, Array, Array, bool, bool]:
-    """As ``polish._settle`` of a bank's first hypothesis: its x (S,), row_weight (K,), moments (C, C) and
-    information (P, P); whether the first and the last tick belong."""
-    return kernels.polished(model_of(model, reach_m), words, onsets, ticks_of(window))
-
-
-def minimised(contact: Contact, k: Array, x: Array, y: Array, tolerance: float, iterations: int) -> Batch:
-    """As ``batched.minimise_batched``."""
-    f = form(contact)
-    return Batch(*kernels.minimised(f.x, f.y, k, x, y, tolerance, iterations))
 
 
 @lru_cache(maxsize=64)

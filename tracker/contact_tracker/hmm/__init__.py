@@ -7,7 +7,7 @@ to the likelihood (docs/theory.md, T20).
 """
 
 from contact_tracker.hmm.past import Past
-from contact_tracker.hmm.running import Forward, Living, Step, begin
+from contact_tracker.hmm.running import Forward, Living, Step
 from contact_tracker.hmm.sums import by_state, enter, log_sum_exp
 from contact_tracker.hmm.survivors import Stretch, Survivors
 from contact_tracker.hmm.whole import Trellis, expect, smooth, viterbi
@@ -20,7 +20,6 @@ __all__ = [
     "Stretch",
     "Survivors",
     "Trellis",
-    "begin",
     "by_state",
     "enter",
     "expect",

@@ -6,7 +6,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.hmm.running import Living, Step
 from contact_tracker.hmm.sums import Array
 
@@ -54,11 +53,6 @@ class Past:
 
     def _covered(self, living: Living) -> Array:
         """Weights (n, N) of the states, given what is alive."""
-        if compiled.in_use():
-            from contact_tracker.compiled import kernels
-
-            alive = living.onset, living.state, living.probability[:, None]
-            return kernels.covered(self._steps, self.first, *alive)
         posterior = np.zeros((len(self), len(self._steps[0].source)))
         for row, cover, _ in self._followed(living, living.probability[:, None]):
             posterior[row] = cover[:, 0]
@@ -73,11 +67,6 @@ class Past:
 
     def _common(self, living: Living, futures: Array, tolerance: float) -> int:
         """How many of the oldest ticks ``futures`` have in common, up to the ``tolerance``."""
-        if compiled.in_use():
-            from contact_tracker.compiled import kernels
-
-            alive = living.onset, living.state, futures
-            return kernels.in_common(self._steps, self.first, *alive, tolerance, _CHECKED)
         common = len(self)
         for row, cover, held in self._followed(living, futures):
             spread = np.max(cover.max(axis=1) - cover.min(axis=1))

@@ -5,12 +5,11 @@ past. What comes later cannot change the probability of the past of a given begi
 those that are alive: that is what makes it possible to conclude before the end.
 """
 
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
 from contact_tracker.hmm.sums import Array, Index, log_sum_exp
 
 NEGLIGIBLE: Final = 1e-14
@@ -63,45 +62,9 @@ class _Ended(NamedTuple):
     best: Array
 
 
-class Forward(Protocol):
+class Forward:
     """The forward pass over N states; grows with what is alive, not with what has been."""
 
-    @property
-    def living(self) -> Living:
-        """After the last tick."""
-
-    def advance(self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array) -> Step:
-        """Take in a tick: state, onset and log-likelihood (A,), which is finite, of the hypotheses alive at
-        its end, and the log chances (N, N) of change at its beginning.
-
-        Raises
-        ------
-        ValueError : no path leads to any of them, or nothing was alive at an onset.
-        """
-
-
-def begin(log_initial: Array) -> Forward:
-    """Before the first tick."""
-    return _Compiled(log_initial) if compiled.in_use() else _Forward(log_initial)
-
-
-class _Compiled:
-    """As ``_Forward``."""
-
-    def __init__(self, log_initial: Array) -> None:
-        from contact_tracker.compiled import kernels
-
-        self._kernel = kernels.Forward(log_initial.tolist(), NEGLIGIBLE)
-
-    @property
-    def living(self) -> Living:
-        return Living(*self._kernel.living())
-
-    def advance(self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array) -> Step:
-        return Step(*self._kernel.advance(state, onset, log_likelihood, log_transition))
-
-
-class _Forward:
     def __init__(self, log_initial: Array) -> None:
         self.ticks = 0
         states = len(log_initial)
@@ -113,6 +76,7 @@ class _Forward:
 
     @property
     def living(self) -> Living:
+        """After the last tick."""
         onset, origin, weight, best = self._ended
         since, state = weight.nonzero()
         log_share = np.log(weight[since, state]) - np.log(weight.sum(axis=0)[state])
@@ -125,6 +89,13 @@ class _Forward:
         )
 
     def advance(self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array) -> Step:
+        """Take in a tick: state, onset and log-likelihood (A,), which is finite, of the hypotheses alive at
+        its end, and the log chances (N, N) of change at its beginning.
+
+        Raises
+        ------
+        ValueError : no path leads to any of them, or nothing was alive at an onset.
+        """
         source = self._begin(log_transition)
         top, many = self._gathered(state, onset, log_likelihood)
         score = self._entry[:2] + top

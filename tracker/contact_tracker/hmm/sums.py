@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import compiled
-
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -23,8 +21,4 @@ def by_state(values: Array, state: Index, states: int, best: bool = False) -> Ar
 
 def enter(log_left: Array, log_transition: Array) -> Array:
     """Log weight (states,) with which new hypotheses begin, from the weights at which states are left."""
-    if compiled.in_use():
-        from contact_tracker.compiled import kernels
-
-        return kernels.entered(log_left, log_transition)
     return log_sum_exp(log_left[:, None] + log_transition, axis=0)

@@ -1,4 +1,4 @@
-"""Compiled kernels agree with the numpy code that they stand for, on problems of all kinds."""
+"""The compiled update of the bank and its parts agree with the numpy reference, on problems of all kinds."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,19 +16,16 @@ from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, weak_prior
-from contact_tracker.following import NOT_AT_ALL, before, grow, learn
+from contact_tracker.following import before
 from contact_tracker.forward import forward
 from contact_tracker.given import Given
 from contact_tracker.hypotheses import Moment
 from contact_tracker.labels import Contact
 from contact_tracker.lift import lift
-from contact_tracker.observability import shown
 from contact_tracker.pace import FAR_NATS, MET_PATIENCE, patience
 from contact_tracker.prior import Prior
-from contact_tracker.summed import summed
-from contact_tracker.table import FOUND, blank
-from contact_tracker.window import Window
-from short import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
+from contact_tracker.table import blank
+from short import FACE_TO_EDGE, MODEL, recorded
 from touching import touching
 
 compiled_kernels = pytest.importorskip("contact_tracker.compiled.kernels")
@@ -163,29 +160,6 @@ def test_coordinates_agree(model, seed):
     np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9, atol=1e-9)  # nats
 
 
-@each_model
-@pytest.mark.parametrize("uneven", [False, True])
-@settings(max_examples=6, deadline=None)
-@given(seed=seeds)
-def test_sums_over_ticks_agree(model, uneven, seed):
-    rng = np.random.default_rng(seed)
-    count, family = 30, model.family
-    t = touching(model.contact, rng, count, swing=0.5)
-    root = rng.normal(size=(count, 3, 3)) * 1e-4
-    window = Window(
-        np.arange(5, 5 + count),
-        lift(t.rotation, t.position_m - t.position_m[0]),
-        np.exp(rng.normal(size=(count, 2))) * [1e-7, 1e-6],
-        np.exp(3.0 * rng.normal(size=(count, 2))) * [1e-6, 1e-4] * (rng.random((count, 1)) > 0.2),
-        np.swapaxes(root, 1, 2) @ root if uneven else None,
-    )
-    x = family.normalise(rng.normal(size=(COUNT, family.SIZE)), np.zeros(6))
-    onset, certain = rng.integers(0, 36, COUNT), rng.random(COUNT) > 0.7
-    numpy, kernel = both(summed, model, x, onset, window, SCALES, certain)
-    for name, values in vars(numpy).items():
-        np.testing.assert_allclose(vars(kernel)[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
-
-
 @cache
 def passed(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
     """A recording, tick by tick."""
@@ -195,31 +169,6 @@ def passed(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
 def states():
     """The tracker as it stands after some ticks."""
     return [passed()[k].state for k in (4, 12, 30)]
-
-
-@each_model
-@pytest.mark.parametrize("steps", [0, 1])
-@pytest.mark.parametrize("pivoted", [False, True])
-def test_a_bank_grows_and_learns_alike(model, steps, pivoted):
-    """Of few steps: they part where a step is as good as none."""
-    rng = np.random.default_rng(5)
-    for state in states():
-        bank, window = state.banks[model.contact.column], state.window
-        if pivoted:  # some, in frame 1 or in both
-            pivot = np.where(
-                rng.random(bank.pivot.shape) < 0.5, np.nan, 0.1 * rng.normal(size=bank.pivot.shape)
-            )
-            bank = bank.having(pivot=pivot)
-        grown = grow(bank, model, window, -0.3)
-        assert_same_columns(grown, kernels.grow(bank, model, window, -0.3), GROWS, 1e-12)
-        many = len(bank)
-        grown = grown.having(settled=rng.normal(size=many), earned=rng.uniform(-50.0, 5.0, many))
-        count = np.full(many, steps)
-        count[::3] = NOT_AT_ALL
-        learned = both(learn, grown, model, window, SCALES, count)
-        assert_same_columns(*learned, FOUND, 3e-5)
-        for name in FOUND:
-            np.testing.assert_array_equal(getattr(learned[1], name)[::3], getattr(grown, name)[::3])
 
 
 @each_model
@@ -272,30 +221,6 @@ def test_what_others_offer_agrees(model):
         all_ask = search.givers(bank.having(grace=np.inf), model, SCALES)
         refused += (giver != all_ask).sum()
     assert (takers and refused) or model.contact is Contact.FF  # which has one minimum
-
-
-@each_model
-def test_searches_find_what_is_as_good(model):
-    """Where motion tells the directions: else they find others, which are worth a little more or less.
-
-    Beside a wide margin there are some of each contact that have seen so much. (Of e-e a start in thirty may
-    end in another minimum by rounding: in these ticks none does.)
-    """
-    seen = passed(EDGE_TO_EDGES if model.contact is Contact.EE else FACE_TO_EDGE, margin_nats=40.0)
-    for k in (20, 29):
-        bank, window = seen[k].state.banks[model.contact.column], seen[k].state.window
-        rows = np.flatnonzero(bank.told > 8.0)
-        assert len(rows) >= 3
-        lost = bank.having(x=model.turned(bank.x, np.eye(3)[[1, 2, 0]]), log_likelihood=-np.inf)
-        numpy, kernel = both(search.searched, lost, rows, model, window, SCALES)
-        assert np.isfinite(kernel.log_likelihood[rows]).all()
-        gain = kernel.log_likelihood[rows] - numpy.log_likelihood[rows]
-        assert np.abs(gain).max() < 1e-3
-        others = np.delete(np.arange(len(bank)), rows)
-        np.testing.assert_array_equal(kernel.words[others], lost.words[others])
-        best = bank.having(log_likelihood=np.inf)  # nothing is better
-        for same in both(search.searched, best, rows, model, window, SCALES):
-            np.testing.assert_array_equal(same.words, best.words)
 
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
@@ -352,7 +277,7 @@ def test_what_begins_joins_alike(model, old, many):
     births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
     shorter = window.cut(3, None)  # it has lost some
     moment = Moment(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
-    advanced = both(hypotheses.advance, banks, moment, BEYOND, SCALES, margin=1e4)
+    advanced = both(hypotheses.update, banks, [moment], BEYOND, SCALES, margin=1e4)
     numpy, kernel = (living.banks[column] for living in advanced)
     told = [weighed for living in advanced for weighed in living.weighed]
     for name in ("entry", "log_left", "residual"):
@@ -372,28 +297,6 @@ def test_what_begins_joins_alike(model, old, many):
     assert_same_columns(numpy, kernel, ("x", "row_weight"), 1e-3)
     np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
     np.testing.assert_array_equal(kernel.past, numpy.past)
-
-
-@each_model
-@pytest.mark.parametrize("k", [14, 29])
-@pytest.mark.parametrize("variance", [(1e-7, 1e-5), (1e-5, 1e-7)])
-def test_what_is_shown_is_alike(model, k, variance):
-    bank = passed()[k].state.banks[model.contact.column]
-    for row in np.flatnonzero(bank.told > 4.0):  # else lines may be anywhere
-        for information in (None, INFORMATION @ INFORMATION.T):
-            if information is not None:
-                information = information[: model.family.PARAMETERS, : model.family.PARAMETERS]
-            numpy, kernel = both(shown, bank.alone(row), model, SCALES, np.array(variance), information)
-            np.testing.assert_allclose(kernel.tangent, numpy.tangent, atol=1e-9)
-            np.testing.assert_allclose(kernel.prior, numpy.prior, rtol=1e-9, atol=1e-9)
-            # next to nothing may be told beside sums of terms as large as 1 / variance, which are rounded
-            rounding = 1e-9 * numpy.told[-1] + 3e-13 / min(variance)
-            np.testing.assert_allclose(kernel.told, numpy.told, rtol=1e-6, atol=rounding)
-            size = np.sqrt(numpy.covariance.diagonal())
-            scale = size[:, None] * size + 1e-12  # nobody tells how high a face is on a face
-            np.testing.assert_allclose(kernel.covariance / scale, numpy.covariance / scale, atol=1e-5)
-            whole = kernel.ways.T @ numpy.prior @ kernel.ways  # of either sign, and any where told alike
-            np.testing.assert_array_less(whole.diagonal(), 1.0 + 1e-9)
 
 
 @settings(max_examples=30, deadline=None)
