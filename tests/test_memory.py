@@ -12,13 +12,13 @@ from scipy.linalg import block_diag
 from contact_tracker.beginnings import Frame, beginnings
 from contact_tracker.begins import Begins
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.contacts.base import sphere_tangent
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, by_foot, numbers
 from contact_tracker.incidence import LENGTH_M
 from contact_tracker.knowledge import NOTHING, Accuracy, Knowledge, Known, known_to
 from contact_tracker.labels import Contact
 from contact_tracker.memory import KEPT, LAST, LOOSE_RAD, Memory
 from contact_tracker.sameness import are_same, filled
+from contact_tracker.vectors import sphere_tangent
 
 ORIGIN = np.zeros(3)
 ALONG = np.array([0.0, 0.6, 0.8])

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from contact_tracker.belief import Belief, Segment
+from contact_tracker.errors import printable
 from contact_tracker.geometry import ContactGeometry, Line, Plane, Point, element_from_json
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.outputs.rows import json_line, write_csv, write_jsonl
 from contact_tracker.outputs.words import change_line, describe, status_text, table
-from contact_tracker.printable import printable
 from contact_tracker.whole_file import whole_file
 
 ORIGIN_NS = 1_700_000_000_123_456_789

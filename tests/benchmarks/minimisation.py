@@ -17,14 +17,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from contact_tracker import compiled
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evaluation.tables import table
 from contact_tracker.paper import matrix, minimise_slsqp, motion
-from contact_tracker.paper.batched import Batch
+from contact_tracker.paper.batched import Batch, minimise_batched
 from contact_tracker.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.windows import FINE, curves, from_relaxed, minimise_windows, minimised, window_sums
+from contact_tracker.windows import FINE, curves, from_relaxed, minimise_windows, window_sums
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")
@@ -43,7 +42,7 @@ def timed(work: Callable[[], Found], runs: int = RUNS) -> tuple[float, Found]:
 def cold(model: ContactModel, k: np.ndarray, moments: np.ndarray) -> Batch:
     """The best that comes of the relaxed problems."""
     best = from_relaxed(model, k, moments)
-    return minimised(model.contact, k, best.x, best.y, *FINE)
+    return minimise_batched(model.contact, k, best.x, best.y, *FINE)
 
 
 def main() -> None:
@@ -63,7 +62,7 @@ def main() -> None:
         *("warm (us)", "x", "lower"),
         *("all (us)", "x", "lower"),
     )
-    print(f"per window and contact; {compiled.described()}; {count} windows, SLSQP on {args.windows}")
+    print(f"per window and contact; {count} windows, SLSQP on {args.windows}")
     print(table(header, rows))
     spent, _ = timed(lambda: curves(poses, FRAMES, STEP))
     print(f"all six curves of {len(poses)} poses, sums over windows and all: {spent:.2f} s")
@@ -82,7 +81,7 @@ def measured(model: ContactModel, poses: Poses, sample: np.ndarray) -> tuple[str
     runs = [timed(lambda: cold(model, k, moments))]
     whole, best = timed(lambda: minimise_windows(model, poses.rotation, position_m, FRAMES, STEP))
     before = np.maximum(np.arange(len(k)) - 1, 0)
-    runs.append(timed(lambda: minimised(model.contact, k, best.x[before], best.y[before], *FINE)))
+    runs.append(timed(lambda: minimise_batched(model.contact, k, best.x[before], best.y[before], *FINE)))
     runs.append((whole, best))
     cells = []
     for time_s, found in runs:

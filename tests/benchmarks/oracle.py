@@ -22,13 +22,12 @@ from contact_tracker import evidence, hmm, hypotheses
 from contact_tracker.begins import Begins, fresh
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evidence import Scales
-from contact_tracker.geometry import ContactGeometry
+from contact_tracker.geometry import ContactGeometry, shifted
 from contact_tracker.given import given
 from contact_tracker.knowledge import Accuracy, known_to
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import T
 from contact_tracker.model import Model
-from contact_tracker.readout import shifted
 from contact_tracker.state import scales_of
 from contact_tracker.table import Bank
 from contact_tracker.transitions import chances, exposure, log_initial

@@ -6,10 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.geometry import Element, Plane, by_foot
-from contact_tracker.given import Pair
+from contact_tracker.geometry import Element, Pair, Plane, by_foot, shifted
 from contact_tracker.knowledge import Knowledge, Known, Up
-from contact_tracker.readout import shifted
 
 UNLISTED: Final = 0.5
 """Prior probability that what touches is not on a list of known elements, where that is not complete."""

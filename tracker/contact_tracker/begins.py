@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.form import directions
-from contact_tracker.given import Pair, by_feet, given
+from contact_tracker.geometry import Pair
+from contact_tracker.given import by_feet, given
 from contact_tracker.pace import patience
 from contact_tracker.table import Bank, blank
 

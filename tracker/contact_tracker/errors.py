@@ -17,7 +17,10 @@ A damaged recording of which a part can be read is no error: what is readable is
 damage is reported as a status (exit code 3). A fit that does not converge is a status as well.
 """
 
-from contact_tracker.printable import printable
+
+def printable(text: str) -> str:
+    """``text`` in one line; whatever could steer a terminal is written as an escape."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class ContactTrackerError(Exception):

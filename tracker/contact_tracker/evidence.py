@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import Family, Measurement, dot
+from contact_tracker.contacts.base import Family, Measurement
 from contact_tracker.prior import Prior
+from contact_tracker.vectors import dot
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]

@@ -12,9 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts.base import Family, dot
+from contact_tracker.contacts.base import Family
 from contact_tracker.contacts.form import directions, shifts, turns
 from contact_tracker.prior import Prior
+from contact_tracker.vectors import dot
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -100,6 +100,8 @@ class Point:
 
 
 Element = Plane | Line | Point
+Pair = tuple[Element | None, Element | None]
+"""Elements of the object and of the environment; None is an unknown one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +178,16 @@ def canonical(element: Element) -> Element:
             moved = None if covariance is None else flip[:, None] * covariance * flip
             return replace(element, direction=-direction, covariance=moved)
     return element
+
+
+def shifted(element: Element, origin_m: Array) -> Element:
+    """The element as seen from a frame in which its present origin stands at ``origin_m``."""
+    match element:
+        case Plane(normal, offset_m, covariance):
+            jacobian = np.eye(4)
+            jacobian[3, :3] = origin_m
+            moved = None if covariance is None else jacobian @ covariance @ jacobian.T
+            offset_m = float(offset_m + normal @ origin_m)
+            return Plane(normal, offset_m, moved, element.unobserved, element.name)
+        case Line() | Point():
+            return replace(element, point_m=element.point_m + origin_m)

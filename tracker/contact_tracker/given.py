@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contact_tracker import small
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.contacts.base import Array
-from contact_tracker.geometry import Element, Line, Plane, numbers
+from contact_tracker.geometry import Element, Line, Pair, Plane, numbers
 
 _SMALLEST: Final = 1e-12
 """Variances below this share of the largest are no variances: directions in which an element cannot move."""
@@ -41,10 +41,6 @@ class Given(NamedTuple):
                 part = slice(first, first + 3)
                 told[..., part] = self.mean[..., part].any(axis=-1, keepdims=True)
         return told
-
-
-Pair = tuple[Element | None, Element | None]
-"""Of the object and of the environment; None is an unknown one."""
 
 
 def given(model: ContactModel, pairs: Sequence[Pair]) -> tuple[Given, Array]:

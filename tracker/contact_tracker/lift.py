@@ -18,6 +18,16 @@ T: Final = np.arange(9, 12)
 U: Final = np.arange(12, 15)
 TXR: Final = np.arange(15, 24)
 ONE: Final = np.array([24])
+_INVERSE_ORDER: Final = np.concatenate(
+    [
+        R.reshape(3, 3).T.ravel(),
+        U,
+        T,
+        TXR.reshape(3, 3).T.ravel(),
+        ONE,
+    ]
+)
+_INVERSE_SIGN: Final = np.concatenate([np.ones(9), -np.ones(6), np.ones(10)])
 
 
 def lift(rotation: Array, position_m: Array) -> Array:
@@ -101,3 +111,8 @@ def perturbations() -> Array:
 
 def _cross_matrix(v: Array) -> Array:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]], float)
+
+
+def lift_of_inverse(zeta: Array) -> Array:
+    """Lift of the inverse pose from the lift of the pose: a signed permutation of zeta."""
+    return np.asarray(zeta.take(_INVERSE_ORDER, axis=-1) * _INVERSE_SIGN)

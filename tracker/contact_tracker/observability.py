@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from contact_tracker import fit, following, lift, small
 from contact_tracker.bank import anchors_of
 from contact_tracker.contacts import ContactModel
-from contact_tracker.contacts.base import cross
 from contact_tracker.contacts.form import directions
 from contact_tracker.evidence import Scales, weak_prior
 from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, Unobserved
 from contact_tracker.table import Bank
+from contact_tracker.vectors import cross
 
 Array = NDArray[np.float64]
 

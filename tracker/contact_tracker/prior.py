@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts.base import dot
+from contact_tracker.vectors import dot
 
 Array = NDArray[np.float64]
 

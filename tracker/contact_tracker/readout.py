@@ -1,13 +1,11 @@
 """From a fitted hypothesis to the elements a user reads, in the frames the user knows."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evidence import Scales
-from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point, by_foot
+from contact_tracker.geometry import ContactGeometry, by_foot, shifted
 from contact_tracker.observability import observed_geometry
 from contact_tracker.table import Bank
 from contact_tracker.window import Window
@@ -35,16 +33,3 @@ def geometry_of(
         body_m = one.place_sum[0] / one.weight[0]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
     return ContactGeometry(found.object, shifted(found.environment, origin_m))
-
-
-def shifted(element: Element, origin_m: Array) -> Element:
-    """The element as seen from a frame in which its present origin stands at ``origin_m``."""
-    match element:
-        case Plane(normal, offset_m, covariance):
-            jacobian = np.eye(4)
-            jacobian[3, :3] = origin_m
-            moved = None if covariance is None else jacobian @ covariance @ jacobian.T
-            offset_m = float(offset_m + normal @ origin_m)
-            return Plane(normal, offset_m, moved, element.unobserved, element.name)
-        case Line() | Point():
-            return replace(element, point_m=element.point_m + origin_m)

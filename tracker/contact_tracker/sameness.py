@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import small
-from contact_tracker.contacts.base import EYE, sphere_tangent, unit
 from contact_tracker.geometry import Element, Line, Plane, Point, by_foot, numbers
+from contact_tracker.vectors import EYE, sphere_tangent, unit
 
 Array = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from contact_tracker import small
 from contact_tracker.bank import best_of
-from contact_tracker.contacts.base import EYE
 from contact_tracker.labels import STATES, Contact
 from contact_tracker.lift import T
 from contact_tracker.pace import FAR_NATS
 from contact_tracker.table import Bank
+from contact_tracker.vectors import EYE
 from contact_tracker.window import Window
 
 Array = NDArray[np.float64]

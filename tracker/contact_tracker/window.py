@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts.base import lift_of_inverse
+from contact_tracker.lift import lift_of_inverse
 from contact_tracker.travel import travel_of, travel_to
 
 Array = NDArray[np.float64]

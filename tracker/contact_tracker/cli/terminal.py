@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from contact_tracker.printable import printable
+from contact_tracker.errors import printable
 
 
 def say(message: str) -> None:

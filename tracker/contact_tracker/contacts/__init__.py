@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from contact_tracker import lift
 from contact_tracker.contacts import edge_edge, edge_face, face_face, vertex_face
-from contact_tracker.contacts.base import Array, Family, Frames, Measurement, lift_of_inverse
+from contact_tracker.contacts.base import Array, Family, Frames, Measurement
 from contact_tracker.geometry import ContactGeometry
 from contact_tracker.labels import Contact
+from contact_tracker.lift import lift_of_inverse
 
 __all__ = ["CONTACT_MODELS", "ContactModel"]
 

@@ -12,7 +12,7 @@ a prior keeps touching points within the body's reach.
 """
 
 from functools import cache
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from contact_tracker import lift
 from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element
+from contact_tracker.vectors import EYE, dot, unit
 
 Array = NDArray[np.float64]
 
@@ -92,41 +93,6 @@ class Family(Protocol):
 
     def elements(self, x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
         """The elements in frame 1 and frame 2 of one x (S,) whose covariance is (S, S)."""
-
-
-def unit(v: Array) -> Array:
-    """v scaled to length one along the last axis."""
-    return np.asarray(v / np.sqrt(dot(v, v))[..., None])
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Vector products (..., 3); ``np.cross`` takes several times as long for few of them."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    out[..., 0] = ay * bz - az * by
-    out[..., 1] = az * bx - ax * bz
-    out[..., 2] = ax * by - ay * bx
-    return out
-
-
-def sphere_tangent(n: Array) -> Array:
-    """Two orthonormal directions (..., 3, 2) normal to unit vectors n (..., 3).
-
-    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017.
-    """
-    x, y, z = n[..., 0], n[..., 1], n[..., 2]
-    sign = np.where(z >= 0, 1.0, -1.0)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    out = np.empty((*n.shape, 2))
-    out[..., 0, 0] = 1.0 + sign * x * x * a
-    out[..., 1, 0] = sign * b
-    out[..., 2, 0] = -sign * x
-    out[..., 0, 1] = b
-    out[..., 1, 1] = sign + y * y * a
-    out[..., 2, 1] = -y
-    return out
 
 
 def line_tangent(line: Array, anchor: Array, across: Array) -> Array:
@@ -222,27 +188,3 @@ class Frames(NamedTuple):
         if self.body_in_1:
             return n[:, None, :]
         return np.asarray(n @ self.rotation.reshape(-1, 3, 3)).swapaxes(0, 1)
-
-
-def dot(a: Array, b: Array) -> Array:
-    """Inner products over the last axis."""
-    return np.asarray(np.einsum("...i,...i->...", a, b))
-
-
-EYE: Final = np.eye(3)
-ONE: Final = np.eye(1)
-_INVERSE_ORDER: Final = np.concatenate(
-    [
-        lift.R.reshape(3, 3).T.ravel(),
-        lift.U,
-        lift.T,
-        lift.TXR.reshape(3, 3).T.ravel(),
-        lift.ONE,
-    ]
-)
-_INVERSE_SIGN: Final = np.concatenate([np.ones(9), -np.ones(6), np.ones(10)])
-
-
-def lift_of_inverse(zeta: Array) -> Array:
-    """Lift of the inverse pose from the lift of the pose: a signed permutation of zeta."""
-    return np.asarray(zeta.take(_INVERSE_ORDER, axis=-1) * _INVERSE_SIGN)

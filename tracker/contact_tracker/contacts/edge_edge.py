@@ -16,18 +16,16 @@ from contact_tracker.contacts.base import (
     Frames,
     Measurement,
     block_tangent,
-    cross,
-    dot,
     line_tangent,
     normalise_line,
     outer,
     outer_derivative_first,
     outer_derivative_second,
     smallest_directions,
-    sphere_tangent,
 )
 from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Line
+from contact_tracker.vectors import cross, dot, sphere_tangent
 
 D1: Final = slice(0, 3)
 Q1: Final = slice(3, 6)

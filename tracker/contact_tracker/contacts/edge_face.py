@@ -11,23 +11,19 @@ import numpy as np
 from contact_tracker import lift
 from contact_tracker.contacts import face_face, vertex_face
 from contact_tracker.contacts.base import (
-    EYE,
-    ONE,
     Array,
     Frames,
     Measurement,
     block_tangent,
-    dot,
     line_tangent,
     normalise_line,
     outer,
     outer_derivative_first,
     outer_derivative_second,
-    sphere_tangent,
-    unit,
 )
 from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Line, Plane
+from contact_tracker.vectors import EYE, ONE, dot, sphere_tangent, unit
 
 D: Final = slice(0, 3)
 Q: Final = slice(3, 6)

@@ -11,19 +11,16 @@ import numpy as np
 
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
-    EYE,
-    ONE,
     Array,
     Frames,
     Measurement,
     block_tangent,
     outer,
     outer_derivative_first,
-    sphere_tangent,
-    unit,
 )
 from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Plane
+from contact_tracker.vectors import EYE, ONE, sphere_tangent, unit
 
 BOTH: Final = slice(0, 6)
 M: Final = slice(0, 3)

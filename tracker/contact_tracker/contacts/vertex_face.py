@@ -9,22 +9,18 @@ import numpy as np
 
 from contact_tracker import lift
 from contact_tracker.contacts.base import (
-    EYE,
-    ONE,
     Array,
     Frames,
     Measurement,
     block_tangent,
-    dot,
     outer,
     outer_derivative_first,
     outer_derivative_second,
     smallest_directions,
-    sphere_tangent,
-    unit,
 )
 from contact_tracker.contacts.form import Form
 from contact_tracker.geometry import Element, Plane, Point
+from contact_tracker.vectors import EYE, ONE, dot, sphere_tangent, unit
 
 Q: Final = slice(0, 3)
 N: Final = slice(3, 6)
