@@ -12,12 +12,12 @@ from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from contact_tracker.labels import Contact
-from contact_tracker.model import Model
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
+from contact_tracker.config.shipped import preset_names
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
-from contact_tracker.shipped import preset_names
+from contact_tracker.states import Contact
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
@@ -115,7 +115,12 @@ def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
 def counted_kinds() -> set[str]:
     """The names under which the gate and the reader count what they drop or repair."""
     kinds: set[str] = set()
-    for name in ("gate.py", "stamp_order.py", "default_poses.py", "recording/log.py"):
+    for name in (
+        "motion/pose_validation.py",
+        "motion/stamp_order.py",
+        "motion/default_poses.py",
+        "recording/log.py",
+    ):
         for node in ast.walk(ast.parse((PACKAGE / name).read_text(encoding="utf-8"))):
             match node:
                 case (

@@ -5,22 +5,22 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 import geometry
 import identifiability
-import numpy as np
 import oracle
-import pytest
 import tracking
-from identifiability_tables import Class, Judged, Mistake, classes, to_text
-from resampling import Phases
-
-from contact_tracker.belief import Segment
 from contact_tracker.evaluation.scoring import Subset, scoring
 from contact_tracker.evaluation.tallying import tally
-from contact_tracker.labels import STATES, Contact
-from contact_tracker.segmentation import Beliefs
-from contact_tracker.truth import Truth, TruthInterval
-from short import FACE_TO_EDGE, MODEL, recorded
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.segmentation import Beliefs
+from identifiability_tables import Class, Judged, Mistake, classes, to_text
+from resampling import Phases
+from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
 

@@ -4,27 +4,27 @@ import json
 from itertools import pairwise, product
 from pathlib import Path
 
-import fixed_windows
-import identification
 import numpy as np
 import pytest
-import segment_bic
-import tracking
-from fixed_windows import Emission, Recorded, Windows
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scores import OFFLINE, Answer, Method, Score
 
+import fixed_windows
+import identification
+import segment_bic
+import tracking
 from contact_tracker import hmm
 from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
-from contact_tracker.forward import Pass, forward
-from contact_tracker.labels import STATES, Contact
-from contact_tracker.separability import tempered
-from contact_tracker.transitions import chances, log_initial
-from contact_tracker.truth import Truth, TruthInterval
-from short import FACE_TO_EDGE, MODEL, recorded
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.ambiguity import tempered
+from contact_tracker.tracking.forward_pass import Pass, forward
+from contact_tracker.tracking.transition_model import chances, log_initial
+from fixed_windows import Emission, Recorded, Windows
+from scores import OFFLINE, Answer, Method, Score
+from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
 SEEDS = st.integers(0, 2**32 - 1)
@@ -38,7 +38,9 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
 
     The trellis lacks what was pruned in the very tick, which weighs next to nothing.
     """
-    monkeypatch.setattr("contact_tracker.separability.is_idle", lambda *_, **__: False)  # the bare posterior
+    monkeypatch.setattr(
+        "contact_tracker.tracking.ambiguity.is_idle", lambda *_, **__: False
+    )  # the bare posterior
     poses = recorded(FACE_TO_EDGE).poses[300:540]
     tracked = tracking.track(poses, MODEL, (0.5, 0.2))
     seen = Pass.over(forward(poses, MODEL))

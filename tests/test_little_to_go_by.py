@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from contact_tracker.cli.main import run
-from contact_tracker.labels import STATES
-from contact_tracker.poses import Poses
-from logs import poses_topic, smooth_poses, write_log
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import STATES
+from mcap_logs import poses_topic, smooth_poses, write_log
 
 NAMES = {state.value for state in STATES}
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import evaluate
 from contact_tracker.evaluation.scoring import Subset
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.segmenter import segment
+from contact_tracker.tracking.offline_smoother import segment
 
 RECORDINGS = Path(__file__).resolve().parent.parent / "recordings"
 

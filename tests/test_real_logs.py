@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from distortions import low_pass, thinned
 
 from contact_tracker.cli.main import run
-from contact_tracker.poses import Poses
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
-from logs import poses_topic, write_log
+from distortions import low_pass, thinned
+from mcap_logs import poses_topic, write_log
 
 PAPER = Path(__file__).parents[1] / "recordings" / "paper_experiment.mcap"
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from contact_tracker.cli.main import run
-from contact_tracker.poses import Poses
+from contact_tracker.ground_truth import Truth
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_metadata, read_truth
-from contact_tracker.truth import Truth
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
 COMMAND = re.compile(r"^contact-tracker (simulate (\w+) +--seed \d+ -o) recordings/(\w+\.mcap)$", re.M)

@@ -2,21 +2,21 @@
 
 from pathlib import Path
 
-import growth
-import hours
 import numpy as np
 import pytest
+
+import growth
+import hours
 import speed
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log, read_truth, write_recording
+from contact_tracker.states import Contact
+from mcap_logs import START_NS, smooth_poses
 from speeds import growing
 from speeds.command import Ran
 from speeds.figures import Figure, Setup, length
 from speeds.long_logs import write_long_log
-
-from contact_tracker.labels import Contact
-from contact_tracker.poses import Poses
-from contact_tracker.recording import open_log, read_truth, write_recording
-from contact_tracker.truth import Truth, TruthInterval
-from logs import START_NS, smooth_poses
 
 
 @pytest.fixture

@@ -14,12 +14,12 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import Any
 
-from contact_tracker.forward import Seen, forward
-from contact_tracker.presets import load_model
+from contact_tracker.config.loading import load_model
+from contact_tracker.motion.sliding import NOTHING_SEEN
 from contact_tracker.recording import open_log
-from contact_tracker.segmenter import Segmenter
-from contact_tracker.sliding import NOTHING_SEEN
-from contact_tracker.telling import Told
+from contact_tracker.tracking.forward_pass import Seen, forward
+from contact_tracker.tracking.offline_smoother import Segmenter
+from contact_tracker.tracking.segment_fit import Told
 
 
 class NoFits(Executor):

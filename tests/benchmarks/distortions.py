@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt, lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
-from contact_tracker.poses import Poses
+from contact_tracker.motion.poses import Poses
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

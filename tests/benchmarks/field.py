@@ -21,18 +21,19 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-import sections
-from distortions import DISTORTIONS
-from identification import ROOT, find_sets
 from tqdm import tqdm
 
-from contact_tracker import adaptive, segmenter
+import sections
+from contact_tracker import adaptation
+from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.gate import PoseGate
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.tracking import offline_smoother
+from distortions import DISTORTIONS
+from identification import ROOT, find_sets
 
 SECTION: Final = "field"
 HEADER: Final = (
@@ -55,7 +56,7 @@ def measure(path: str, distortion: str, model_name: str) -> Measured:
         raise SystemExit(f"{path}: no truth")
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
     poses, model = gated(DISTORTIONS[distortion](clean, random)), load_model(model_name)
-    found = adaptive.segment(poses, model), segmenter.segment(poses, model)
+    found = adaptation.segment(poses, model), offline_smoother.segment(poses, model)
     return Measured(*(evaluate(poses, truth, one) for one in found))
 
 

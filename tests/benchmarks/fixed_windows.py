@@ -21,15 +21,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scores import LAGS_S, OFFLINE, Answer, Method, Score, Scores
 
-from contact_tracker import fixed_lag, hmm
+from contact_tracker import hmm
+from contact_tracker.config.parameters import Model
 from contact_tracker.evaluation.scoring import Scoring, Subset, tick_in_force
-from contact_tracker.labels import STATES
-from contact_tracker.model import Model
-from contact_tracker.poses import Poses
-from contact_tracker.transitions import split
-from contact_tracker.windows import curves
+from contact_tracker.hmm import fixed_lag
+from contact_tracker.motion.poses import Poses
+from contact_tracker.paper.window_curves import curves
+from contact_tracker.states import STATES
+from contact_tracker.tracking.transition_model import split
+from scores import LAGS_S, OFFLINE, Answer, Method, Score, Scores
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,21 +20,21 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
-from stretches import NOISES, Found, find_simulated
 
-from contact_tracker.belief import Segment
+from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao
 from contact_tracker.evaluation.elements import Deviation
 from contact_tracker.evaluation.geometry_errors import ElementError, geometry_errors
 from contact_tracker.evaluation.scoring import Scoring, scoring
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.labels import CONTACTS, Contact
-from contact_tracker.noise import estimate_noise
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.segmenter import segment
+from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.offline_smoother import segment
+from stretches import NOISES, Found, find_simulated
 
 Array = NDArray[np.float64]
 Run = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]

@@ -18,15 +18,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from speeds.long_logs import write_long_log
 
-from contact_tracker import tracker
-from contact_tracker.belief import Detail
+from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.state import TrackerState
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.state import TrackerState
+from speeds.long_logs import write_long_log
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from contact_tracker.config.loading import load_model
 from speeds.commands import IDLE, Measured, lengths
 from speeds.figures import Setup, length
-
-from contact_tracker.presets import load_model
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 ROWS: Final = ("segment", "view", "live", "evaluate")

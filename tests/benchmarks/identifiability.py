@@ -18,25 +18,25 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
-import identifiability_tables
 import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+import identifiability_tables
 import oracle
 import sections
 import tracking
-from identifiability_tables import Judged, Mistake
-from identification import ROOT, command_of, find_sets
-from numpy.typing import NDArray
-from scores import OFFLINE, Method
-from tqdm import tqdm
-
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
 from contact_tracker.evaluation.scoring import Columns, Scoring, Subset, scoring
-from contact_tracker.labels import STATES
-from contact_tracker.model import Model
-from contact_tracker.noise import estimate_noise
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.states import STATES
+from identifiability_tables import Judged, Mistake
+from identification import ROOT, command_of, find_sets
+from scores import OFFLINE, Method
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -9,12 +9,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from oracle import ORACLES
-from tracking import NAME as TRACKER
 
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.labels import Contact
-from contact_tracker.separability import DECISIVE
+from contact_tracker.states import Contact
+from contact_tracker.tracking.ambiguity import DECISIVE
+from oracle import ORACLES
+from tracking import NAME as TRACKER
 
 Array = NDArray[np.float64]
 

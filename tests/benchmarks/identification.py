@@ -17,24 +17,24 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
+from tqdm import tqdm
+
 import fixed_windows
 import identification_json
 import identification_tables
 import sections
 import segment_bic
 import tracking
-from fixed_windows import Recorded, Windows
-from scores import Score, Scores
-from tqdm import tqdm
-
+from contact_tracker.config.loading import load_model
 from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.scoring import scoring
 from contact_tracker.evaluation.tables import number
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.ground_truth import Truth
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.truth import Truth
+from fixed_windows import Recorded, Windows
+from scores import Score, Scores
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -5,11 +5,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from contact_tracker.evaluation.metrics import Tally, quantile
+from contact_tracker.states import CONTACTS, STATES, Contact
 from identification_tables import Judged, Sum, in_order, quantiles, summed
 from scores import OFFLINE, Method, Score
-
-from contact_tracker.evaluation.metrics import Tally, quantile
-from contact_tracker.labels import CONTACTS, STATES, Contact
 
 
 def to_json(sets: Mapping[str, Sequence[Judged]]) -> str:

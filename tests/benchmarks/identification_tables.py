@@ -7,13 +7,12 @@ from operator import add
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from scores import OFFLINE, Method, Scores
-from tracking import NAME as TRACKER
-
 from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.metrics import Array, quantile
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.labels import STATES, Contact
+from contact_tracker.states import STATES, Contact
+from scores import OFFLINE, Method, Scores
+from tracking import NAME as TRACKER
 
 SECTION: Final = "identification"
 TOTAL: Final = "all sets"

@@ -24,16 +24,16 @@ def steps() -> Iterator[tuple[str, Callable[[], object]]]:
     yield "Python", lambda: None
     for name in LIBRARIES:
         yield name, partial(import_module, name)
-    yield "contact_tracker", partial(import_module, "contact_tracker.forward")
-    yield "kernels", partial(import_module, "contact_tracker.compiled.kernels")
+    yield "contact_tracker", partial(import_module, "contact_tracker.tracking.forward_pass")
+    yield "kernels", partial(import_module, "contact_tracker.hypotheses.compiled.kernels")
     yield f"{POSES} poses", follow
 
 
 def follow() -> int:
     """The first poses of a recording, online."""
-    from contact_tracker.forward import forward
-    from contact_tracker.presets import load_model
+    from contact_tracker.config.loading import load_model
     from contact_tracker.recording import open_log
+    from contact_tracker.tracking.forward_pass import forward
 
     return len(list(forward(islice(open_log(str(RECORDING)), POSES), load_model())))
 

@@ -1,8 +1,8 @@
 """How long minimising the paper's objectives on fixed windows takes, against SLSQP from three random starts.
 
 cold: from the relaxed problems, coarsely, and on from the best until a step gains less than a billionth;
-warm: from the minimum of the window before, to the same end; all: as ``windows.minimise_windows`` does for a
-recording, which is cold, but from neighbours back and forth before it goes on. x: by how many times less time
+warm: from the minimum of the window before, to the same end; all: as ``minimise_windows``
+does, which is cold, but from neighbours back and forth before it goes on. x: by how many times less time
 than SLSQP, which starts at random, takes. Lower: on how many of the windows compared SLSQP's best is lower by
 more than a ten-thousandth. Sums over windows are no part of it.
 
@@ -19,11 +19,11 @@ import numpy as np
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evaluation.tables import table
+from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import matrix, minimise_slsqp, motion
 from contact_tracker.paper.batched import Batch, minimise_batched
-from contact_tracker.poses import Poses
+from contact_tracker.paper.window_curves import FINE, curves, from_relaxed, minimise_windows, window_sums
 from contact_tracker.recording import open_log
-from contact_tracker.windows import FINE, curves, from_relaxed, minimise_windows, window_sums
 
 FRAMES, STEP, STARTS, RUNS = 500, 10, 3, 5
 Found = TypeVar("Found")

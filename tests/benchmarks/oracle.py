@@ -16,23 +16,24 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
-from tracking import Tracked
 
-from contact_tracker import evidence, hmm, hypotheses
-from contact_tracker.begins import Begins, fresh
+from contact_tracker import hmm
+from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.evidence import Scales
-from contact_tracker.geometry import ContactGeometry, shifted
-from contact_tracker.given import given
-from contact_tracker.knowledge import Accuracy, known_to
-from contact_tracker.labels import STATES, Contact
-from contact_tracker.lift import T
-from contact_tracker.model import Model
-from contact_tracker.state import scales_of
-from contact_tracker.table import Bank
-from contact_tracker.transitions import chances, exposure, log_initial
-from contact_tracker.truth import Truth, TruthInterval
-from contact_tracker.window import Window
+from contact_tracker.geometry.elements import ContactGeometry, shifted
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.hypotheses import bank_update, evidence
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.birth import Begins, fresh
+from contact_tracker.hypotheses.element_prior import given
+from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.landmarks.prior_map import Accuracy, known_to
+from contact_tracker.motion.lifted_pose import T
+from contact_tracker.motion.window import Window
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.state import scales_of
+from contact_tracker.tracking.transition_model import chances, exposure, log_initial
+from tracking import Tracked
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -165,7 +166,7 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> 
     excess[FREE] = 0.0
     for contact in CONTACT_MODELS:
         column, family = contact.contact.column, contact.family
-        fits = [hypotheses.fit_stretch(contact, window, scales)]
+        fits = [bank_update.fit_stretch(contact, window, scales)]
         if contact.contact is true and x is not None:
             fits.append(_from_truth(contact, x, window, scales))
         best = max(fits, key=lambda fit: float(fit.log_likelihood[0]))
@@ -184,7 +185,7 @@ def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales)
     new = fresh(contact)
     for _ in range(ROUNDS):
         begin = Begins(new.rows.having(searched=0, known_mean=x), np.ones_like(new.told))
-        fitted = hypotheses.fit_stretch(contact, window, scales, begin)
+        fitted = bank_update.fit_stretch(contact, window, scales, begin)
         x = fitted.x[0]
     return fitted
 

@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from contact_tracker.belief import Detail
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.forward import forward
-from contact_tracker.model import Model
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.forward_pass import forward
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 WARM_UP: Final = 400

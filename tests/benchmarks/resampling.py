@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.evaluation.metrics import CALIBRATION_BINS
 from contact_tracker.evaluation.scoring import Scoring, Subset
-from contact_tracker.labels import STATES
+from contact_tracker.states import STATES
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

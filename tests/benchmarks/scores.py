@@ -6,12 +6,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from resampling import Phases
 
 from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.evaluation.scoring import Scoring, Subset
 from contact_tracker.evaluation.tallying import tally
-from contact_tracker.labels import STATES
+from contact_tracker.states import STATES
+from resampling import Phases
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,18 +17,18 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scores import OFFLINE, Answer, Method
-from tracking import Tracked
 
-from contact_tracker import hypotheses
+from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.scoring import UNSCORED, Scoring, tick_in_force
-from contact_tracker.evidence import Scales
-from contact_tracker.labels import STATES, Contact
-from contact_tracker.model import Model
-from contact_tracker.poses import Poses
-from contact_tracker.tracker import scales_of
-from contact_tracker.window import Window
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.window import Window
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.tracker import scales_of
+from scores import OFFLINE, Answer, Method
+from tracking import Tracked
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -89,7 +89,7 @@ def posterior(window: Window, scales: Scales) -> Array:
     chi_sq, parameters = np.zeros(len(STATES)), np.zeros(len(STATES))
     for model in CONTACT_MODELS:
         column, family = model.contact.column, model.family
-        fitted = hypotheses.fit_stretch(model, window, scales)
+        fitted = bank_update.fit_stretch(model, window, scales)
         chi_sq[column] = fitted.rms[0] ** 2 * family.ROWS * len(window)
         parameters[column] = family.PARAMETERS
     return from_criteria(criteria(chi_sq, parameters, len(window)))

@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for row in args.only:
             print(f"measuring {row}", file=sys.stderr)
             rows += measure_apart(row, setup)
-    from contact_tracker.evaluation.tables import table  # only now: it is large
+    from contact_tracker.evaluation.tables import table
 
     print(table(("what", "figure", "unit", "target", ""), [line(figure) for figure in rows]))
     return 0

@@ -7,22 +7,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from contact_tracker import hypotheses, tracker
-from contact_tracker.averaging import tick_unevenness, tick_variances
-from contact_tracker.belief import Segment
+from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao, errors
 from contact_tracker.evaluation.elements import Deviation
 from contact_tracker.evaluation.geometry_errors import geometry_errors
-from contact_tracker.geometry import ContactGeometry, Line, Plane
-from contact_tracker.labels import Contact
-from contact_tracker.polish import polish
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
-from contact_tracker.readout import geometry_of
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.contact_geometry import geometry_of
+from contact_tracker.hypotheses.refinement import polish
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import tick_unevenness, tick_variances
+from contact_tracker.motion.window import Window
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
-from contact_tracker.window import Window
+from contact_tracker.states import Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Segment
 
 Array = NDArray[np.float64]
 
@@ -123,5 +124,5 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
         tick_unevenness(noise, counts),
     )
     model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
-    fitted, information = polish(hypotheses.fit_stretch(model, window, scales), model, window, scales)
+    fitted, information = polish(bank_update.fit_stretch(model, window, scales), model, window, scales)
     return geometry_of(fitted, 0, model, scales, window, state.averaging.origin_m, information)

@@ -22,15 +22,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.adaptive import segment
+from contact_tracker.adaptation import segment
+from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.knowledge import NOTHING, Knowledge
-from contact_tracker.known import knowledge_from
-from contact_tracker.labels import STATES
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.motion.poses import Poses
+from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log, read_metadata, read_truth
+from contact_tracker.states import STATES
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 MOVING_M_S: Final = 0.05

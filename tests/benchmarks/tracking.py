@@ -5,19 +5,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scores import LAGS_S, OFFLINE, Answer, Method
 
-from contact_tracker import tracker
-from contact_tracker.answers import looking_back
-from contact_tracker.averaging import Tick
+from contact_tracker.config.parameters import Model
 from contact_tracker.evaluation.scoring import tick_containing, tick_in_force
-from contact_tracker.forward import Pass, Seen
-from contact_tracker.model import Model
-from contact_tracker.poses import Poses
-from contact_tracker.segmentation import Beliefs, Segmentation
-from contact_tracker.segmenter import Segmenter
-from contact_tracker.state import TrackerState
-from contact_tracker.window import Window
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.window import Window
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.forward_pass import Pass, Seen
+from contact_tracker.tracking.offline_smoother import Segmenter
+from contact_tracker.tracking.posterior import looking_back
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.tracking.state import TrackerState
+from scores import LAGS_S, OFFLINE, Answer, Method
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

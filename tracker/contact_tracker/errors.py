@@ -75,3 +75,7 @@ class KnowledgeError(UsageError):
         super().__init__(f"known {key}: {reason}" if key else f"what is known: {reason}")
         self.key = key
         self.reason = reason
+
+
+class SlowUpdate(UserWarning):
+    """Numpy does the work of the compiled kernels. The command line says it in one line."""

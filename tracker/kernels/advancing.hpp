@@ -1,4 +1,4 @@
-// What `hypotheses.advance` does to all hypotheses of one contact in a tick.
+// What `bank_update.advance` does to all hypotheses of one contact in a tick.
 #pragma once
 
 #include "offering.hpp"
@@ -6,7 +6,7 @@
 
 namespace kernels {
 
-// As `bank.Birth`: `words` of hypotheses that have seen nothing, what (n, S) is `told` of their geometry.
+// As `pruning.Birth`: `words` of hypotheses that have seen nothing, what (n, S) is `told` of their geometry.
 struct Birth {
     Table words;
     const bool* told;
@@ -26,7 +26,7 @@ void face(const bool* told, const double* turn, double* x) {
     }
 }
 
-// As `bank.add`, to a `table` (H + n, words) of which the first `old` rows are there, and to `onsets`, of
+// As `pruning.add`, to a `table` (H + n, words) of which the first `old` rows are there, and to `onsets`, of
 // which all are that are `earlier`.
 template <class F>
 void join(const Kind& kind, int old, int earlier, const Birth& birth, const Table& table,
@@ -75,7 +75,7 @@ void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const Weights
     learners.learn<F>(kind, ticks, weights, work);
 }
 
-// Of a hypothesis, as in `search.lost`; -1 if it does not search.
+// Of a hypothesis, as in `global_search.lost`; -1 if it does not search.
 inline int group_of(const Kind& kind, const Hypothesis& one) {
     const Where& where = kind.where;
     const double *row = one.own, told = one.since[kind.since.told];
@@ -88,7 +88,7 @@ inline int group_of(const Kind& kind, const Hypothesis& one) {
     return 2 * static_cast<int>(passed) + (whole(row, where.source) > 0);
 }
 
-// As `search.lost`.
+// As `global_search.lost`.
 inline std::vector<int> lost(const Kind& kind, const Bank& bank) {
     std::vector<int> best(2 * (settings.ages.size() + 1), -1);
     for (int b = 0; b < bank.count(); ++b) {

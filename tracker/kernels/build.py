@@ -12,7 +12,7 @@ from setuptools import Distribution
 from setuptools.errors import BaseError, CompileError, LinkError
 
 SOURCES = Path("tracker/kernels")
-PACKAGE = Path("tracker/contact_tracker/compiled")
+PACKAGE = Path("tracker/contact_tracker/hypotheses/compiled")
 # Sums may be taken in another order; what is no number or infinite is treated as the language says.
 OPTIONS = (
     ["/O2"]
@@ -41,7 +41,7 @@ class Kernels(BuildHookInterface[Any]):
             if version == "editable":
                 put(built, root / PACKAGE)
             else:
-                build_data["force_include"][str(built)] = f"contact_tracker/compiled/{built.name}"
+                build_data["force_include"][str(built)] = f"contact_tracker/hypotheses/compiled/{built.name}"
         except NOT_BUILT as error:
             self.app.display_warning(f"numpy will do the work of the kernels, they cannot be built: {error}")
             return
@@ -53,7 +53,7 @@ class Kernels(BuildHookInterface[Any]):
 
 def build(root: Path, scratch: Path) -> Path:
     """The module, in the folder ``scratch``; raises one of ``NOT_BUILT`` where that cannot be done."""
-    name = "contact_tracker.compiled.kernels"
+    name = "contact_tracker.hypotheses.compiled.kernels"
     told = runpy.run_path(str(root / PACKAGE / "sources.py"))["fingerprint"](root / SOURCES)
     extension = Pybind11Extension(
         name,

@@ -121,7 +121,8 @@ WIDE void every_square(const std::vector<Windows<F>>& windows, const Offer<F>& o
     }
 }
 
-// As `fit.every_cost` of what is offered, with its `squares`, for all that is `asked`: each `out` (N,).
+// As `gauss_newton.every_cost` of what is offered, with its `squares`, for all that is `asked`: each `out`
+// (N,).
 template <class F>
 WIDE void every_cost(const std::vector<Asked<F>>& asked, const Offer<F>& offer, const Squares<F>& squares,
                      double* const* out) {

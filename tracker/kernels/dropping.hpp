@@ -1,4 +1,4 @@
-// Which hypotheses are dropped: as `bank.prune`.
+// Which hypotheses are dropped: as `pruning.prune`.
 #pragma once
 
 #include <limits>
@@ -63,7 +63,7 @@ inline std::vector<std::int64_t> kept(const Kind& kind, const Bank& bank, std::i
     return rows;
 }
 
-// As `bank.residual`.
+// As `pruning.residual`.
 inline double residual_of(const Kind& kind, const Bank& bank) {
     double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
     for (int b = 0; b < bank.count(); ++b) {

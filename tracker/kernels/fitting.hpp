@@ -1,11 +1,11 @@
-// The algorithm of `fit.minimise` and `fit.complete`: some windows side by side.
+// The algorithm of `gauss_newton.minimise` and `gauss_newton.complete`: some windows side by side.
 #pragma once
 
 #include "carrying.hpp"
 
 namespace kernels {
 
-// As `fit.complete` of some windows, x in place; returns the costs.
+// As `gauss_newton.complete` of some windows, x in place; returns the costs.
 template <class F>
 WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
     const Prior<F, Lanes>& prior = work.prior;
@@ -78,8 +78,8 @@ void equations_of_shifts(Work<F>& work) {
     });
 }
 
-// As `fit._normal_equations` of some windows, at the x where `complete` has just come to: free directions,
-// gradient, hessian and held.
+// As `gauss_newton._normal_equations` of some windows, at the x where `complete` has just come to: free
+// directions, gradient, hessian and held.
 template <class F>
 WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
     Near<F>& near = work.near;
@@ -113,7 +113,7 @@ WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
     }
 }
 
-// As `fit._step`; returns by how much it would lower the costs.
+// As `gauss_newton._step`; returns by how much it would lower the costs.
 template <class F>
 WIDE Lanes take_step(const Lanes& damping, Work<F>& work) {
     const Near<F>& near = work.near;
@@ -150,8 +150,8 @@ WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>&
     for (int s = 0; s < F::S; ++s) x[s] = where(worse, x[s], work.trial[s]);
 }
 
-// As `fit.minimise` of some windows, from x (S,), in place. Those that are there already stay until all are:
-// no digit of a hypothesis depends on who stands beside it.
+// As `gauss_newton.minimise` of some windows, from x (S,), in place. Those that are there already stay until
+// all are: no digit of a hypothesis depends on who stands beside it.
 template <class F>
 Descent descend(const Moments<F>& window, Lanes* x, int steps, Work<F>& work) {
     const Damping& fits = settings.fits;

@@ -12,7 +12,7 @@ struct Weights {
     double foreknowledge, independence;
 };
 
-// As `following._weighed`; `work` is at the hypotheses' x (S,).
+// As `refit._weighed`; `work` is at the hypotheses' x (S,).
 template <class F>
 void weigh(const Kind& kind, const Rows& rows, const Lanes* x, const Weights& weights, const Sums<F>& sums,
            Work<F>& work) {
@@ -36,7 +36,7 @@ void weigh(const Kind& kind, const Rows& rows, const Lanes* x, const Weights& we
     write(rows.own, where.x, F::S, x);
 }
 
-// As `following.grow` of the `onsets`, by the newest of `ticks`, in which so much motion is `heard`.
+// As `refit.grow` of the `onsets`, by the newest of `ticks`, in which so much motion is `heard`.
 template <class F>
 WIDE void lengthen(const Kind& kind, const Table& onsets, const Ticks& ticks, double heard) {
     const WhereSince& where = kind.since;
@@ -59,7 +59,7 @@ WIDE void lengthen(const Kind& kind, const Table& onsets, const Ticks& ticks, do
     }
 }
 
-// As `following.grow` of all else.
+// As `refit.grow` of all else.
 template <class F>
 void grow(const Kind& kind, const Bank& bank, const Ticks& ticks, double heard, double log_stay) {
     lengthen<F>(kind, bank.onsets, ticks, heard);
@@ -85,7 +85,7 @@ struct Begun {
     }
 };
 
-// As `hypotheses.settle` of the first `count` hypotheses, by the ticks that the window has lost: they are
+// As `bank_update.settle` of the first `count` hypotheses, by the ticks that the window has lost: they are
 // `gone`.
 template <class F>
 void settle(const Kind& kind, const Bank& bank, int count, const Ticks& gone, const Lengths& lengths) {
@@ -110,19 +110,19 @@ inline int steps_of(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.told] < settings.first_ticks ? settings.first_steps : settings.refine_steps;
 }
 
-// As `following.waits`.
+// As `refit.waits`.
 inline bool waits(const Kind& kind, const double* row) {
     return !(joint(kind.where, row) >= -settings.wait_nats);
 }
 
 // Whether a hypothesis has fallen, whose log weight was that before the tick, from no more than so many
-// `nats` behind the best: as in `following.caught`.
+// `nats` behind the best: as in `refit.caught`.
 inline bool fell(const Kind& kind, const double* row, double was, double nats) {
     const bool falls = was >= -nats && joint(kind.where, row) < was - settings.fall_nats;
     return falls && row[kind.where.rms] > settings.at_the_noise;
 }
 
-// As `following.learn` of hypotheses that take so many steps.
+// As `refit.learn` of hypotheses that take so many steps.
 template <class F>
 WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps, const Weights& weights,
                 Work<F>& work) {

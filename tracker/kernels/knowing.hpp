@@ -15,7 +15,7 @@ inline bool is_nothing_known(const Kind& kind, const PerLane<double>& rows) {
                        [&](const double* row) { return is_nothing_known(kind, row); });
 }
 
-// As `prior.Prior` of hypotheses, and their `anchors`.
+// As `quadratic_prior.Prior` of hypotheses, and their `anchors`.
 //
 // The `precision` has a block of each element where these are `apart`; where nothing is known of them, it is
 // diagonal, and only the diagonal is there.
@@ -59,7 +59,7 @@ inline Lanes without_nan(Lanes a, const Lanes& otherwise) {
     return a;
 }
 
-// As `bank.anchors_of`.
+// As `pruning.anchors_of`.
 template <class H, class N>
 void anchor(const Kind& kind, const H& some, N* out) {
     const int first = kind.body_in_1 ? 3 : 0;
@@ -71,7 +71,7 @@ void anchor(const Kind& kind, const H& some, N* out) {
     }
 }
 
-// As `following.before`.
+// As `refit.before`.
 template <class F, class H, class N>
 void know(const Kind& kind, const H& some, Prior<F, N>& prior) {
     anchor(kind, some, prior.anchors);

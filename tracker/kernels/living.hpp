@@ -1,4 +1,4 @@
-// What lives on after a tick: as `hypotheses.advance`.
+// What lives on after a tick: as `bank_update.advance`.
 #pragma once
 
 #include <limits>
@@ -92,7 +92,7 @@ inline Left left_of(const Kind& kind, const Bank& bank, std::int64_t now, double
     return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, living), leader};
 }
 
-// As `hypotheses.Moment`, with what is `assumed` of each contact by what begins, and random `directions`
+// As `bank_update.Moment`, with what is `assumed` of each contact by what begins, and random `directions`
 // where it searches.
 struct Moment {
     std::vector<std::pair<Floats, Bools>> assumed;
@@ -113,7 +113,7 @@ struct Task {
     std::optional<Directions> directions;
 };
 
-// As `hypotheses.Alive`, `now` and free motion last.
+// As `bank_update.Alive`, `now` and free motion last.
 inline py::tuple alive_of(const std::vector<const Model*>& models, std::vector<Held>& held,
                           std::int64_t now) {
     py::ssize_t count = 1, b = 0;
@@ -137,7 +137,7 @@ inline py::tuple alive_of(const std::vector<const Model*>& models, std::vector<H
     return py::make_tuple(state, onset, log_likelihood);
 }
 
-// As `hypotheses.Weighed`, with what is left of each contact.
+// As `bank_update.Weighed`, with what is left of each contact.
 struct Lived {
     std::vector<Left> left;
     Floats entry, log_left, residual;

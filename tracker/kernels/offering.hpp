@@ -5,12 +5,12 @@
 
 namespace kernels {
 
-// As `search._may_win`.
+// As `global_search._may_win`.
 inline bool may_win(const Kind& kind, const Hypothesis& one) {
     return is_near(kind.where, one.own) || patient(kind, one);
 }
 
-// As `search._asks`.
+// As `global_search._asks`.
 inline bool asks(const Kind& kind, const Hypothesis& one) {
     const bool may_return = is_near(kind.where, one.own) || has_grace(kind, one);
     return may_return && one.own[kind.where.rms] > settings.at_the_noise;
@@ -81,7 +81,7 @@ double own_cost(const Kind& kind, const Hypothesis& one) {
     return without_nan(cost, std::numeric_limits<double>::infinity());
 }
 
-// Of each hypothesis whose geometry it takes, as in `search.givers`.
+// Of each hypothesis whose geometry it takes, as in `global_search.givers`.
 template <class F>
 std::vector<int> givers(const Kind& kind, const Bank& bank) {
     std::vector<int> giver(bank.count()), asking, offering;

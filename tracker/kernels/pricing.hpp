@@ -7,8 +7,8 @@ namespace kernels {
 
 // Half the logarithm of how many times the windows have narrowed the geometry down.
 //
-// `foretold` (K,) and the hessian as in `evidence.complexity`, where `given` is `fit.information` of the
-// `first` lifted tick (C,). `work` is near x.
+// `foretold` (K,) and the hessian as in `evidence.complexity`, where `given` is `gauss_newton.information` of
+// the `first` lifted tick (C,). `work` is near x.
 template <class F>
 WIDE Lanes volume(const Lanes* first, const Lanes* foretold, Work<F>& work) {
     const Near<F>& near = work.near;

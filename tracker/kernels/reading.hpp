@@ -23,7 +23,8 @@ inline void read_settings() {
     const auto load = [](const char* name) {
         return pybind11::module_::import((std::string("contact_tracker.") + name).c_str());
     };
-    const pybind11::module_ fit = load("fit"), edges = load("contacts.edge_edge"), pace = load("pace");
+    const pybind11::module_ fit = load("hypotheses.gauss_newton"), edges = load("contacts.edge_edge"),
+                            pace = load("hypotheses.schedule");
     const auto number = [&](const char* name) { return pace.attr(name).cast<double>(); };
     const auto count = [&](const char* name) { return pace.attr(name).cast<int>(); };
     settings.fits = damping_of(fit);

@@ -63,7 +63,7 @@ void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, W
     }
 }
 
-// As `search._found` of one hypothesis: the best geometries, in order.
+// As `global_search._found` of one hypothesis: the best geometries, in order.
 template <class F>
 std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Directions& directions,
                            Work<F>& work) {
@@ -102,7 +102,7 @@ void take(const Where& where, const double* found, double* row) {
     row[where.rms] = found[where.rms];
 }
 
-// As `search.searched` of one hypothesis.
+// As `global_search.searched` of one hypothesis.
 template <class F>
 void search(const Kind& kind, const Bank& bank, int b, const Directions& directions, const Ticks& ticks,
             const Weights& weights, Work<F>& work) {

@@ -41,7 +41,7 @@ struct Lengths {
     double radius_sq, pull;
 };
 
-// As `summed.Sums` of some hypotheses.
+// As `evidence_sums.Sums` of some hypotheses.
 template <class F>
 struct Sums {
     Lanes log_ratio, chi_sq, ticks, after, gain[F::K], precision[F::K];
@@ -159,7 +159,7 @@ inline Since since(const Ticks& ticks, std::int64_t onset) {
     return {first, first + (first < ticks.count && ticks.number[first] == onset)};
 }
 
-// As `summed.summed` of hypotheses x (S,).
+// As `evidence_sums.summed` of hypotheses x (S,).
 template <class F>
 WIDE Sums<F> add_up(const Kind& kind, const Lanes* x, const std::int64_t* onset, const Mask& certain,
                     const Ticks& ticks, const Lengths& lengths) {

@@ -1,4 +1,4 @@
-// Tick after tick, for as long as nobody has to look at what they teach: as `hypotheses.stride`.
+// Tick after tick, for as long as nobody has to look at what they teach: as `bank_update.stride`.
 #pragma once
 
 #include <cmath>
@@ -9,7 +9,7 @@
 
 namespace kernels {
 
-// As `hypotheses.Until`: since when each onset may teach more.
+// As `bank_update.Until`: since when each onset may teach more.
 struct Until {
     double probability, sureness;
     std::vector<std::pair<std::int64_t, std::int64_t>> due;

@@ -12,13 +12,13 @@
 
 namespace kernels {
 
-// At which word of a row the columns of `table.Bank` begin.
+// At which word of a row the columns of `bank.Bank` begin.
 struct Where {
     int onset, number, source, pair, certain, searched, met, entry, grace, lasted, settled, earned,
         log_likelihood, rms, known_mean, known, pivot, x, row_weight;
 };
 
-// And those of `table.Onsets`.
+// And those of `bank.Onsets`.
 struct WhereSince {
     int onset, onset_ns, weight, told, place_sum, first, moments;
 };
@@ -59,7 +59,7 @@ inline double joint(const Where& where, const double* row) {
     return row[where.entry] + row[where.log_likelihood];
 }
 
-// As `bank.is_near`.
+// As `pruning.is_near`.
 inline bool is_near(const Where& where, const double* row) { return joint(where, row) >= -settings.far_nats; }
 
 // What is known of hypotheses by themselves, and since their onsets.
@@ -113,12 +113,12 @@ private:
     std::vector<int> since_;
 };
 
-// As `bank.has_grace`.
+// As `pruning.has_grace`.
 inline bool has_grace(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.told] <= one.own[kind.where.grace];
 }
 
-// As `search.patient`.
+// As `global_search.patient`.
 inline bool patient(const Kind& kind, const Hypothesis& one) {
     const double share = whole(one.own, kind.where.met) != 0 ? settings.met_patience : 1.0;
     return one.since[kind.since.told] <= share * kind.patience && whole(one.own, kind.where.searched) != 0;

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from contact_tracker import ticks
-from contact_tracker.model import Model
-from contact_tracker.poses import Poses
-from contact_tracker.presets import load_model
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
+from contact_tracker.motion import tick_grid
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from speeds.figures import Figure, Setup, cpu_s
 
@@ -28,8 +28,8 @@ def _figures(log: Path, target: str, model: Model, runs: int) -> list[Figure]:
 
 def gather(poses: Poses, model: Model) -> int:
     """How many ticks the poses close."""
-    state, count = ticks.begin(model, poses), 0
+    state, count = tick_grid.begin(model, poses), 0
     for some in poses.batches():
-        state, closed = ticks.advance(state, some, model)
+        state, closed = tick_grid.advance(state, some, model)
         count += len(closed)
     return count

@@ -1,7 +1,6 @@
 """Growth: what a tick takes late in a log against the same poses in its first minute, in turns."""
 
 import growth
-
 from speeds.figures import Figure, Setup
 
 MINUTE_S = 60.0

@@ -7,10 +7,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import tracker
-from contact_tracker.model import Model
-from contact_tracker.presets import load_model
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
 from contact_tracker.recording import open_log
+from contact_tracker.tracking import tracker
 from speeds.figures import Figure, Setup
 from speeds.long_logs import write_long_log
 

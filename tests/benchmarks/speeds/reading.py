@@ -4,7 +4,7 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from contact_tracker.gate import PoseGate
+from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.recording import open_log
 from speeds.figures import Figure, Setup, cpu_s
 

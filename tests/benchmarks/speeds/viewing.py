@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterable
 from itertools import islice, pairwise
 from typing import Final
 
-from contact_tracker import tracker
-from contact_tracker.belief import Belief
-from contact_tracker.poses import Pose
-from contact_tracker.presets import load_model
+from contact_tracker.config.loading import load_model
+from contact_tracker.motion.poses import Pose
 from contact_tracker.recording import open_log, read_metadata
-from contact_tracker.segmentation import Segmentation
-from contact_tracker.segmenter import segment
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.hull import vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.offline import write_rrd

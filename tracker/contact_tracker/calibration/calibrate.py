@@ -8,9 +8,9 @@ from contact_tracker.calibration.learn import Lesson, learn
 from contact_tracker.calibration.learned import How, Learned
 from contact_tracker.calibration.processes import Runner
 from contact_tracker.calibration.study import Judged, Source, Study, judge, look
+from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.evaluate import Evaluation
-from contact_tracker.model import Model
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import Final
 
 from contact_tracker.calibration.floors import POSITION, ROTATION, doubt, learn_floors
 from contact_tracker.calibration.learned import rounded, value_of, with_value
-from contact_tracker.calibration.stretches import Stretch
-from contact_tracker.labels import CONTACTS
-from contact_tracker.model import ZERO, Model
+from contact_tracker.calibration.segment_residuals import Stretch
+from contact_tracker.config.parameters import ZERO, Model
+from contact_tracker.states import CONTACTS
 
 FLOOR_OF: Final = {"noise.contact_position_m": POSITION, "noise.contact_rotation_rad": ROTATION}
 SHOWN: Final = 5.0

@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from contact_tracker.calibration.learned import value_of, with_value
-from contact_tracker.calibration.stretches import CLIP, Residuals, Stretch, refined
-from contact_tracker.labels import CONTACTS
-from contact_tracker.model import Model
+from contact_tracker.calibration.segment_residuals import CLIP, Residuals, Stretch, refined
+from contact_tracker.config.parameters import Model
+from contact_tracker.states import CONTACTS
 
 Array = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from contact_tracker.calibration.contact_errors import learn_contact_errors
-from contact_tracker.calibration.counts import learn_transitions
 from contact_tracker.calibration.floors import Floor, learn_floors
 from contact_tracker.calibration.learned import How, Learned, rounded, value_of, with_value
 from contact_tracker.calibration.search import Searched, coordinate_search
 from contact_tracker.calibration.study import Study
-from contact_tracker.model import Model
+from contact_tracker.calibration.transition_em import learn_transitions
+from contact_tracker.config.parameters import Model
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Final
 
+from contact_tracker.config.parameters import Model
 from contact_tracker.errors import UsageError
-from contact_tracker.model import Model
 
 
 class How(StrEnum):

@@ -9,12 +9,12 @@ import numpy as np
 from contact_tracker.calibration.calibrate import Calibration, HeldOut
 from contact_tracker.calibration.floors import FEWEST, Floor
 from contact_tracker.calibration.learned import How, Learned, value_of
+from contact_tracker.config.parameters import Model, Noise, Transitions
 from contact_tracker.evaluation.evaluate import Evaluation
 from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.labels import CONTACTS, STATES
-from contact_tracker.model import Model, Noise, Transitions
-from contact_tracker.transitions import initial, leave_per_s, split
+from contact_tracker.states import CONTACTS, STATES
+from contact_tracker.tracking.transition_model import initial, leave_per_s, split
 
 FLOOR_NOTE: Final = """\
 What contacts leave beyond the sensor's noise, if each had a floor of its own; - where too little was seen."""

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from contact_tracker.calibration.learned import rounded, value_of, with_value
-from contact_tracker.model import Model
-from contact_tracker.presets import limits
+from contact_tracker.config.loading import limits
+from contact_tracker.config.parameters import Model
 
 EVALUATIONS: Final = 7
 """Of the loss per parameter; each is a run over all recordings."""

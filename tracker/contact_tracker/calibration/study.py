@@ -7,20 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker import hmm
-from contact_tracker.calibration.chains import BelievedStates, KnownStates
-from contact_tracker.calibration.observed import UNKNOWN, Observed, labels, observe
-from contact_tracker.calibration.stretches import Stretch, find_stretches
+from contact_tracker.calibration.e_step import BelievedStates, KnownStates
+from contact_tracker.calibration.segment_residuals import Stretch, find_stretches
+from contact_tracker.calibration.tick_stream import UNKNOWN, Observed, labels, observe
+from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoPoses
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
-from contact_tracker.forward import Pass
-from contact_tracker.labels import STATES
-from contact_tracker.model import Model
-from contact_tracker.poses import Poses
+from contact_tracker.ground_truth import Truth
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from contact_tracker.segmentation import Segmentation
-from contact_tracker.segmenter import segment
-from contact_tracker.transitions import chances, exposure, log_initial
-from contact_tracker.truth import Truth
+from contact_tracker.states import STATES
+from contact_tracker.tracking.forward_pass import Pass
+from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.tracking.transition_model import chances, exposure, log_initial
 
 Ints = NDArray[np.int64]
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
 
-from contact_tracker.labels import STATES
-from contact_tracker.model import ByChange, ByState, Model
+from contact_tracker.config.parameters import ByChange, ByState, Model
+from contact_tracker.states import STATES
 
 
 def model_text(model: Model, header: Sequence[str] = ()) -> str:

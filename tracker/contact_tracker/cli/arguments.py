@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from contact_tracker.atomic_file import why_not_replaceable
+from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
-from contact_tracker.shipped import preset_names
-from contact_tracker.whole_file import why_not_replaceable
 
 if TYPE_CHECKING:
-    from contact_tracker.model import Model
+    from contact_tracker.config.parameters import Model
 
 _LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 _ANGLES: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
@@ -59,7 +59,7 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 def model_of(args: argparse.Namespace) -> "Model":
     """The model that ``--model`` and ``--noise`` ask for; raises ModelError."""
-    from contact_tracker.presets import load_model
+    from contact_tracker.config.loading import load_model
 
     model = load_model(args.model)
     return model if args.noise is None else model.with_noise(*args.noise)

@@ -12,8 +12,8 @@ from contact_tracker.cli.arguments import add_source, output_file
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, warn
+from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
-from contact_tracker.shipped import preset_names
 
 if TYPE_CHECKING:
     from contact_tracker.calibration.calibrate import Calibration
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.calibration.learned import select
     from contact_tracker.calibration.processes import Runner
     from contact_tracker.calibration.report import to_text
-    from contact_tracker.presets import load_model
+    from contact_tracker.config.loading import load_model
 
     wanted = select(args.only)
     start = load_model(args.start)
@@ -141,8 +141,8 @@ def _how_many_folds(asked: int | None, recordings: int) -> int:
 def _write(found: "Calibration", args: argparse.Namespace) -> None:
     from dataclasses import replace
 
+    from contact_tracker.atomic_file import whole_file
     from contact_tracker.calibration.writing import model_text
-    from contact_tracker.whole_file import whole_file
 
     model = replace(found.lesson.model, name=args.output.stem)
     with whole_file(args.output) as temporary:

@@ -8,16 +8,12 @@ from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, warn
-from contact_tracker.errors import (
-    AmbiguousSource,
-    InputError,
-    NoPoses,
-)
+from contact_tracker.errors import AmbiguousSource, InputError, NoPoses
 
 if TYPE_CHECKING:
+    from contact_tracker.config.parameters import Model
     from contact_tracker.evaluation.evaluate import Evaluation
-    from contact_tracker.knowledge import Knowledge
-    from contact_tracker.model import Model
+    from contact_tracker.landmarks.prior_map import Knowledge
 
 HELP: Final = "compare with the truth that recordings carry"
 DESCRIPTION: Final = """\
@@ -59,10 +55,10 @@ def run(args: argparse.Namespace) -> int:
 def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "Knowledge"
 ) -> "tuple[Evaluation, str | None]":
-    from contact_tracker.adaptive import OfflineTracker
+    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.evaluation.evaluate import Judge
-    from contact_tracker.passing import watched
     from contact_tracker.recording import need_truth, open_log
+    from contact_tracker.tracking.pose_buffer import watched
 
     judge = Judge(need_truth(name, args.topic, args.frame))
     log = open_log(name, args.topic, args.frame)

@@ -9,7 +9,7 @@ from contact_tracker.cli.terminal import warn
 from contact_tracker.errors import NoPoses
 
 if TYPE_CHECKING:
-    from contact_tracker.adaptive import Report
+    from contact_tracker.adaptation import Report
     from contact_tracker.recording import SourceSummary
 
 HELP: Final = "which poses are in a recording, and how good they are"
@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from contact_tracker.adaptive import Report
+    from contact_tracker.adaptation import Report
     from contact_tracker.outputs.summary import summary_json, summary_lines
     from contact_tracker.recording import PoseSource, summarise
 
@@ -53,17 +53,17 @@ def _with_noise(path: str, summary: "SourceSummary") -> "tuple[SourceSummary, Re
     from dataclasses import replace
     from itertools import islice
 
-    from contact_tracker import adaptive
-    from contact_tracker.belief import Detail
-    from contact_tracker.noise import estimate_noise
-    from contact_tracker.poses import Poses
-    from contact_tracker.presets import load_model
+    from contact_tracker import adaptation
+    from contact_tracker.config.loading import load_model
+    from contact_tracker.motion.poses import Poses
+    from contact_tracker.motion.sensor_noise import estimate_noise
     from contact_tracker.recording import open_log
+    from contact_tracker.tracking.belief import Detail
 
     log = open_log(path, summary.source.topic, summary.source.frames)
     poses = Poses.collect(islice(log, MOST_POSES))
     log.close()
     position_m, rotation_rad = estimate_noise(poses)
-    state, _ = adaptive.advance(adaptive.start(load_model()), poses, Detail.WEIGHTS)
+    state, _ = adaptation.advance(adaptation.start(load_model()), poses, Detail.WEIGHTS)
     summary = replace(summary, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)
-    return summary, adaptive.report(state)
+    return summary, adaptation.report(state)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from contact_tracker.cli.terminal import warn
 
 if TYPE_CHECKING:
-    from contact_tracker.knowledge import Knowledge
+    from contact_tracker.landmarks.prior_map import Knowledge
 
 
 def add_known(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +39,7 @@ def add_known(parser: argparse.ArgumentParser) -> None:
 
 def knowledge_of(args: argparse.Namespace) -> "Knowledge":
     """What the arguments say; raises KnowledgeError."""
-    from contact_tracker.known.loading import knowledge_from, merged, read_table
+    from contact_tracker.prior_map_files.loading import knowledge_from, merged, read_table
 
     folder = Path(args.known).parent if args.known is not None else Path()
     tables = [] if args.known is None else [read_table(args.known)]

@@ -11,9 +11,9 @@ from contact_tracker.cli.terminal import StatusLine
 from contact_tracker.errors import UsageError
 
 if TYPE_CHECKING:
-    from contact_tracker.belief import Belief
     from contact_tracker.cli.source import Source
-    from contact_tracker.viewer.absent import LiveView
+    from contact_tracker.tracking.belief import Belief
+    from contact_tracker.viewer.null_viewer import LiveView
 
 HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from contact_tracker import adaptive
+    from contact_tracker import adaptation
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
         )
-    state = adaptive.start(model, args.lag, knowledge)
+    state = adaptation.start(model, args.lag, knowledge)
     log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
     source = Source(log, args)
     interrupted = False
@@ -65,19 +65,19 @@ def run(args: argparse.Namespace) -> int:
         try:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
-                state, beliefs = adaptive.advance(state, pose)
+                state, beliefs = adaptation.advance(state, pose)
                 say(beliefs)
         except KeyboardInterrupt:
             interrupted = True
-        state, beliefs = adaptive.finish(state)
+        state, beliefs = adaptation.finish(state)
         say(beliefs)
     source.outliers = state.outliers
-    code = source.finish(adaptive.report(state))
+    code = source.finish(adaptation.report(state))
     return INTERRUPTED if interrupted else code
 
 
 def _viewer(args: argparse.Namespace) -> "LiveView":
-    from contact_tracker.viewer.absent import NoViewer
+    from contact_tracker.viewer.null_viewer import NoViewer
 
     if not args.rerun:
         return NoViewer()
@@ -90,8 +90,8 @@ def _viewer(args: argparse.Namespace) -> "LiveView":
 
 def _shower(as_json: bool, source: "Source", status: StatusLine) -> "Callable[[Belief], None]":
     """What to do with each belief: a JSON line, or a line where the contact changed or became settled."""
-    from contact_tracker.outputs.rows import json_line
-    from contact_tracker.outputs.words import CHANGES_HEADER, change_line, is_settled, status_text
+    from contact_tracker.outputs.tables import json_line
+    from contact_tracker.outputs.text import CHANGES_HEADER, change_line, is_settled, status_text
 
     previous, settled = None, False
 

@@ -12,8 +12,8 @@ from contact_tracker.cli.terminal import progress
 from contact_tracker.cli.workers import add_processes, workers
 
 if TYPE_CHECKING:
-    from contact_tracker.belief import Segment
-    from contact_tracker.segmentation import Segmentation
+    from contact_tracker.tracking.belief import Segment
+    from contact_tracker.tracking.segmentation import Segmentation
 
 HELP: Final = "what held when: smoothed segments of a whole recording"
 DESCRIPTION: Final = """\
@@ -42,10 +42,10 @@ def _output(text: str) -> Path | None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from contact_tracker.adaptive import OfflineTracker
-    from contact_tracker.belief import Detail
+    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.recording import open_log
+    from contact_tracker.tracking.belief import Detail
 
     model, knowledge = model_of(args), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:
-    from contact_tracker.outputs.words import table
+    from contact_tracker.outputs.text import table
 
     for line in table(segments, origin_ns):
         print(line)
@@ -71,8 +71,8 @@ def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:
 
 def _write(found: "Iterable[Segmentation]", path: Path) -> None:
     """Piece by piece: what is written need not be kept."""
-    from contact_tracker.outputs.rows import write_csv, write_jsonl
-    from contact_tracker.whole_file import whole_file
+    from contact_tracker.atomic_file import whole_file
+    from contact_tracker.outputs.tables import write_csv, write_jsonl
 
     with whole_file(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         if path.suffix == ".csv":

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import say, warn
 from contact_tracker.errors import NoPoses
+from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import noise_text, warnings
-from contact_tracker.poses import Pose, Poses
 from contact_tracker.recording import PoseLog
 
 if TYPE_CHECKING:
-    from contact_tracker.adaptive import Report
-    from contact_tracker.segmentation import Segmentation
+    from contact_tracker.adaptation import Report
+    from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_WAIT_S: Final = 1e6
 """More than a system may be asked to sleep for at once."""

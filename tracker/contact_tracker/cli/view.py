@@ -9,8 +9,8 @@ from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress
 
 if TYPE_CHECKING:
-    from contact_tracker.poses import Pose
-    from contact_tracker.segmentation import Segmentation
+    from contact_tracker.motion.poses import Pose
+    from contact_tracker.tracking.segmentation import Segmentation
 
 HELP: Final = "see a recording in the rerun viewer"
 DESCRIPTION: Final = """\
@@ -33,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from contact_tracker.adaptive import OfflineTracker
+    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.recording import open_log, read_metadata, read_truth
     from contact_tracker.viewer.hull import vertices_from_metadata

@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import lift
 from contact_tracker.contacts import edge_edge, edge_face, face_face, vertex_face
-from contact_tracker.contacts.base import Array, Family, Frames, Measurement
-from contact_tracker.geometry import ContactGeometry
-from contact_tracker.labels import Contact
-from contact_tracker.lift import lift_of_inverse
+from contact_tracker.contacts.family import Array, Family, Frames, Measurement
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.motion import lifted_pose
+from contact_tracker.motion.lifted_pose import lift_of_inverse
+from contact_tracker.states import Contact
 
 __all__ = ["CONTACT_MODELS", "ContactModel"]
 
@@ -35,7 +35,7 @@ class ContactModel:
         columns = np.asarray(self.family.COLUMNS)
         if self.body_in_1:
             return columns, np.ones(len(columns))
-        inverse = lift_of_inverse(np.arange(1.0, lift.SIZE + 1))[columns]
+        inverse = lift_of_inverse(np.arange(1.0, lifted_pose.SIZE + 1))[columns]
         return np.abs(inverse).astype(np.int64) - 1, np.sign(inverse)
 
     def lifted(self, zeta: Array) -> Array:

@@ -10,8 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker import lift
-from contact_tracker.contacts.base import (
+from contact_tracker.contacts.family import (
     Array,
     Frames,
     Measurement,
@@ -23,9 +22,10 @@ from contact_tracker.contacts.base import (
     outer_derivative_second,
     smallest_directions,
 )
-from contact_tracker.contacts.form import Form
-from contact_tracker.geometry import Element, Line
-from contact_tracker.vectors import cross, dot, sphere_tangent
+from contact_tracker.contacts.parameter_layout import Form
+from contact_tracker.geometry.elements import Element, Line
+from contact_tracker.geometry.vectors import cross, dot, sphere_tangent
+from contact_tracker.motion import lifted_pose
 
 D1: Final = slice(0, 3)
 Q1: Final = slice(3, 6)
@@ -36,7 +36,7 @@ LINE2: Final = slice(6, 12)
 SIZE: Final = 12
 PARAMETERS: Final = 8
 ROWS: Final = 1
-COLUMNS: Final = np.concatenate([lift.R, lift.TXR, lift.ONE])
+COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.TXR, lifted_pose.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
 FORM: Final = Form(d1=0, q1=3, d2=6, q2=9)
 RANDOM_STARTS: Final = 75

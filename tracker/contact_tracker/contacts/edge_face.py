@@ -8,9 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker import lift
 from contact_tracker.contacts import face_face, vertex_face
-from contact_tracker.contacts.base import (
+from contact_tracker.contacts.family import (
     Array,
     Frames,
     Measurement,
@@ -21,9 +20,10 @@ from contact_tracker.contacts.base import (
     outer_derivative_first,
     outer_derivative_second,
 )
-from contact_tracker.contacts.form import Form
-from contact_tracker.geometry import Element, Line, Plane
-from contact_tracker.vectors import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.contacts.parameter_layout import Form
+from contact_tracker.geometry.elements import Element, Line, Plane
+from contact_tracker.geometry.vectors import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.motion import lifted_pose
 
 D: Final = slice(0, 3)
 Q: Final = slice(3, 6)
@@ -33,7 +33,7 @@ H: Final = slice(9, 10)
 SIZE: Final = 10
 PARAMETERS: Final = 7
 ROWS: Final = 2
-COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
+COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 0])
 FORM: Final = Form(d1=0, q1=3, d2=6, h=9)
 RANDOM_STARTS: Final = 24

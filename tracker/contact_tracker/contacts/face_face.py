@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker import lift
-from contact_tracker.contacts.base import (
+from contact_tracker.contacts.family import (
     Array,
     Frames,
     Measurement,
@@ -18,9 +17,10 @@ from contact_tracker.contacts.base import (
     outer,
     outer_derivative_first,
 )
-from contact_tracker.contacts.form import Form
-from contact_tracker.geometry import Element, Plane
-from contact_tracker.vectors import EYE, ONE, sphere_tangent, unit
+from contact_tracker.contacts.parameter_layout import Form
+from contact_tracker.geometry.elements import Element, Plane
+from contact_tracker.geometry.vectors import EYE, ONE, sphere_tangent, unit
+from contact_tracker.motion import lifted_pose
 
 BOTH: Final = slice(0, 6)
 M: Final = slice(0, 3)
@@ -29,7 +29,7 @@ H: Final = slice(6, 7)
 SIZE: Final = 7
 PARAMETERS: Final = 5
 ROWS: Final = 3
-COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
+COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
 SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
 FORM: Final = Form(d1=0, d2=3, h=6)
 RANDOM_STARTS: Final = 4

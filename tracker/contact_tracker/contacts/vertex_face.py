@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker import lift
-from contact_tracker.contacts.base import (
+from contact_tracker.contacts.family import (
     Array,
     Frames,
     Measurement,
@@ -18,9 +17,10 @@ from contact_tracker.contacts.base import (
     outer_derivative_second,
     smallest_directions,
 )
-from contact_tracker.contacts.form import Form
-from contact_tracker.geometry import Element, Plane, Point
-from contact_tracker.vectors import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.contacts.parameter_layout import Form
+from contact_tracker.geometry.elements import Element, Plane, Point
+from contact_tracker.geometry.vectors import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.motion import lifted_pose
 
 Q: Final = slice(0, 3)
 N: Final = slice(3, 6)
@@ -28,7 +28,7 @@ H: Final = slice(6, 7)
 SIZE: Final = 7
 PARAMETERS: Final = 6
 ROWS: Final = 1
-COLUMNS: Final = np.concatenate([lift.R, lift.T, lift.ONE])
+COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
 SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
 FORM: Final = Form(q1=0, d2=3, h=6)
 RANDOM_STARTS: Final = 24

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.contacts import ContactModel
 from contact_tracker.evaluation.elements import error_at
 from contact_tracker.evaluation.geometry_errors import places
-from contact_tracker.geometry import ContactGeometry, Plane, numbers
-from contact_tracker.lift import lift
-from contact_tracker.poses import Poses
+from contact_tracker.geometry.elements import ContactGeometry, Plane, numbers
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.poses import Poses
 
 Array = NDArray[np.float64]
 

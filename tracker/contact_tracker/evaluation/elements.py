@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfcinv, gammaincc
 
-from contact_tracker.geometry import Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Element, Line, Plane, Point
 
 Array = NDArray[np.float64]
 

@@ -9,15 +9,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.belief import Segment
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.metrics import Ints, Tally
 from contact_tracker.evaluation.scoring import Scoring, scoring, tick_containing, tick_in_force
 from contact_tracker.evaluation.tallying import tally
-from contact_tracker.passing import Waiting
-from contact_tracker.poses import Poses
-from contact_tracker.segmentation import Beliefs, Segmentation
-from contact_tracker.truth import Truth, TruthInterval
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.pose_buffer import Waiting
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
 _TOLD: Final = np.dtype([("stamp_ns", np.int64), ("contact", np.int8), ("probability", np.float64, 7)])
 Told = NDArray[np.void]
@@ -60,7 +60,7 @@ class Judge:
     """Judges a recording piece by piece. Of each pose it keeps 8 bytes, of each tick 130.
 
     The geometry is compared as soon as the segments of a true contact are concluded. Where that lasts for
-    more poses than ``passing.LIMIT``, some of them stand for all.
+    more poses than ``pose_buffer.LIMIT``, some of them stand for all.
 
     Raises
     ------

@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.belief import Segment
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.elements import (
     Deviation,
@@ -22,10 +21,11 @@ from contact_tracker.evaluation.elements import (
     nearest,
     normal_deviation,
 )
-from contact_tracker.geometry import ContactGeometry, Element, Line, Plane, Point
-from contact_tracker.labels import Contact
-from contact_tracker.poses import Poses
-from contact_tracker.truth import Truth, TruthInterval
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.evaluation.scoring import Subset
-from contact_tracker.labels import STATES
+from contact_tracker.states import STATES
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

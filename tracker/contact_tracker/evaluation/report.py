@@ -13,7 +13,7 @@ from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.metrics import Array, Tally, quantile
 from contact_tracker.evaluation.scoring import Subset
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.labels import STATES
+from contact_tracker.states import STATES
 
 TOTAL: Final = "total"
 WIDEST_NAME: Final = 24

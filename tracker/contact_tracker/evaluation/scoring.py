@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.truth import Truth, TruthInterval
+from contact_tracker.ground_truth import Truth, TruthInterval
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -6,11 +6,11 @@ State i is left for j at boundary b with ``log_transition[b, i, j]``; staying co
 to the likelihood (docs/theory.md, T20).
 """
 
-from contact_tracker.hmm.past import Past
-from contact_tracker.hmm.running import Forward, Living, Step
-from contact_tracker.hmm.sums import by_state, enter, log_sum_exp
-from contact_tracker.hmm.survivors import Stretch, Survivors
-from contact_tracker.hmm.whole import Trellis, expect, smooth, viterbi
+from contact_tracker.hmm.batch import Trellis, expect, smooth, viterbi
+from contact_tracker.hmm.forward_filter import Forward, Living, Step
+from contact_tracker.hmm.log_space import by_state, enter, log_sum_exp
+from contact_tracker.hmm.smoother import Past
+from contact_tracker.hmm.viterbi_survivors import Stretch, Survivors
 
 __all__ = [
     "Forward",

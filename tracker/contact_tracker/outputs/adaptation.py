@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from contact_tracker.adaptive import Report
+from contact_tracker.adaptation import Report
 
 
 def noise_text(report: Report) -> str:

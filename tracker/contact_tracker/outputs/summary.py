@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from contact_tracker.adaptive import Report
+from contact_tracker.adaptation import Report
 from contact_tracker.errors import printable
 from contact_tracker.outputs.adaptation import noise_text, report_json, warnings
 from contact_tracker.recording import PoseSource, RecordingSummary, SourceSummary

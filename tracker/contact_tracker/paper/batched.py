@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.labels import Contact
+from contact_tracker.geometry.vectors import sphere_tangent
 from contact_tracker.paper.kronecker import Kind, form
-from contact_tracker.vectors import sphere_tangent
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 

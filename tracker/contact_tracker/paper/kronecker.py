@@ -10,8 +10,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.labels import Contact
 from contact_tracker.paper.objectives import motion
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 Kind = Literal["plane", "line", "point"]

@@ -7,7 +7,7 @@ over the N frames. Units: rad^2 and m^2 (and m^2 rad^2) are added up as the pape
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.labels import Contact
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 

@@ -6,13 +6,13 @@ from typing import Final
 from mcap.summary import Summary
 
 from contact_tracker.errors import NoTruth
+from contact_tracker.ground_truth import Truth
 from contact_tracker.recording.bytestream import is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.reading import Reading, parts_of, summary_of
 from contact_tracker.recording.ros import RosDecoder, Undecodable
-from contact_tracker.truth import Truth
 
 TRUTH_ATTACHMENT: Final = "truth.json"
 TRUTH_TOPIC: Final = "/contact/truth"

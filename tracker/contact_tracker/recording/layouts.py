@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.poses import Pose, Poses
+from contact_tracker.motion.poses import Pose, Poses
 
 _ENCAPSULATION: Final = 4
 _STAMP: Final = 8

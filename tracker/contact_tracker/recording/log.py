@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import Final
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
-from contact_tracker.gate import PoseGate
-from contact_tracker.poses import BATCH, Pose, Poses
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
 from contact_tracker.recording.reading import Reading, parts_of, summary_of
@@ -36,7 +36,7 @@ class PoseLog:
     Attributes
     ----------
     source : where the poses come from.
-    counts : what was dropped or repaired so far, by kind: those of ``contact_tracker.gate`` and
+    counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
         ``undecodable`` (messages), ``other_source`` (poses of sources that were neither chosen nor known
         when this one was), ``log_time_as_stamp`` (poses whose header has no
         time, see ``contact_tracker.recording.stamping``).

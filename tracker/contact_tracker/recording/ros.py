@@ -9,14 +9,9 @@ from typing import Any, Final
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from contact_tracker.poses import Pose
+from contact_tracker.motion.poses import Pose
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
-from contact_tracker.recording.items import (
-    PARSE_ERRORS,
-    Channel,
-    RawMessage,
-    inflate_zstd,
-)
+from contact_tracker.recording.items import PARSE_ERRORS, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 
 MESSAGE_LIMIT: Final = 2**22

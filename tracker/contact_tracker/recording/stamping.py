@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from statistics import median
 from typing import Final
 
-from contact_tracker.poses import Pose
+from contact_tracker.motion.poses import Pose
 
 PREFIX_NS: Final = 1_000_000_000
 PREFIX_MESSAGES: Final = 2000

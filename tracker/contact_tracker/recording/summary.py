@@ -8,8 +8,8 @@ from math import dist
 from statistics import median
 from typing import Final
 
-from contact_tracker.gate import PoseGate
-from contact_tracker.poses import Pose
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Pose
 from contact_tracker.recording.items import Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2

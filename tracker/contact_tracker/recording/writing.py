@@ -7,10 +7,10 @@ from typing import IO, Final
 
 from mcap.writer import Writer
 
-from contact_tracker.poses import Pose, Poses
+from contact_tracker.atomic_file import whole_file
+from contact_tracker.ground_truth import UNSCORED, Truth
+from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
-from contact_tracker.truth import UNSCORED, Truth
-from contact_tracker.whole_file import whole_file
 
 POSE_TOPIC: Final = "/object/pose"
 POSE_TYPE: Final = "geometry_msgs/msg/PoseStamped"

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.labels import Contact
-from contact_tracker.polyhedron import Feature, Polyhedron, unit
+from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.simulate.chart import Chart, Rigid
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry import ContactGeometry
-from contact_tracker.labels import Contact
-from contact_tracker.polyhedron import Feature, unit
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.polyhedron import Feature, unit
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.labels import Contact
-from contact_tracker.polyhedron import Feature, unit
+from contact_tracker.geometry.polyhedron import Feature, unit
 from contact_tracker.simulate.anchors import SETTLE_S, Anchor, sample_normal, sample_point
 from contact_tracker.simulate.chart import Chart, Rigid
 from contact_tracker.simulate.plan import Leg
 from contact_tracker.simulate.signals import band_limited, blend, drift, smooth_step, within
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from contact_tracker.labels import Contact
-from contact_tracker.polyhedron import Polyhedron
+from contact_tracker.geometry.polyhedron import Polyhedron
 from contact_tracker.simulate.anchors import Anchor, choose_chart, meet
 from contact_tracker.simulate.chart import Chart
 from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import Contact
 
 _LEAD_S = 0.8  # to reach, or to leave, a pose of rest or of singular motion
 _TRAVEL_M_S = 0.25

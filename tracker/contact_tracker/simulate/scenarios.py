@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.errors import UsageError
-from contact_tracker.labels import STATES, Contact
 from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
+from contact_tracker.states import STATES, Contact
 
 MOTIONS: Final = ("normal", "rest", "translation", "one-axis")
 

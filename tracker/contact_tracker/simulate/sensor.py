@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.polyhedron import unit
-from contact_tracker.poses import Poses
+from contact_tracker.geometry.polyhedron import unit
+from contact_tracker.motion.poses import Poses
 from contact_tracker.simulate.chart import Rigid
 from contact_tracker.simulate.scenarios import Scenario
 

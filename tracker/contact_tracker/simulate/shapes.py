@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.polyhedron import Polyhedron, convex
+from contact_tracker.geometry.polyhedron import Polyhedron, convex
 
 Array = NDArray[np.float64]
 

@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import UsageError
-from contact_tracker.labels import Contact
-from contact_tracker.polyhedron import Polyhedron
-from contact_tracker.poses import Poses
+from contact_tracker.geometry.polyhedron import Polyhedron
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
 from contact_tracker.simulate.chart import Rigid
 from contact_tracker.simulate.motion import Hand, Path, move
 from contact_tracker.simulate.plan import Leg, plan
 from contact_tracker.simulate.scenarios import Scenario, named_scenario
 from contact_tracker.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
 from contact_tracker.simulate.shapes import object_shape, surroundings_shape
-from contact_tracker.truth import Truth, TruthInterval
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 

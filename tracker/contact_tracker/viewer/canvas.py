@@ -8,9 +8,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from contact_tracker.geometry import Array
-from contact_tracker.labels import CONTACTS, STATES, Contact
-from contact_tracker.poses import Pose, Poses
+from contact_tracker.geometry.elements import Array
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.viewer.hull import Hull
 from contact_tracker.viewer.palette import COLOUR, COLOURS, GREY
 from contact_tracker.viewer.scene import Drawing

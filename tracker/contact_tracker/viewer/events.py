@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from contact_tracker.geometry import ContactGeometry
-from contact_tracker.labels import Contact
-from contact_tracker.outputs.words import describe
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.outputs.text import describe
+from contact_tracker.states import Contact
 
 
 def event(

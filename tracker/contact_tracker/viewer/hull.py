@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from contact_tracker.geometry import Array
+from contact_tracker.geometry.elements import Array
 from contact_tracker.viewer.scene import Extent
 
 KEY = "object_vertices_m"

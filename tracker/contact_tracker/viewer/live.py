@@ -7,11 +7,11 @@ from typing import Final, Self
 
 import numpy as np
 
-from contact_tracker.belief import Belief
 from contact_tracker.errors import ViewerError
-from contact_tracker.geometry import Array
-from contact_tracker.labels import Contact
-from contact_tracker.poses import Pose, Poses
+from contact_tracker.geometry.elements import Array
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Belief
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.canvas import Canvas
 from contact_tracker.viewer.events import event

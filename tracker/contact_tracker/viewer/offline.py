@@ -4,14 +4,14 @@ from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
 
-from contact_tracker.geometry import Array
-from contact_tracker.passing import Pieces, watched
-from contact_tracker.poses import Pose
-from contact_tracker.truth import Truth
+from contact_tracker.atomic_file import whole_file
+from contact_tracker.geometry.elements import Array
+from contact_tracker.ground_truth import Truth
+from contact_tracker.motion.poses import Pose
+from contact_tracker.tracking.pose_buffer import Pieces, watched
 from contact_tracker.viewer import canvas, layout
-from contact_tracker.viewer.painter import Painter
+from contact_tracker.viewer.segmentation_view import Painter
 from contact_tracker.viewer.sinks import PORT, Sink, close, to_file, to_viewer
-from contact_tracker.whole_file import whole_file
 
 
 def write_rrd(

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from contact_tracker.labels import STATES, Contact
+from contact_tracker.states import STATES, Contact
 
 Colour = tuple[int, int, int]
 

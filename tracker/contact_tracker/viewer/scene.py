@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.belief import Segment
-from contact_tracker.geometry import Array, ContactGeometry, Element, Plane
-from contact_tracker.poses import Poses
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Plane
+from contact_tracker.motion.poses import Poses
+from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.shapes import Mesh, body, uncertainty
 
 _ENOUGH_POSES: Final = 200

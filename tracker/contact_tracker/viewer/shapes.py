@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry import Array, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 
 SIGMAS: Final = 2.0
 _ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)

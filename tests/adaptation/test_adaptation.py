@@ -1,0 +1,286 @@
+"""Trackers adapt to their stream: ticks that hold poses, and the noise of a tick by evidence."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contact_tracker import adaptation, hmm
+from contact_tracker.adaptation.candidates import candidates, with_ticks_for
+from contact_tracker.adaptation.comparison import (
+    LASTING_TICKS,
+    SPAN_TICKS,
+    TickEvidence,
+    is_moving,
+    relative_evidence,
+)
+from contact_tracker.adaptation.mixture import doubted, mixture
+from contact_tracker.adaptation.side_by_side import RATE_POSES, RATIO_POSES
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.evaluate import evaluate
+from contact_tracker.hypotheses import compiled
+from contact_tracker.motion.lifted_pose import T, lift
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.window import Window
+from contact_tracker.recording import open_log, read_truth
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.forward_pass import Pass, forward
+from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.transition_model import chances, log_initial
+from distortions import interpolated, low_pass, moving_average, turned
+from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
+from smooth_motion import moving
+
+PAPER = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
+FILTERS = {
+    "moving average over 3": lambda poses: moving_average(poses, 3),
+    "moving average over 5": lambda poses: moving_average(poses, 5),
+    "interpolated": interpolated,
+    "low-passed at 20 Hz": lambda poses: low_pass(poses, 20.0),
+}
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+
+
+@cache
+def paper() -> Poses:
+    return Poses.collect(open_log(str(PAPER)))
+
+
+def accuracies(poses: Poses, found) -> tuple[float, float]:
+    truth = read_truth(str(PAPER))
+    assert truth is not None
+    judged = evaluate(poses, truth, found)
+    return judged.offline.accuracy(), judged.online.accuracy()
+
+
+@needs_kernels
+@pytest.mark.parametrize("name", FILTERS)
+def test_contacts_are_found_in_poses_that_were_filtered(name: str) -> None:
+    """The noise that third differences show is too small by far, and contacts do not fit it."""
+    poses = FILTERS[name](paper())
+    offline, online = accuracies(poses, adaptation.segment(poses, MODEL))
+    assert offline > 0.95
+    assert online > 0.8
+    alone, _ = accuracies(poses, segment(poses, MODEL))
+    assert alone < 0.7
+
+
+@needs_kernels
+@pytest.mark.parametrize("rest_s", [30.0, 120.0])
+def test_a_long_rest_decides_nothing(rest_s: float) -> None:
+    """Filtered noise leads away now and then; in two minutes of it that must not add up to motion."""
+    poses = FILTERS["low-passed at 20 Hz"](after_rest(paper(), rest_s))
+    resting, _ = adaptation.advance(adaptation.start(MODEL), poses[: int(rest_s * 200.0)])
+    assert resting.trackers.moved_s < 1.0
+    offline, online = accuracies(poses, adaptation.segment(poses, MODEL))
+    assert offline > 0.85
+    assert online > 0.75
+
+
+def after_rest(poses: Poses, rest_s: float) -> Poses:
+    """The same motion after the object has rested where it begins, with the same noise."""
+    rng, rate_hz = np.random.default_rng(1), 1e9 / float(np.median(np.diff(poses.stamp_ns)))
+    count = int(rest_s * rate_hz)
+    still = Poses(
+        poses.stamp_ns[0] + np.rint(np.arange(-count, 0) * 1e9 / rate_hz).astype(np.int64),
+        poses.position_m[0] + 3e-4 * rng.normal(size=(count, 3)),
+        np.tile(poses.quat_xyzw[0], (count, 1)),
+    )
+    quat = turned(still, 2.6e-3 * rng.normal(size=(count, 3)))
+    sign = np.sign((quat * still.quat_xyzw).sum(axis=1, keepdims=True))
+    return Poses.join([replace(still, quat_xyzw=quat * sign), poses])
+
+
+@needs_kernels
+def test_white_noise_is_left_to_the_model() -> None:
+    poses = paper()
+    state, beliefs = adaptation.advance(adaptation.start(MODEL), poses, Detail.SHARED)
+    assert state.is_decided
+    assert state.best is not None
+    assert state.best.model == MODEL
+    alone = segment(poses, MODEL).filtered
+    same = [a.contact is b.contact for a, b in zip(beliefs, alone, strict=False)]
+    assert np.mean(same) > 0.97
+
+
+@needs_kernels
+def test_offline_begins_with_what_was_said_online() -> None:
+    """And goes on with what the chosen tracker says: from then on that is what is said online."""
+    poses = moving_average(paper(), 3)[:6000]
+    state, online = adaptation.advance(adaptation.start(MODEL), poses, Detail.SHARED)
+    assert state.is_decided
+    filtered = adaptation.segment(poses, MODEL).filtered
+    assert len(online) == len(filtered) - 1  # the last tick is not over
+    for said, now in zip(online, filtered, strict=False):
+        assert (said.stamp_ns, said.contact) == (now.stamp_ns, now.contact)
+        assert said.probability == pytest.approx(now.probability, abs=1e-9)
+
+
+@settings(max_examples=8)
+@given(st.lists(st.integers(1, 150), min_size=1, max_size=30), st.sampled_from([0.0, 0.5]))
+def test_however_poses_come_the_same_is_said(sizes: list[int], lag_s: float) -> None:
+    poses = moving_average(recorded(FACE_TO_EDGE).poses, 3)[:500]
+    at_once, expected = adaptation.advance(adaptation.start(MODEL, lag_s), poses)
+    state, beliefs = adaptation.start(MODEL, lag_s), []
+    edges = [0, *np.minimum(np.cumsum(sizes), len(poses)).tolist(), len(poses)]
+    for first, end in pairwise(edges):
+        if end > first:
+            some = poses[first:end]
+            state, said = adaptation.advance(state, next(iter(some)) if end == first + 1 else some)
+            beliefs += said
+    assert [b.stamp_ns for b in beliefs] == [b.stamp_ns for b in expected]
+    for one, other in zip(beliefs, expected, strict=True):
+        assert one.contact is other.contact
+        assert one.probability == pytest.approx(other.probability, abs=1e-12)
+    assert state.trackers.log_weight == pytest.approx(at_once.trackers.log_weight, abs=1e-9)
+
+
+def test_a_stream_may_end_before_its_rate_is_known_and_may_go_on_after_its_end() -> None:
+    poses = recorded(FACE_TO_EDGE).poses
+    for count in (1, 2, RATE_POSES - 1, RATE_POSES, RATIO_POSES - 1, RATIO_POSES, 200):
+        state, beliefs = adaptation.advance(adaptation.start(MODEL), poses[:count])
+        state, rest = adaptation.finish(state)
+        assert [*beliefs, *rest][-1].stamp_ns == poses.stamp_ns[count - 1]
+        state, more = adaptation.advance(state, poses[300:400])
+        assert more
+        assert min(b.stamp_ns for b in more) > poses.stamp_ns[count - 1]
+    assert adaptation.finish(adaptation.start(MODEL))[1] == []
+    assert adaptation.report(adaptation.start(MODEL)) is None
+
+
+def test_a_pose_at_a_time_is_what_the_readme_shows() -> None:
+    state, stamps = adaptation.start(MODEL), []
+    for pose in recorded(FACE_TO_EDGE).poses[:300]:
+        state, belief = adaptation.step(state, pose)
+        stamps += [] if belief is None else [belief.stamp_ns]
+    assert len(stamps) == 14
+
+
+def test_evidence_is_that_of_all_paths() -> None:
+    """As smoothing over all hypotheses counts it, but for those that were dropped."""
+    whole = Pass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))
+    steps = np.array([chances(MODEL, exposed).change for exposed in whole.exposure])
+    _, expected = hmm.smooth(whole.trellis, log_initial(MODEL), steps)
+    *_, last = forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL)
+    assert last.state.log_evidence == pytest.approx(expected, abs=0.05)
+
+
+def test_free_motion_is_the_same_for_all_that_are_compared() -> None:
+    """Two trackers that gain alike, of which one holds much of the motion for noise: it gains more."""
+    face = np.eye(7)[Contact.FF.column]
+    small = TickEvidence(1.0, face, np.array([1e-6, 1e-4]), 1.0)
+    large = TickEvidence(1.0, face, np.array([1e-8, 1e-6]), 1.0)
+    one, other = relative_evidence([small, large], MODEL.motion)
+    assert one == 1.0
+    three_constraints = 3 * 0.5 * np.log(100.0) * MODEL.motion.independence
+    assert other - one == pytest.approx(three_constraints, rel=0.01)
+    free = np.eye(7)[Contact.FREE.column]
+    still_free = [tick._replace(posterior=free) for tick in (small, large)]
+    assert relative_evidence(still_free, MODEL.motion) == pytest.approx([1.0, 1.0])
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e-2))
+def test_noise_is_no_motion_whatever_its_size(seed: int, sigma: float) -> None:
+    rng = np.random.default_rng(seed)
+    rest = np.array([[*np.eye(3).ravel(), 0.3, 0.1, 0.2]])
+    zeta = np.zeros((200, 25))
+    zeta[:, :12] = rest + sigma * rng.normal(size=(200, 12))
+    assert np.mean([is_moving(window(zeta[:i])) for i in range(1, 200)]) < 0.05
+    zeta[:, T] += 4.0 * sigma * np.arange(200)[:, None]
+    assert np.mean([is_moving(window(zeta[:i])) for i in range(SPAN_TICKS + LASTING_TICKS, 200)]) > 0.9
+
+
+def test_what_has_no_poses_does_not_move() -> None:
+    count = SPAN_TICKS + LASTING_TICKS
+    zeta = np.repeat(lift(np.eye(3)[None], np.zeros((1, 3))), count, axis=0)
+    assert not is_moving(window(zeta))
+    assert not is_moving(window(zeta[:4]))
+    for first in range(1, count):  # one step, after a gap
+        stepped = zeta.copy()
+        stepped[first:, T] += 0.01
+        assert not is_moving(window(stepped))
+
+
+def window(zeta: np.ndarray) -> Window:
+    rows = np.ones((len(zeta), 2))
+    return Window(np.arange(len(zeta)), zeta, rows, rows)
+
+
+def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:
+    clean = moving(np.random.default_rng(1), 2.0, 200.0, 3e-4, 3e-3)
+    first, *others = candidates(MODEL, clean)
+    assert first == MODEL
+    white = np.sqrt(3e-4 * 3e-3 / 20)
+    for one in others:
+        assert one.noise.floor_rotation_rad / one.noise.floor_position_m == pytest.approx(10.0, rel=0.2)
+        assert np.sqrt(one.noise.floor_rotation_rad * one.noise.floor_position_m) > white
+    assert len(candidates(MODEL, moving_average(clean, 5))) > len(others) + 1
+    assert len(candidates(MODEL.with_noise(3e-4, 3e-3), clean)) == 1
+    assert len(candidates(load_model("impacts"), clean)) == 1
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "tick_s"), [(200.0, 0.1), (30.0, 0.1), (29.0, 0.1), (10.0, 0.3), (1.0, 3.0), (0.1, 3.0)]
+)
+def test_a_tick_holds_three_poses(rate_hz: float, tick_s: float) -> None:
+    assert with_ticks_for(MODEL, 1.0 / rate_hz).tick_s == pytest.approx(tick_s)
+    poses = moving(np.random.default_rng(1), 30.0 / rate_hz, rate_hz, 3e-4, 3e-3)
+    state, _ = adaptation.finish(adaptation.advance(adaptation.start(MODEL), poses)[0])
+    assert state.best is not None
+    assert state.best.model.tick_s == pytest.approx(tick_s)
+
+
+weights = st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7).filter(lambda w: sum(w) > 1e-3)
+
+
+@given(st.lists(st.tuples(weights, st.floats(-30.0, 0.0)), min_size=1, max_size=5))
+def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -> None:
+    beliefs = []
+    for weight, _ in trackers:
+        posterior = np.array(weight) / sum(weight)
+        label = STATES[int(posterior.argmax())]
+        beliefs.append(Belief(5, label, posterior, 3, None, np.full(6, np.nan)))
+    both = mixture(beliefs, np.array([log_weight for _, log_weight in trackers]))
+    for probability in (both.probability, doubted(both.probability)):
+        assert (probability >= 0.0).all()
+        assert probability.sum() == pytest.approx(1.0)
+    assert both.contact is STATES[int(both.probability.argmax())]
+    assert both.onset_ns <= both.stamp_ns
+    assert doubted(both.probability).max() < 0.6
+
+
+def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
+    """Of two that are equally good the one of less noise."""
+    state = adaptation.start(MODEL)
+    for some in moving_average(recorded(FACE_TO_EDGE).poses, 5).batches():
+        before, state = state, adaptation.advance(state, some)[0]
+        if len(before.trackers.trackers) > 1:
+            floors = [one.model.noise.floor_position_m for one in before.trackers.trackers]
+            assert floors == sorted(floors)
+    assert state.best is not None
+    assert state.best.model.noise.floor_position_m > MODEL.noise.floor_position_m
+    given = replace(MODEL.with_noise(3e-4, 2.6e-3), name="given")
+    known, _ = adaptation.advance(adaptation.start(given), recorded(FACE_TO_EDGE).poses)
+    assert known.is_decided
+    assert known.best is not None
+    assert known.best.averaging is not None
+    assert known.best.averaging.learnt.noise.sigma_position_m == pytest.approx(3e-4)
+    assert tracker.start(given).model == known.best.model
+
+
+@needs_kernels
+def test_noise_of_filtered_poses_at_rest_is_not_taken_for_motion() -> None:
+    """The first five seconds, in which nothing can be known but that things rest on faces."""
+    rest = low_pass(paper()[:1000], 20.0)
+    state, beliefs = adaptation.advance(adaptation.start(MODEL), rest)
+    assert not state.is_decided
+    assert np.mean([belief.contact is Contact.FF for belief in beliefs]) > 0.7
+    alone = segment(rest, MODEL).filtered
+    assert np.mean([contact is Contact.FF for contact in alone.contacts]) < 0.5

@@ -1,0 +1,201 @@
+"""Floors, searched parameters and the table of both, against data and losses whose answer is known."""
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_motions import touching
+from contact_tracker.calibration.contact_errors import learn_contact_errors
+from contact_tracker.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
+from contact_tracker.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
+from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
+from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, find_stretches, refined
+from contact_tracker.calibration.tick_stream import Observed, observe
+from contact_tracker.config.loading import limits, load_model
+from contact_tracker.config.parameters import Model, Seen
+from contact_tracker.errors import UsageError
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.window import Window
+from contact_tracker.states import CONTACTS, Contact
+from smooth_motion import moving
+
+MODEL = load_model()
+SENSOR_M, SENSOR_RAD = 0.05e-3, 0.4e-3
+
+
+def with_floors(position_m, rotation_rad):
+    noise = replace(MODEL.noise, floor_position_m=position_m, floor_rotation_rad=rotation_rad)
+    return replace(MODEL, noise=noise)
+
+
+def contact_stretches(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=0):
+    """Ticks of a true contact whose poses are off by the sensor's noise and by the floors."""
+    rng = np.random.default_rng(seed)
+    true = touching(contact, rng, ticks)
+    position = true.position_m - true.position_m[0]
+    off_m, off_rad = np.hypot(SENSOR_M, floor_m), np.hypot(SENSOR_RAD, floor_rad)
+    position = position + rng.normal(size=position.shape) * off_m
+    position += 5e-3 * (rng.random((ticks, 1)) < bounced)
+    turn = Rotation.from_rotvec(rng.normal(size=(ticks, 3)) * off_rad).as_matrix()
+    window = Window(
+        np.arange(ticks),
+        lift(true.rotation @ turn, position),
+        np.tile([SENSOR_M**2, SENSOR_RAD**2], (ticks, 1)),
+        np.tile([0.02**2, 0.2**2], (ticks, 1)),
+    )
+    observed = Observed(np.arange(ticks), window, np.ones(ticks), SENSOR_M, SENSOR_RAD)
+    return find_stretches(observed, np.full(ticks, contact.column), MODEL)
+
+
+def test_the_noise_of_a_recording_is_that_which_its_end_knows():
+    poses = moving(np.random.default_rng(3), 10.0, 200.0, 5.0 * MODEL.noise.sigma_position_m, 2e-3)
+    found = observe(poses, MODEL)
+    assert found is not None
+    assert found.sigma_position_m == pytest.approx(5.0 * MODEL.noise.sigma_position_m, rel=0.1)
+
+
+def of_all_contacts(floor_m, floor_rad, **options):
+    made = [contact_stretches(c, floor_m, floor_rad, seed=s, **options) for c in CONTACTS for s in range(3)]
+    return [stretch for some in made for stretch in some]
+
+
+def floors_of(model, stretches):
+    learned, _ = learn_floors(model, stretches, [POSITION, ROTATION])
+    return learned.noise.floor_position_m, learned.noise.floor_rotation_rad
+
+
+@pytest.mark.parametrize("bounced", [0.0, 0.01])
+def test_floors_of_simulated_contacts_are_recovered(bounced):
+    stretches = of_all_contacts(0.2e-3, 1e-3, bounced=bounced)
+    assert len(stretches) == 18
+    position, rotation = floors_of(MODEL, stretches)
+    assert position == pytest.approx(0.2e-3, rel=0.15 if bounced else 0.06)
+    assert rotation == pytest.approx(1e-3, rel=0.15 if bounced else 0.06)
+
+
+def test_floors_do_not_depend_on_where_the_search_began():
+    stretches = of_all_contacts(0.2e-3, 1e-3)
+    low = floors_of(with_floors(1e-6, 1e-6), stretches)
+    high = floors_of(with_floors(5e-3, 20e-3), stretches)
+    np.testing.assert_allclose(low, high, rtol=5e-3)
+
+
+def test_ideal_contacts_have_next_to_no_floor():
+    position, rotation = floors_of(MODEL, of_all_contacts(0.0, 0.0))
+    assert LEAST <= position < 0.4 * SENSOR_M
+    assert LEAST <= rotation < 0.4 * SENSOR_RAD
+
+
+def test_a_floor_is_learned_alone_and_told_by_contact():
+    stretches = of_all_contacts(0.2e-3, 0.0)
+    model, told = learn_floors(with_floors(1e-4, 1e-5), stretches, [POSITION])
+    assert model.noise.floor_rotation_rad == 1e-5
+    assert [f.contacts for f in told] == ["all", *CONTACTS]
+    assert all(f.key == POSITION for f in told)
+    assert all(f.value == pytest.approx(0.2e-3, rel=0.2) for f in told)
+
+
+def test_an_error_that_one_contact_has_is_learned_of_that_contact():
+    keys = ["noise.contact_position_m", "noise.contact_rotation_rad"]
+    loose = [s for seed in range(3) for s in contact_stretches(Contact.EF, 0.6e-3, 4e-3, seed=seed)]
+    stretches = loose + [s for s in of_all_contacts(0.05e-3, 0.5e-3) if s.column != Contact.EF.column]
+    start = with_value(with_floors(0.05e-3, 0.5e-3), keys[0], (1e-3, *(0.0,) * 6))  # forgotten
+    noise = learn_contact_errors(start, stretches, keys).noise
+    own = noise.contact_position_m[Contact.EF.column], noise.contact_rotation_rad[Contact.EF.column]
+    assert own == pytest.approx((0.6e-3, 4e-3), rel=0.2)
+    assert sum(noise.contact_position_m) == own[0]
+    assert sum(noise.contact_rotation_rad) == own[1]
+    # with it, the floor of all is that of the others
+    position, rotation = floors_of(replace(MODEL, noise=noise), stretches)
+    assert (position, rotation) == pytest.approx((0.05e-3, 0.5e-3), rel=0.3)
+    assert learn_contact_errors(start, loose[:0], keys).noise.contact_position_m == (0.0,) * 7
+
+
+def test_too_little_contact_leaves_the_floor_as_it_was():
+    few = contact_stretches(Contact.VF, 0.2e-3, 1e-3, ticks=40)
+    for stretches in ([], few):
+        model, told = learn_floors(MODEL, stretches, [POSITION, ROTATION])
+        assert model == MODEL
+        assert all(f.value is None for f in told)
+    assert contact_stretches(Contact.VF, 0.0, 0.0, ticks=SHORTEST_TICKS) == []
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_the_fit_takes_as_many_degrees_of_freedom_as_it_has_parameters(contact):
+    """Less where the prior holds a direction that the motion does not show."""
+    (stretch,) = contact_stretches(contact, 0.0, 0.0)
+    _, found = refined(stretch, with_floors(1e-6, 1e-6), 6)
+    taken = (1.0 - found.free).sum()
+    parameters = {"f-f": 5, "e-f": 7, "f-e": 7, "v-f": 6, "f-v": 6, "e-e": 8}[contact.value]
+    assert parameters - 0.5 < taken <= parameters + 1e-6
+    variance = np.vstack([np.tile(found.variance[:, 1], (len(found.residual) - 1, 1)), found.variance[:, 0]])
+    variance[-1] += found.variance[:, 1] * found.lever_sq
+    square = (found.residual**2 / variance).sum()
+    freedom = found.free.sum()
+    assert abs(square - freedom) < 4.0 * np.sqrt(2.0 * freedom)
+
+
+def test_a_search_finds_the_least_loss_along_each_parameter():
+    wanted = {"motion.body_radius_m": 0.13, "geometry.reach_m": 0.55}
+    asked = []
+
+    def loss(model):
+        asked.append(model)
+        return 1.0 + sum(np.log(value_of(model, key) / value) ** 2 for key, value in wanted.items())
+
+    model, told = coordinate_search(MODEL, list(wanted), loss)
+    for key, value in wanted.items():
+        assert value_of(model, key) == pytest.approx(value, rel=0.2)
+    assert model == with_value(
+        with_value(MODEL, "motion.body_radius_m", model.motion.body_radius_m),
+        "geometry.reach_m",
+        model.geometry.reach_m,
+    )
+    assert len(asked) <= 1 + 2 * (EVALUATIONS + 1)
+    assert told[0].before == loss(MODEL)
+    assert told[0].after == told[1].before
+    assert told[1].after == loss(model) < told[1].before
+
+
+def test_what_hardly_lowers_the_loss_stays_and_nothing_leaves_its_range():
+    def flat(model):
+        assert limits(key)[0] < value_of(model, key) < limits(key)[1]
+        return 1.0 - 1e-5 * value_of(model, key)
+
+    for key in ("motion.foreknowledge", "geometry.reach_m"):
+        start = with_value(MODEL, key, 0.9)
+        assert coordinate_search(start, [key], flat)[0] == start
+    assert coordinate_search(MODEL, [], lambda model: 1 / 0) == (MODEL, ())
+
+
+def test_the_table_names_parameters_of_the_model():
+    assert len({learned.key for learned in LEARNED}) == len(LEARNED)
+    for learned in LEARNED:
+        value = value_of(MODEL, learned.key)
+        kind = {How.COUNTS: Seen, How.CONTACTS: tuple}.get(learned.how, float)
+        assert isinstance(value, kind)
+        assert with_value(MODEL, learned.key, value) == MODEL
+    assert with_value(MODEL, "tick_s", 0.2).tick_s == 0.2
+
+
+def test_parameters_are_chosen_by_key_or_by_table():
+    assert {learned.how for learned in select([])} == set(How) - {How.SEARCH, How.CONTACTS}
+    keys = [learned.key for learned in select(["transitions", "geometry.reach_m"])]
+    assert keys == ["transitions.seen", "geometry.reach_m"]
+    tables = {f.name for f in fields(Model) if is_dataclass(f.type)}
+    assert {learned.key.partition(".")[0] for learned in select(sorted(tables & {"noise", "motion"}))} == {
+        "noise",
+        "motion",
+    }
+    for wrong in ("nose", "noise.", "noise.outlier_sigmas", "", "tick_s"):
+        with pytest.raises(UsageError, match="is not learned"):
+            select(["transitions", wrong])
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(0.123456, 0.123), (1.45678e-5, 1.46e-5), (987654.0, 988000.0)]
+)
+def test_numbers_are_rounded_to_what_they_mean(value, expected):
+    assert rounded(value) == expected

@@ -1,0 +1,202 @@
+"""Transitions learned from states that are known or only believed, against chains whose rates are known."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from chain_oracle import NOTHING, N, believed, prior, some_model, walk
+from contact_tracker.calibration.e_step import BelievedStates, KnownStates
+from contact_tracker.calibration.tick_stream import UNKNOWN, labels, runs
+from contact_tracker.calibration.transition_em import count, learn_transitions, log_prior
+from contact_tracker.config.parameters import Seen
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.states import Contact
+from contact_tracker.tracking.transition_model import (
+    AT_REST,
+    FREE,
+    chances,
+    initial,
+    leave_per_s,
+    log_initial,
+    split,
+)
+
+
+def chains(rng, model, count_, ticks, silence=0.0):
+    """Runs of the chain, with rest in them; of some ticks the truth is silent."""
+    made = []
+    for _ in range(count_):
+        exposure = rng.choice([AT_REST, 0.4, 1.0], ticks, p=[0.2, 0.3, 0.5])
+        state = walk(model, exposure, rng)
+        made.append(KnownStates(np.where(rng.random(ticks) < silence, UNKNOWN, state), exposure))
+    return made
+
+
+@pytest.mark.parametrize(("silence", "runs_", "least"), [(0.0, 40, 30.0), (0.15, 10, 5.0)])
+def test_rates_and_splits_of_a_simulated_chain_are_recovered(silence, runs_, least):
+    rng = np.random.default_rng(4)
+    true = some_model(rng, new_elements=False)
+    learned = learn_transitions(prior(1e-3), chains(rng, true, runs_, 300, silence)).model.transitions
+    changes = np.array(learned.seen.changes).sum(axis=1)
+    assert changes.min() > least
+    off = np.log(leave_per_s(learned) / leave_per_s(true.transitions))
+    assert np.abs(off * np.sqrt(changes)).max() < 3.5  # standard deviations of a Poisson count
+    p, q = split(true.transitions), split(learned)
+    spread = np.sqrt(p * (1.0 - p) / changes[:, None]) + 1e-3
+    assert np.abs((q - p) / spread).max() < 4.0
+    assert np.abs(initial(learned) - initial(true.transitions)).max() < 4.0 * np.sqrt(0.25 / runs_)
+
+
+def test_counts_of_known_states_are_counts():
+    label = np.array([0, 0, 1, 1, 1, 6, 6, UNKNOWN])
+    exposure = np.array([1.0, AT_REST, 1.0, 1.0, 0.5, 1.0, 1.0, 1.0])
+    chain, model = KnownStates(label, exposure), prior()
+    seen = count(model, [chain], [chain.expect(model)])
+    assert seen.begins == (1.0, *(0.0,) * 6)
+    assert np.argwhere(seen.changes).tolist() == [[0, 1], [1, 6]]
+    rest = 0.1 * AT_REST
+    expected = [rest + 0.05, 0.1 + 0.05 + 0.05, 0.0, 0.0, 0.0, 0.0, 0.1]
+    np.testing.assert_allclose(seen.moving_s, expected, rtol=5e-3)
+
+
+def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_exponential():
+    model = some_model(np.random.default_rng(0), leave_per_s=9.0)
+    chain = KnownStates(np.array([0, 1]), np.ones(2))
+    lasted = count(model, [chain], [chain.expect(model)]).moving_s[0]
+    times = (np.arange(100_000) + 0.5) / 100_000 * model.tick_s
+    weight = np.exp(-leave_per_s(model.transitions)[0] * times)
+    assert lasted == pytest.approx(float(times @ weight / weight.sum()), rel=1e-6)
+
+
+def test_through_a_silence_of_the_truth_all_ways_are_weighed():
+    model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, AT_REST, 0.7])
+    label = np.array([3, UNKNOWN, UNKNOWN, UNKNOWN, 1])
+    steps = np.exp([chances(model, a).change for a in exposure])
+    for step, a in zip(steps, exposure, strict=True):
+        np.fill_diagonal(step, np.exp(chances(model, a).stay))
+    total, changes, stays = 0.0, np.zeros((5, N, N)), np.zeros((5, N))
+    for between in product(range(N), repeat=3):
+        path = [3, *between, 1]
+        weight = np.prod([steps[t, path[t - 1], path[t]] for t in range(1, 5)])
+        total += weight
+        for t in range(1, 5):
+            if path[t - 1] == path[t]:
+                stays[t, path[t]] += weight
+            else:
+                changes[t, path[t - 1], path[t]] += weight
+    expected = KnownStates(label, exposure).expect(model)
+    np.testing.assert_allclose(expected.changes, changes / total, atol=1e-12)
+    np.testing.assert_allclose(expected.stays, stays / total, atol=1e-12)
+    assert expected.log_evidence == pytest.approx(np.log(total) + log_initial(model)[3])
+
+
+def test_truth_that_covers_a_part_teaches_of_that_part_only():
+    rng = np.random.default_rng(5)
+    whole = chains(rng, some_model(rng), 1, 60)[0]
+    part = whole.label.copy()
+    part[:20] = part[45:] = UNKNOWN
+    model = prior()
+    expected = KnownStates(part, whole.exposure).expect(model)
+    inner = KnownStates(whole.label[20:45], whole.exposure[20:45]).expect(model)
+    np.testing.assert_array_equal(expected.changes[21:45], inner.changes[1:])
+    assert expected.changes.sum() == inner.changes.sum()
+    assert expected.stays.sum() == inner.stays.sum()
+    assert not expected.begins.any()  # nobody knows how it began
+
+
+@pytest.mark.parametrize("label", [[], [UNKNOWN], [2], [UNKNOWN] * 30], ids=str)
+def test_what_tells_nothing_leaves_the_prior(label):
+    chain = KnownStates(np.array(label, np.int64), np.ones(len(label)))
+    learned = learn_transitions(prior(), [chain]).model.transitions
+    np.testing.assert_allclose(split(learned), split(prior().transitions))
+    np.testing.assert_allclose(leave_per_s(learned), leave_per_s(prior().transitions))
+
+
+def believed_chains(rng, true, start, blur, count_=6, ticks=60):
+    made = []
+    for known in chains(rng, true, count_, ticks):
+        trellis = believed(known.label, start, known.exposure, rng, blur)
+        made.append(BelievedStates.of(trellis, known.exposure, start))
+    return made
+
+
+@pytest.mark.parametrize("prior_changes", [1.0, 20.0])
+def test_em_never_lowers_the_posterior_and_ends_at_its_top(prior_changes):
+    rng = np.random.default_rng(6)
+    start = prior(prior_changes)
+    some = [*believed_chains(rng, some_model(rng), start, 0.7), *chains(rng, some_model(rng), 2, 60, 0.3)]
+    learning = learn_transitions(start, some)
+    assert len(learning.log_posterior) > 4
+    assert (np.diff(learning.log_posterior) > -1e-9).all()
+    assert learning.log_posterior[-1] > learning.log_posterior[0] + 1.0
+
+    def log_posterior(model):
+        return sum(chain.expect(model).log_evidence for chain in some) + log_prior(model)
+
+    top = log_posterior(learning.model)
+    assert top == pytest.approx(learning.log_posterior[-1], abs=0.01)
+    for _ in range(20):  # any other transitions are less probable
+        seen = learning.model.transitions.seen
+        moved = Seen(
+            tuple(np.array(seen.begins) * np.exp(rng.normal(size=N) * 0.3)),
+            tuple(np.array(seen.moving_s) * np.exp(rng.normal(size=N) * 0.3)),
+            tuple(map(tuple, (np.array(seen.changes) * np.exp(rng.normal(size=(N, N)) * 0.3)).tolist())),
+        )
+        other = replace(learning.model, transitions=replace(learning.model.transitions, seen=moved))
+        assert log_posterior(other) < top
+
+
+def test_states_believed_for_certain_teach_what_known_states_teach():
+    rng = np.random.default_rng(7)
+    start = prior()
+    known = chains(rng, some_model(rng, new_elements=False), 3, 80)
+    sure = [
+        BelievedStates.of(believed(k.label, start, k.exposure, rng, 0.05), k.exposure, start) for k in known
+    ]
+    a, b = (learn_transitions(start, some).model.transitions.seen for some in (known, sure))
+    np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
+    np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
+    off = np.array(b.changes) - np.array(a.changes)
+    assert np.abs(off).max() < 0.3  # a contact may have come back with other elements, unseen
+
+
+def test_evidence_is_without_what_lasting_cost_the_model_that_made_it():
+    """Two passes over the same data by different models teach the same."""
+    rng = np.random.default_rng(8)
+    state, exposure = walk(some_model(rng), np.ones(40), rng), np.ones(40)
+    expected = []
+    for start in (prior(), some_model(rng)):
+        trellis = believed(state, start, exposure, np.random.default_rng(9), 0.5)
+        expected.append(BelievedStates.of(trellis, exposure, start).expect(prior()))
+    assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
+    np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
+    assert not expected[0].changes[:, FREE, FREE].any()
+
+
+def test_what_was_seen_before_is_forgotten_so_that_the_same_data_teach_the_same():
+    rng = np.random.default_rng(10)
+    start = prior()
+    some = believed_chains(rng, some_model(rng), start, 0.4, 3)
+    once = learn_transitions(start, some).model
+    twice = learn_transitions(once, some).model
+    assert once.transitions.seen != NOTHING
+    np.testing.assert_allclose(twice.transitions.seen.changes, once.transitions.seen.changes, atol=0.05)
+    np.testing.assert_allclose(twice.transitions.seen.moving_s, once.transitions.seen.moving_s, atol=0.05)
+
+
+def test_ticks_take_their_label_from_the_truth_in_their_middle():
+    truth = Truth(
+        (
+            TruthInterval(0, 9, Contact.FF),
+            TruthInterval(10, 19, None),
+            TruthInterval(20, 29, Contact.FREE),
+            TruthInterval(50, 60, Contact.EE),
+        )
+    )
+    found = labels(np.array([-5, 0, 9, 15, 20, 29, 30, 49, 50, 61]), truth)
+    assert found.tolist() == [-1, 0, 0, -1, 6, 6, -1, -1, 5, -1]
+    assert runs(found) == [(0, 1, 3), (6, 4, 6), (5, 8, 9)]
+    assert runs(np.zeros(0, np.int64)) == []
+    assert labels(np.array([3]), Truth(())).tolist() == [-1]

@@ -1,0 +1,310 @@
+"""Calibration as a user meets it: files in, a model and a report out, or one line that says why not."""
+
+import os
+import re
+import shutil
+from dataclasses import replace
+from multiprocessing import active_children
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from chain_oracle import NOTHING, some_model
+from contact_tracker import __version__
+from contact_tracker.calibration.calibrate import Plan, calibrate
+from contact_tracker.calibration.learned import How, select
+from contact_tracker.calibration.processes import Runner
+from contact_tracker.calibration.study import Source, judge, look
+from contact_tracker.calibration.writing import model_text
+from contact_tracker.cli.main import run
+from contact_tracker.config.loading import load_model
+from contact_tracker.errors import ContactTrackerError, InputError, NoTruth
+from contact_tracker.evaluation.metrics import Tally
+from contact_tracker.ground_truth import Truth
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import Contact
+
+ROOT = Path(__file__).resolve().parents[2]
+MODEL = load_model()
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of three short labelled recordings at 50 Hz."""
+    folder = tmp_path_factory.mktemp("logs")
+    walks = ("f-f e-f", "e-f f-f", "f-f f-e")
+    for number, walk in enumerate(walks):
+        phases = tuple(Phase(Contact(name), 1.8) for name in walk.split())
+        made = simulate(Scenario(phases, rate_hz=50.0), number)
+        write_recording(str(folder / f"log_{number}.mcap"), made.poses, made.truth, made.metadata)
+    return folder
+
+
+@pytest.fixture
+def unlabelled(logs: Path, tmp_path: Path) -> Path:
+    """One of them without its truth."""
+    poses = Poses.collect(open_log(str(logs / "log_0.mcap")))
+    write_recording(str(tmp_path / "unlabelled.mcap"), poses, None, {})
+    return tmp_path / "unlabelled.mcap"
+
+
+def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: object) -> str:
+    """The one line of error of a call that must not write anything."""
+    assert run(["calibrate", *map(str, arguments)]) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = [line for line in err.splitlines() if "warning" not in line]
+    assert line.startswith("contact-tracker: error: ")
+    return line
+
+
+def test_a_model_is_learned_and_its_file_says_from_what(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(logs, tmp_path / "logs")
+    options = ["--folds", "0", "--processes", "1", "-o", "mine.toml", "--only", "transitions"]
+    command = ["calibrate", "logs", *options]
+    assert run([*command, "noise"]) == 0
+    out, _ = capsys.readouterr()
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    header = " ".join(line.removeprefix("# ") for line in text.splitlines() if line.startswith("#"))
+    assert f"contact-tracker {__version__}" in header
+    assert "contact-tracker calibrate logs --only transitions noise -o mine.toml" in header
+    assert "3 recordings, 3 with truth: log_0.mcap log_1.mcap log_2.mcap" in header
+    assert str(tmp_path) not in text
+    assert not re.search(r"\b20\d\d\b", text)  # no date
+    model = load_model("mine.toml")
+    assert model.name == "mine"
+    assert np.argwhere(np.array(model.transitions.seen.changes) > 0.5).tolist() == [[0, 1], [0, 2], [1, 0]]
+    assert model.transitions.seen.begins == (2.0, 1.0, *(0.0,) * 5)
+    assert 6.0 < sum(model.transitions.seen.moving_s) < 3 * 3.8
+    assert model.search == MODEL.search
+    weight = f"{MODEL.transitions.prior_changes:g} changes"
+    assert all(word in out for word in ("3 recordings", "noise.floor_position_m", weight))
+    # the same data teach the same, also from what was learned before
+    assert run([*command, "--start", "mine.toml"]) == 0
+    later = load_model("mine.toml")
+    np.testing.assert_allclose(later.transitions.seen.moving_s, model.transitions.seen.moving_s, rtol=0.02)
+    assert later.noise == model.noise
+    assert run([*command, "--start", "mine.toml"]) == 0
+    assert load_model("mine.toml") == later
+    capsys.readouterr()
+
+
+def test_held_out_recordings_are_judged_by_models_that_have_not_seen_them(logs: Path) -> None:
+    names = sorted(map(str, logs.glob("*.mcap")))
+    sources = (Source(names[0]), Source(names[1], believe_truth=False))
+    found = calibrate(Plan(sources, MODEL, select(["transitions"]), 2), Runner(1))
+    assert [study.labelled for study in found.studies] == [True, False]
+    assert found.lesson.model.noise == MODEL.noise
+    assert [held_out.chain is not None for held_out in found.held_out] == [True, False]
+    other = calibrate(Plan(sources[:1], MODEL, select(["transitions"]), 0), Runner(1))
+    again = judge(sources[1], other.lesson.model)
+    assert found.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
+    assert found.held_out[1].after.log_evidence != found.held_out[1].before.log_evidence
+    assert tallies(found.held_out[1].after)[0].log_loss == pytest.approx(tallies(again)[0].log_loss)
+    before, after = found.log_loss
+    sums = [
+        sum(t.log_loss_s for h in found.held_out for t in tallies(getattr(h, which)))
+        / sum(t.seconds() for h in found.held_out for t in tallies(getattr(h, which)))
+        for which in ("before", "after")
+    ]
+    assert (before, after) == pytest.approx(tuple(sums))
+
+
+def tallies(judged) -> list[Tally]:
+    return [judged.evaluation.online, judged.evaluation.offline]
+
+
+def test_folds_are_reported(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    two = [str(logs / "log_0.mcap"), str(logs / "log_1.mcap")]
+    output = tmp_path / "mine.toml"
+    assert run(["calibrate", *two, "--only", "transitions", "-o", str(output)]) == 0  # in processes
+    out, err = capsys.readouterr()
+    rows = [line.split() for line in out.splitlines() if line.startswith(("smoothed", "filtered"))]
+    assert [row[:2] for row in rows] == [
+        [m, w] for w in ("before", "after") for m in ("smoothed", "filtered")
+    ]
+    assert all(float(number) >= 0.0 for row in rows for number in row[2:])
+    assert "log probability of the true states" in out
+    assert f"wrote {output}" in err
+
+
+def test_without_truth_there_is_belief_to_learn_from(
+    unlabelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "mine.toml"
+    assert run(["calibrate", str(unlabelled), "--only", "transitions", "-o", str(output)]) == 0
+    out, err = capsys.readouterr()
+    assert "truth of 0" in out
+    assert "one recording: nothing can be held out" in err
+    seen = load_model(str(output)).transitions.seen
+    assert sum(seen.begins) == pytest.approx(1.0, abs=0.02)
+    assert 1.5 < sum(seen.moving_s) < 3.8
+    assert sum(map(sum, seen.changes)) > 0.1
+
+
+def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("contact_tracker.calibration.search.EVALUATIONS", 2)
+    names = sorted(map(str, logs.glob("*.mcap")))[:1]
+    searched = next(learned for learned in select(["motion", "geometry"]) if learned.how is How.SEARCH)
+    found = calibrate(Plan((Source(names[0]),), MODEL, (searched,), 0), Runner(1))
+    (told,) = found.lesson.searched
+    assert told.after <= told.before
+    assert len(told.tried) > 2
+    assert told.after == min(told.before, *(loss for _, loss in told.tried)) or told.after == told.before
+
+
+def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = refused(capsys, 1, unlabelled, "--only", "geometry", "--folds", "0", "-o", tmp_path / "mine.toml")
+    assert "truth" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (["LOGS"], 2, ["-o"]),
+        (["LOGS", "-o", "mine.txt"], 2, ["mine.txt", ".toml"]),
+        (["LOGS", "-o", "nowhere/mine.toml"], 2, ["no folder nowhere"]),
+        (["LOGS", "-o", "folder.toml"], 2, ["folder.toml", "it is a folder"]),
+        (["LOGS", "--only", "nose", "-o", "m.toml"], 2, ["nose", "noise.floor_position_m"]),
+        (["LOGS", "--start", "unheard_of", "-o", "m.toml"], 2, ["unheard_of", "default"]),
+        (["LOGS", "--folds", "4", "-o", "m.toml"], 2, ["--folds 4 of 3 recordings"]),
+        (["LOGS", "--folds", "1", "-o", "m.toml"], 2, ["--folds", "above 1"]),
+        (["LOGS", "--folds", "-2", "-o", "m.toml"], 2, ["--folds"]),
+        (["LOGS", "--processes", "0", "-o", "m.toml"], 2, ["--processes"]),
+        (["LOGS", "--labelled", "--unlabelled", "-o", "m.toml"], 2, ["--unlabelled", "not allowed"]),
+        (["-", "-o", "m.toml"], 2, ["calibrate", "file"]),
+        (["absent.mcap", "-o", "m.toml"], 1, ["absent.mcap"]),
+        (["text.mcap", "-o", "m.toml"], 1, ["text.mcap", "not an MCAP file"]),
+        (["folder.toml", "-o", "m.toml"], 1, ["folder.toml", "no .mcap file"]),
+        (["LOGS", "UNLABELLED", "--labelled", "-o", "m.toml"], 1, ["unlabelled.mcap", "no truth"]),
+    ],
+)
+def test_what_cannot_work_is_one_line_and_leaves_nothing(
+    arguments: list[str],
+    code: int,
+    parts: list[str],
+    logs: Path,
+    unlabelled: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(unlabelled.parent)
+    (unlabelled.parent / "folder.toml").mkdir()
+    (unlabelled.parent / "text.mcap").write_text("no recording at all")
+    places = {"LOGS": str(logs), "UNLABELLED": str(unlabelled)}
+    line = refused(capsys, code, *(places.get(word, word) for word in arguments))
+    assert all(part in line for part in parts), line
+    assert {path.name for path in unlabelled.parent.iterdir()} == {
+        "unlabelled.mcap",
+        "folder.toml",
+        "text.mcap",
+    }
+
+
+def test_a_folder_that_takes_no_file_is_refused_before_any_work(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("contact_tracker.cli.arguments.os.access", lambda path, mode: False)
+    assert "not writable" in refused(capsys, 2, logs, "-o", tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize("poses", [1, 2, 30])
+@pytest.mark.parametrize("labelled", [True, False])
+def test_recordings_too_short_to_teach_leave_the_model_as_it_was(
+    poses: int, labelled: bool, logs: Path, tmp_path: Path
+) -> None:
+    log = tmp_path / "short.mcap"
+    few = Poses.collect(open_log(str(logs / "log_0.mcap")))[:poses]
+    write_recording(str(log), few, read_truth(str(logs / "log_0.mcap")) if labelled else None, {})
+    wanted = select(["transitions", "noise.floor_position_m"])
+    found = calibrate(Plan((Source(str(log)),), MODEL, wanted, 0), Runner(1))
+    assert found.lesson.model.noise == MODEL.noise
+    assert sum(found.lesson.model.transitions.seen.moving_s) < poses / 50.0 + 0.1
+
+
+def test_of_a_damaged_recording_what_is_readable_is_learned_from(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damaged, output = tmp_path / "damaged.mcap", tmp_path / "mine.toml"
+    damaged.write_bytes((logs / "log_0.mcap").read_bytes()[:-400])
+    code = run(["calibrate", str(damaged), "--only", "transitions", "--folds", "0", "-o", str(output)])
+    assert code == 3
+    assert "damaged.mcap" in capsys.readouterr().err
+    load_model(str(output))
+
+
+def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_path: Path) -> None:
+    (tmp_path / "text.mcap").write_text("no recording at all")
+    with pytest.raises(InputError, match=r"text\.mcap"):
+        Runner(2)(need_truth, [(str(tmp_path / "text.mcap"),)] * 4)
+    assert not active_children()
+
+
+def test_processes_answer_in_order_and_one_that_dies_is_told() -> None:
+    told: list[None] = []
+    assert Runner(2, lambda: told.append(None))(divmod, [(n, 3) for n in range(5)]) == [
+        (0, 0), (0, 1), (0, 2), (1, 0), (1, 1),
+    ]  # fmt: skip
+    assert len(told) == 5
+    with pytest.raises(ContactTrackerError, match="--processes"):
+        Runner(2)(os._exit, [(1,), (1,)])
+    assert not active_children()
+
+
+def test_no_truth_is_an_error_where_it_is_needed(unlabelled: Path) -> None:
+    with pytest.raises(NoTruth, match="search"):
+        calibrate(Plan((Source(str(unlabelled)),), MODEL, select(["geometry"]), 0), Runner(1))
+
+
+names = st.text(st.characters(exclude_categories=("C", "Zl", "Zp", "Zs")), max_size=30)
+positive = st.floats(1e-9, 1e6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(name=names, seed=st.integers(0, 2**32 - 1), sigma=positive, empty=st.booleans(), header=st.text())
+def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty, header):
+    seen = NOTHING if empty else some_model(np.random.default_rng(seed)).transitions.seen
+    model = replace(
+        MODEL,
+        name=name,
+        noise=replace(MODEL.noise, sigma_position_m=sigma),
+        transitions=replace(MODEL.transitions, seen=seen),
+    )
+    path = tmp_path_factory.mktemp("written") / "model.toml"
+    path.write_text(model_text(model, [header, "a\nb"]), encoding="utf-8")
+    assert load_model(str(path)) == model
+
+
+@settings(max_examples=10, deadline=None)
+@given(end=st.floats(0.0, 4.5), begin=st.floats(0.0, 4.5))
+def test_truth_of_any_part_is_learned_from(logs, begin, end):
+    """Also where the truth begins after the recording has ended, or never."""
+    source = Source(str(logs / "log_0.mcap"))
+    truth = read_truth(source.name)
+    assert truth is not None
+    first = truth.intervals[0].start_ns
+    part = tuple(
+        interval
+        for interval in truth.intervals
+        if interval.end_ns - first >= begin * 1e9 and interval.start_ns - first <= end * 1e9
+    )
+    folder = logs.parent / "parts"
+    folder.mkdir(exist_ok=True)
+    log = folder / "part.mcap"
+    poses = Poses.collect(open_log(source.name))
+    write_recording(str(log), poses, Truth(part), {})
+    study = look(Source(str(log)), MODEL, False, True)
+    expected = study.chain.expect(MODEL)
+    seconds = sum(i.end_ns - i.start_ns for i in part) * 1e-9
+    assert study.labelled
+    assert (expected.stays.sum() + expected.changes.sum()) * MODEL.tick_s <= seconds + 1.0
+    assert np.isfinite(expected.log_evidence)

@@ -1,0 +1,494 @@
+"""The command line as a user meets it: real processes, real files, exit codes and streams."""
+
+import argparse
+import csv
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.atomic_file import whole_file
+from contact_tracker.cli.arguments import output_file
+from contact_tracker.cli.main import COMMANDS
+from contact_tracker.cli.source import Source
+from contact_tracker.config.shipped import preset_names
+from contact_tracker.errors import NoPoses, UsageError
+from contact_tracker.ground_truth import Truth
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log, write_recording
+from contact_tracker.states import STATES
+from mcap_logs import START_NS as LOGS_START_NS
+from mcap_logs import Topic, poses_topic, smooth_poses, write_log
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = [sys.executable, "-m", "contact_tracker"]
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": str(ROOT / "tracker"),
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+NAMES = [state.value for state in STATES]
+RATE_HZ = 100
+SIGMA_M = 3e-4
+LENGTH_S = 2
+START_NS = 1_700_000_000_000_000_000
+
+
+def run(
+    *arguments: object, stdin: bytes | None = None, cwd: Path | None = None
+) -> "subprocess.CompletedProcess[str]":
+    command = [*PROGRAM, *map(str, arguments)]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, input=stdin, cwd=cwd, timeout=120)
+    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
+
+
+def assert_one_line_error(done: "subprocess.CompletedProcess[str]", code: int, *parts: str) -> None:
+    assert done.returncode == code, done.stderr
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("contact-tracker: error: ")
+    for part in parts:
+        assert part in line
+
+
+def write_waves(path: Path, rate_hz: int) -> Path:
+    """Some smooth free motion with noise."""
+    rng = np.random.default_rng(5)
+    seconds = np.arange(LENGTH_S * rate_hz) / rate_hz
+    waves = np.sin(seconds[:, None] * rng.uniform(3, 7, 6) + rng.uniform(0, 6, 6))
+    poses = Poses(
+        START_NS + np.round(seconds * 1e9).astype(np.int64),
+        0.1 * waves[:, :3] + rng.normal(0, SIGMA_M, (len(seconds), 3)),
+        Rotation.from_rotvec(0.5 * waves[:, 3:] + rng.normal(0, 0.002, (len(seconds), 3))).as_quat(),
+    )
+    truth = Truth.from_changes([START_NS], ["free"], int(poses.stamp_ns[-1]))
+    write_recording(str(path), poses, truth, {"scenario": "waves"})
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_waves(tmp_path_factory.mktemp("cli") / "free.mcap", RATE_HZ)
+
+
+@pytest.fixture
+def truncated(tmp_path: Path) -> Path:
+    """Enough poses for several chunks, the last of them cut off."""
+    path = write_waves(tmp_path / "truncated.mcap", 1000)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 9 // 10])
+    return path
+
+
+def test_the_parser_loads_nothing_that_takes_time() -> None:
+    heavy = ("numpy", "scipy", "rerun", "mcap", "mcap_ros2", "filterpy", "tqdm", "matplotlib")
+    code = (
+        "import sys; from contact_tracker.cli.main import build_parser; build_parser().format_help();"
+        f"print([m for m in {heavy} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.stdout == "[]\n", done.stderr
+
+
+def test_help_takes_a_quarter_of_a_second_at_most() -> None:
+    def seconds_of_cpu() -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        assert run("--help").returncode == 0
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    assert min(seconds_of_cpu() for _ in range(3)) < 0.25
+
+
+@pytest.mark.parametrize("command", [c.__name__.rpartition(".")[2] for c in COMMANDS])
+def test_each_command_explains_itself_with_an_example(command: str) -> None:
+    done = run(command, "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert f"example:\n  contact-tracker {command} " in done.stdout
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "view", "evaluate"])
+def test_help_names_the_models(command: str) -> None:
+    assert set(preset_names()) <= set(run(command, "--help").stdout.replace(",", " ").split())
+
+
+def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "out.csv").symlink_to(tmp_path / "there" / "out.csv")
+    asked = []
+    monkeypatch.setattr(
+        "contact_tracker.cli.arguments.os.access", lambda path, mode: bool(asked.append(path))
+    )
+    with pytest.raises(UsageError, match="there is not writable"):
+        output_file(".csv")(str(tmp_path / "out.csv"))
+    assert asked == [tmp_path.resolve() / "there"]
+    (tmp_path / "lost.csv").symlink_to(tmp_path / "gone" / "out.csv")
+    with pytest.raises(UsageError, match="gone"):
+        output_file(".csv")(str(tmp_path / "lost.csv"))
+
+
+def test_what_fails_beside_a_file_is_told_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    with pytest.raises(FileNotFoundError) as error, whole_file(path) as temporary:
+        (temporary / "no folder").touch()
+    assert error.value.filename == str(temporary / "no folder")  # of something else as it is
+    with pytest.raises(FileNotFoundError) as error, whole_file(path):
+        pass  # nothing was written
+    assert error.value.filename == str(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_recordings_of_their_own_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
+    for name in ("one.mcap", "two.mcap"):
+        write_waves(tmp_path / name, RATE_HZ)
+    done = run("segment", tmp_path)
+    assert done.returncode == 0
+    assert "time runs backward" in done.stderr
+    assert "backward" not in run("segment", tmp_path / "one.mcap").stderr
+
+
+def test_version() -> None:
+    assert run("--version").stdout.startswith("contact-tracker 0.")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        ([], ["COMMAND"]),
+        (["lve", "x.mcap"], ["lve"]),
+        (["live"], ["LOG"]),
+        (["live", "x.mcap", "--start", "-1"], ["--start", "negative"]),
+        (["live", "x.mcap", "--rate", "0"], ["--rate", "not above zero"]),
+        (["live", "x.mcap", "--start", "nan"], ["--start", "finite"]),
+        (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
+        (["segment", "x.mcap", "--duration", "1e301"], ["--duration", "beyond"]),
+        (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
+        (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv or .jsonl"]),
+        (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
+        (["segment", "x.mcap", "--json"], ["--json", "contact-tracker segment --help"]),
+        (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
+        (["simulate", "--seed", "-3"], ["--seed"]),
+        (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
+        (["simulate", "unheard_of", "-o", "x.mcap"], ["unheard_of", "paper_experiment"]),
+        (["evaluate", "-"], ["file"]),
+    ],
+)
+def test_wrong_usage_is_one_line_and_2(arguments: list[str], parts: list[str], tmp_path: Path) -> None:
+    assert_one_line_error(run(*arguments, cwd=tmp_path), 2, *parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "view", "info", "evaluate"])
+def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Path) -> None:
+    assert_one_line_error(run(command, "absent.mcap", cwd=tmp_path), 1, "absent.mcap")
+    (tmp_path / "text.mcap").write_text("no recording at all")
+    assert_one_line_error(run(command, "text.mcap", cwd=tmp_path), 1, "text.mcap", "not an MCAP file")
+
+
+def test_names_from_outside_cannot_steer_the_terminal(tmp_path: Path) -> None:
+    assert "\x1b" not in run("live", "\x1b[2Jgone.mcap", cwd=tmp_path).stderr
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "evaluate"])
+def test_an_unknown_model_is_2_and_named(command: str, log: Path) -> None:
+    assert_one_line_error(run(command, log, "--model", "unheard_of"), 2, "unheard_of")
+
+
+def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -> None:
+    done = run("live", log, "--json")
+    assert done.returncode == 0, done.stderr
+    beliefs = [json.loads(line) for line in done.stdout.splitlines()]
+    stamps = [b["stamp_ns"] for b in beliefs]
+    assert len(beliefs) >= 10
+    assert stamps == sorted(set(stamps))
+    assert START_NS < stamps[0] < stamps[-1] == START_NS + round((LENGTH_S - 1 / RATE_HZ) * 1e9)
+    for belief in beliefs:
+        assert list(belief) == ["stamp_ns", "contact", "probability", "onset_ns", "inseparable", "geometry"]
+        assert set(belief["inseparable"]) <= set(NAMES) - {belief["contact"]}
+        assert list(belief["probability"]) == NAMES
+        assert sum(belief["probability"].values()) == pytest.approx(1)
+        assert belief["contact"] in NAMES
+        assert START_NS <= belief["onset_ns"] <= belief["stamp_ns"]
+        assert set(belief["geometry"]) == (
+            set() if belief["contact"] == "free" else {"object", "environment"}
+        )
+    assert run("live", "-", "--json", stdin=log.read_bytes()).stdout == done.stdout
+
+
+def test_live_for_people_is_a_line_per_change_one_when_settled_and_a_summary(log: Path) -> None:
+    done = run("live", log)
+    assert done.returncode == 0, done.stderr
+    header, *changes = done.stdout.splitlines()
+    assert header.split()[:5] == ["time", "s", "contact", "p", "since"]
+    told = [(line.split()[1], float(line.split()[2]) >= 0.9 and "; or " not in line) for line in changes]
+    assert {contact for contact, _ in told} <= set(NAMES)
+    assert told
+    for (before, settled_before), (contact, settled) in pairwise(told):
+        assert contact != before or (settled and not settled_before)
+    assert f"{LENGTH_S * RATE_HZ} poses" in done.stderr
+    assert "\r" not in done.stderr, "a status line is for terminals"
+
+
+def test_start_and_duration_choose_an_interval(log: Path) -> None:
+    done = run("live", log, "--json", "--start", "0.5", "--duration", "1")
+    stamps = [json.loads(line)["stamp_ns"] - START_NS for line in done.stdout.splitlines()]
+    assert stamps
+    assert all(0.5e9 <= s < 1.5e9 for s in stamps)
+    assert "100 poses" in done.stderr
+    assert_one_line_error(run("live", log, "--start", "99"), 1, "--start")
+
+
+def test_segment_writes_csv_whole(log: Path, tmp_path: Path) -> None:
+    done = run("segment", log, "-o", "out.csv", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    with open(tmp_path / "out.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["start_ns", "end_ns", "contact", "probability", "geometry", "inseparable"]
+    assert int(rows[0]["start_ns"]) == START_NS
+    for row in rows:
+        assert int(row["start_ns"]) <= int(row["end_ns"])
+        assert row["contact"] in NAMES
+        assert 0 <= float(row["probability"]) <= 1
+        assert set(json.loads(row["geometry"])) <= {"object", "environment"}
+    assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
+
+
+def test_segment_writes_every_tick_as_json_lines_and_a_table_to_stdout(log: Path, tmp_path: Path) -> None:
+    assert run("segment", log, "-o", "out.jsonl", cwd=tmp_path).returncode == 0
+    ticks = [json.loads(line)["stamp_ns"] for line in (tmp_path / "out.jsonl").read_text().splitlines()]
+    live = [json.loads(line)["stamp_ns"] for line in run("live", log, "--json").stdout.splitlines()]
+    assert ticks == live
+    header, *lines = run("segment", log).stdout.splitlines()
+    assert header.split()[:5] == ["start", "s", "end", "s", "contact"]
+    *lines, open_contacts = lines if lines[-1].startswith("The motion leaves") else [*lines, ""]
+    assert all(line.split()[2] in NAMES for line in lines)
+    assert not open_contacts or open_contacts.endswith(" s.")
+
+
+def test_truncated_input_gives_what_is_readable_and_3(truncated: Path, tmp_path: Path) -> None:
+    for arguments in (["live", truncated, "--json"], ["info", truncated]):
+        done = run(*arguments)
+        assert done.returncode == 3, done.stderr
+        assert done.stdout.splitlines()
+        assert "truncated.mcap" in done.stderr
+        assert "Traceback" not in done.stderr
+    assert run("segment", truncated, "-o", tmp_path / "out.csv").returncode == 3
+    assert (tmp_path / "out.csv").exists()
+
+
+def test_follow_waits_for_what_is_still_being_written(truncated: Path) -> None:
+    rest = write_waves(truncated.with_name("whole.mcap"), 1000).read_bytes()[truncated.stat().st_size :]
+    command = [*PROGRAM, "live", str(truncated), "--json", "--follow"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        with open(truncated, "ab") as growing:
+            growing.write(rest)
+        others, messages = process.communicate(timeout=60)
+    assert (process.returncode, f"{LENGTH_S * 1000} poses" in messages) == (0, True), messages
+    assert json.loads(first)["stamp_ns"] < json.loads(others.splitlines()[-1])["stamp_ns"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["segment", "LOG", "-o", "odd.csv"],
+        ["view", "LOG", "--save", "odd.rrd"],
+        ["simulate", "robot", "-o", "odd.mcap"],
+    ],
+    ids=lambda a: a[0],
+)
+def test_an_output_that_cannot_be_replaced_is_refused_before_any_work(
+    arguments: list[str], log: Path, tmp_path: Path
+) -> None:
+    odd = tmp_path / arguments[-1]
+    os.mkfifo(odd)
+    done = run(*(log if a == "LOG" else a for a in arguments), cwd=tmp_path)
+    assert_one_line_error(done, 2, odd.name, "not a regular file")
+    assert odd.is_fifo()
+
+
+def test_a_failed_write_leaves_what_was_there(log: Path, tmp_path: Path) -> None:
+    """The disk is full: file size is limited to 64 bytes."""
+    target = tmp_path / "out.jsonl"
+    target.write_text("precious")
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))
+
+    command = [*PROGRAM, "segment", str(log), "-o", str(target)]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, preexec_fn=limit)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("contact-tracker: error: ")
+    assert "Traceback" not in done.stderr
+    assert target.read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["out.jsonl"]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["live", "LOG", "--json"], ["segment", "LOG"]], ids=str)
+def test_a_closed_pipe_ends_cleanly(arguments: list[str], log: Path) -> None:
+    command = [*PROGRAM, *(str(log) if a == "LOG" else a for a in arguments)]
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(command, env=ENVIRONMENT, stdout=writing, stderr=subprocess.PIPE, text=True)
+    os.close(writing)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert "BrokenPipe" not in done.stderr
+
+
+def test_closed_streams_are_empty_ones(log: Path) -> None:
+    def shell(text: str) -> "subprocess.CompletedProcess[str]":
+        command = ["bash", "-c", f'"$@" {text}', "bash", *PROGRAM]
+        return subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
+
+    done = shell("live - <&-")
+    assert (done.returncode, done.stderr) == (1, "contact-tracker: error: standard input: it is empty\n")
+    assert shell(f"info '{log}' >&-").returncode == 0
+    assert shell("--version 2>&-").returncode == 0
+
+
+def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
+    with open("/dev/full", "w") as full:
+        command = [*PROGRAM, "info", str(log)]
+        done = subprocess.run(command, env=ENVIRONMENT, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("contact-tracker: error: cannot write")
+
+
+def heed_interrupts() -> None:
+    """In the child: a shell's background jobs, such as these tests may be, ignore them and hand that on."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def test_ctrl_c_is_130_with_a_summary(log: Path) -> None:
+    command = [*PROGRAM, "live", str(log), "--json", "--rate", "0.5"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, env=ENVIRONMENT, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed_interrupts
+    ) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())
+        process.send_signal(signal.SIGINT)
+        _, messages = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "poses" in messages
+    assert "Traceback" not in messages
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_nothing_half_written(log: Path, tmp_path: Path, number: signal.Signals) -> None:
+    command = [*PROGRAM, "segment", "-", "-o", str(tmp_path / "out.csv")]
+    with subprocess.Popen(
+        command,
+        env=ENVIRONMENT,
+        stdin=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    ) as process:
+        assert process.stdin is not None
+        process.stdin.write(log.read_bytes())  # and there may be more
+        process.stdin.flush()
+        while not any(tmp_path.iterdir()):
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(number)
+        process.wait(timeout=30)
+    assert process.returncode == 128 + number
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_status_line_shows_on_a_terminal(log: Path) -> None:
+    terminal, other_end = os.openpty()
+    command = [*PROGRAM, "live", str(log), "--json"]
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=other_end):
+        os.close(other_end)
+        shown = b""
+        try:
+            while part := os.read(terminal, 4096):
+                shown += part
+        except OSError:  # the terminal's other end is closed
+            pass
+    os.close(terminal)
+    assert b"\r" in shown
+    assert f"{LENGTH_S * RATE_HZ} poses".encode() in shown
+
+
+def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
+    done = run("view", "-", "--save", tmp_path / "a.rrd", stdin=log.read_bytes())
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert f"{LENGTH_S * RATE_HZ} poses" in done.stderr
+    assert (tmp_path / "a.rrd").stat().st_size > 10_000
+
+
+def test_info_describes_the_poses(log: Path) -> None:
+    done = run("info", log, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    (source,) = found["sources"]
+    assert source["topic"] == "/object/pose"
+    assert source["type"] == "geometry_msgs/msg/PoseStamped"
+    assert source["poses"] == LENGTH_S * RATE_HZ
+    assert source["rate_hz"] == pytest.approx(RATE_HZ)
+    assert source["duration_s"] == pytest.approx(LENGTH_S - 1 / RATE_HZ)
+    assert source["noise"]["sigma_position_m"] == pytest.approx(SIGMA_M, rel=0.5)
+    assert "/object/pose" in run("info", log).stdout
+
+
+def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:
+    for name in ("a.mcap", "b.mcap"):
+        done = run("simulate", "vision_30hz", "--seed", "3", "-o", name, cwd=tmp_path)
+        assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+    assert "vision_30hz" in run("simulate", "--list").stdout
+
+
+def test_evaluate_names_what_needs_a_choice_and_goes_on(log: Path, tmp_path: Path) -> None:
+    topics = [poses_topic(smooth_poses(60), name) for name in ("/left", "/right")]
+    truth = Topic("/contact/truth", "std_msgs/msg/String", [(LOGS_START_NS, {"data": "free"})])
+    two = write_log(tmp_path / "two.mcap", [*topics, truth])
+    done = run("evaluate", two, log, "--json")
+    assert done.returncode == 2
+    assert all(word in done.stderr for word in ("two.mcap", "--topic", "/left", "/right"))
+    assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
+    assert run("evaluate", two, "--topic", "/left").returncode == 0
+
+
+def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.mcap"
+    bad.write_text("no recording at all")
+    done = run("evaluate", bad, log.parent, "--json")
+    assert done.returncode == 1
+    assert "bad.mcap" in done.stderr
+    assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
+    assert "offline" in run("evaluate", log).stdout
+
+
+@pytest.mark.parametrize(
+    ("start", "duration"), [(0.0, None), (0.4, None), (0.0, 0.3), (0.1, 0.25), (9.0, None), (0.2, 1e-9)]
+)
+def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, duration):
+    monkeypatch.setattr("contact_tracker.recording.log.BATCH", 16)
+    path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(120))]))
+    args = argparse.Namespace(log=path, start=start, duration=duration)
+
+    def read(columns):
+        source = Source(open_log(path), args)
+        try:
+            poses = [p for batch in source.batches() for p in batch] if columns else list(source)
+        except NoPoses as error:
+            poses = str(error)
+        return poses, source.origin_ns, source.first_ns, source.last_ns, source.used
+
+    assert read(columns=True) == read(columns=False)
+    assert (read(columns=True)[-1] == 0) == (start > 1.0)

@@ -1,0 +1,341 @@
+"""Models are read whole or refused with the key and the reason; nothing of a file is guessed."""
+
+import os
+import tomllib
+from dataclasses import asdict, fields, is_dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contact_tracker.calibration.writing import model_text
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
+from contact_tracker.config.shipped import preset_names
+from contact_tracker.errors import ModelError, UsageError
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.posterior import touching
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
+
+
+MAY_BE_LEFT_OUT = {(None, "poses_per_tick")}
+
+
+def toml(table, prefix=""):
+    """The table as TOML, sections last."""
+    rows = [f"{k} = {_toml_value(v)}" for k, v in table.items() if not isinstance(v, dict)]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            rows += [f"[{prefix}{key}]", toml(value, f"{prefix}{key}.")]
+    return "\n".join(rows)
+
+
+def _toml_value(value):
+    return f'"{value}"' if isinstance(value, str) else str(value).lower()
+
+
+def numbers(kind=Model, prefix=""):
+    """Names (section, key) of all numbers of the model."""
+    rows = []
+    for field in fields(kind):
+        if is_dataclass(field.type):
+            rows += [(field.name, f.name) for f in fields(field.type) if f.type is float]
+        elif field.type is float:
+            rows.append((None, field.name))
+    return rows
+
+
+def changed(section, key, value):
+    """The default model's table with one value changed, or taken away (None)."""
+    table = {k: dict(v) if isinstance(v, dict) else v for k, v in DEFAULT.items()}
+    inner = table if section is None else table[section]
+    inner.pop(key, None)
+    if value is not None:
+        inner[key] = value
+    return table
+
+
+def refused(tmp_path, text):
+    """The error that a file with this text raises."""
+    path = tmp_path / "model.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError) as caught:
+        load_model(str(path))
+    assert isinstance(caught.value, UsageError)
+    assert "\n" not in str(caught.value)
+    assert caught.value.key in str(caught.value)
+    assert caught.value.reason in str(caught.value)
+    return caught.value
+
+
+each_number = pytest.mark.parametrize(
+    ("section", "key"), numbers(), ids=[".".join(filter(None, row)) for row in numbers()]
+)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_load_and_are_called_what_they_are(name):
+    model = load_model(name)
+    assert model.name == name
+    assert model.search.window_s > model.tick_s > 0.0
+    assert hash(model) == hash(load_model(name))
+
+
+def test_default_is_a_preset_and_needs_no_name():
+    assert "default" in preset_names()
+    assert load_model() == load_model("default")
+
+
+@pytest.mark.parametrize("name", sorted({*preset_names()} - {"impacts"}))
+def test_presets_differ_in_what_their_sensors_differ_in(name):
+    """Whoever changes one value of the default changes it in all files."""
+    sensor = {"sigma_position_m", "sigma_rotation_rad"}
+    preset, default = asdict(load_model(name)), asdict(load_model())
+    for table in (preset, default):
+        table.pop("name")
+        table["noise"] = {k: v for k, v in table["noise"].items() if k not in sensor}
+    assert preset == default
+
+
+def test_impacts_differ_in_time_and_in_how_well_things_fit():
+    """No sensor's preset: contacts of a few frames, between bodies that are known but no ideal ones."""
+    impacts, default = load_model("impacts"), load_model()
+    assert impacts.geometry == default.geometry
+    assert impacts.tick_s < 0.2 * default.tick_s
+    assert impacts.noise.floor_position_m > 10 * impacts.noise.sigma_position_m
+    assert impacts.transitions.leave_per_s > 10 * default.transitions.leave_per_s
+    same = {"leave_per_s", "prior_changes", "seen"}
+    ours, theirs = asdict(impacts.transitions), asdict(default.transitions)
+    assert {k: v for k, v in ours.items() if k not in same} == {
+        k: v for k, v in theirs.items() if k not in same
+    }
+
+
+def test_a_file_says_all_of_a_model(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(DEFAULT | {"name": "größer", "tick_s": 0.25}), encoding="utf-8")
+    assert load_model(str(path)) == replace(load_model(), name="größer", tick_s=0.25)
+
+
+SEEN = {"begins": {"free": 2.0}, "moving_s": {"f-f": 3.5}, "changes": {"f-f": {"e-f": 1.5}, "free": {}}}
+
+
+def with_seen(table):
+    return toml(DEFAULT | {"transitions": DEFAULT["transitions"] | {"seen": table}})
+
+
+def test_what_is_missing_in_a_table_of_contacts_was_not_seen(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(with_seen(SEEN))
+    seen = load_model(str(path)).transitions.seen
+    assert seen.begins == (0.0,) * 6 + (2.0,)
+    assert seen.moving_s == (3.5, *(0.0,) * 6)
+    assert seen.changes[0] == (0.0, 1.5, *(0.0,) * 5)
+    assert seen.changes[1:] == ((0.0,) * 7,) * 6
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "reason"),
+    [
+        ({"begins": {"f-g": 1.0}}, "begins.f-g", "known are f-f"),
+        ({"begins": {"f-f": -1.0}}, "begins.f-f", "zero or more"),
+        ({"begins": {"f-f": float("nan")}}, "begins.f-f", "zero or more"),
+        ({"begins": 3.0}, "begins", "table"),
+        ({"moving_s": {"free": "long"}}, "moving_s.free", "number"),
+        ({"moving_s": {"free": 10**400}}, "moving_s.free", "zero or more"),
+        ({"changes": {"f-f": 1.0}}, "changes.f-f", "table"),
+        ({"changes": {"f-f": {"up": 1.0}}}, "changes.f-f.up", "known are f-f"),
+        ({"changes": {"free": {"free": 1.0}}}, "changes.free.free", "into itself"),
+        ({"change": {}}, "change", "unknown"),
+    ],
+)
+def test_tables_of_contacts_are_checked_to_the_last_number(tmp_path, table, key, reason):
+    error = refused(tmp_path, with_seen(SEEN | table))
+    assert error.key == f"transitions.seen.{key}"
+    assert reason in error.reason
+
+
+def test_whole_numbers_are_numbers(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(changed(None, "tick_s", 1)))
+    tick_s = load_model(str(path)).tick_s
+    assert tick_s == 1.0
+    assert isinstance(tick_s, float)
+
+
+@each_number
+def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
+    name = key if section is None else f"{section}.{key}"
+    needed = [(None, "missing")] if (section, key) not in MAY_BE_LEFT_OUT else []
+    for value, reason in (
+        *needed,
+        ("fast", "must be a number, not str"),
+        (True, "must be a number, not bool"),
+        ([1.0], "must be a number, not list"),
+        (0.0, "must be more than"),
+        (-1.0, "must be more than"),
+        (float("nan"), "must be more than"),
+        (float("inf"), "must be more than"),
+        (10**400, "must be more than"),
+    ):
+        error = refused(tmp_path, toml(changed(section, key, value)))
+        assert error.key == name
+        assert reason in error.reason
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("transitions", "skip", 1.5),
+        ("transitions", "initial_f_f", 1.0),
+        (None, "tick_s", 1e-9),
+        (None, "tick_s", 1e6),
+        ("geometry", "reach_m", 1e-200),
+        ("motion", "foreknowledge", 1.5),
+        ("noise", "floor_position_m", 1e-200),
+    ],
+)
+def test_what_cannot_work_is_out_of_range(tmp_path, section, key, value):
+    assert refused(tmp_path, toml(changed(section, key, value))).key.endswith(key)
+
+
+def test_a_window_holds_several_ticks(tmp_path):
+    """A window shorter than a tick would hold nothing, or everything for ever."""
+    error = refused(tmp_path, toml(changed("search", "window_s", 0.01)))
+    assert error.key == "search.window_s"
+    assert "tick" in error.reason
+
+
+def test_unknown_keys_and_sections_are_named_with_the_known_ones(tmp_path):
+    error = refused(tmp_path, toml(changed("noise", "sigma_posision_m", 1.0)))
+    assert error.key == "noise.sigma_posision_m"
+    assert "sigma_position_m" in error.reason
+    error = refused(tmp_path, toml(DEFAULT | {"extra": {"a": 1.0}}))
+    assert error.key == "extra"
+    assert "unknown" in error.reason
+
+
+@pytest.mark.parametrize("section", [k for k, v in DEFAULT.items() if isinstance(v, dict)])
+def test_sections_are_tables(tmp_path, section):
+    assert refused(tmp_path, toml({k: v for k, v in DEFAULT.items() if k != section})).key == section
+    error = refused(tmp_path, toml({section: 3.0} | {k: v for k, v in DEFAULT.items() if k != section}))
+    assert error.key.startswith(section)
+    assert "table" in error.reason
+
+
+def test_the_name_is_a_string(tmp_path):
+    assert refused(tmp_path, toml(DEFAULT | {"name": 7})).key == "name"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["tick_s = ", "[noise", "name = 'a'\nname = 'b'", f"tick_s = {'9' * 5000}", f"a = {'[' * 5000}"],
+    ids=["no value", "open table", "twice", "endless number", "endless nesting"],
+)
+def test_what_is_not_toml_is_refused_with_the_file(tmp_path, text):
+    assert "model.toml" in str(refused(tmp_path, text))
+
+
+@pytest.mark.parametrize("name", ["no_such_model", "", ".", "no/such/model.toml", "x" * 5000, "a\0b"])
+def test_what_is_neither_preset_nor_file_is_refused_with_the_presets(name):
+    with pytest.raises(ModelError, match="default"):
+        load_model(name)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path):
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00name")
+    with pytest.raises(ModelError, match=r"binary\.toml"):
+        load_model(str(binary))
+    with pytest.raises(ModelError):
+        load_model(str(tmp_path))
+    if os.geteuid() != 0:
+        binary.chmod(0)
+        with pytest.raises(ModelError, match=r"binary\.toml"):
+            load_model(str(binary))
+
+
+@settings(max_examples=50, deadline=None)
+@given(text=st.text(max_size=200))
+def test_any_text_is_a_model_or_an_error_in_one_line(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("models") / "any.toml"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    with pytest.raises(ModelError):
+        load_model(str(path))
+
+
+# --- errors of single contacts -----------------------------------------------------------------------------
+
+
+def with_errors(**tables):
+    return replace(load_model(), noise=replace(load_model().noise, **tables))
+
+
+def test_errors_of_contacts_may_be_left_out_and_are_read_again(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(changed("noise", "contact_position_m", {"v-f": 0.001})), encoding="utf-8")
+    loose = load_model(str(path))
+    assert loose == with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.001, 0.0, 0.0, 0.0))
+    path.write_text(model_text(loose), encoding="utf-8")
+    assert load_model(str(path)) == loose
+
+
+def test_free_motion_has_no_error_of_contact(tmp_path):
+    error = refused(tmp_path, toml(changed("noise", "contact_rotation_rad", {"free": 0.001})))
+    assert error.key == "noise.contact_rotation_rad.free"
+
+
+def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
+    poses = simulate(Scenario((Phase(Contact.VF, 1.0),)), 0).poses
+    plain, same, loose = (
+        banks_of(poses, model)
+        for model in (
+            load_model(),
+            with_errors(contact_position_m=(0.0,) * 7),
+            with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)),
+        )
+    )
+    for contact, a, b, c in zip(CONTACTS, plain, same, loose, strict=True):
+        np.testing.assert_array_equal(a.log_likelihood, b.log_likelihood)
+        if contact is Contact.VF:
+            assert c.log_likelihood.max() < a.log_likelihood.max() - 1.0
+        else:
+            np.testing.assert_allclose(a.log_likelihood, c.log_likelihood, atol=1e-6)
+
+
+def test_where_a_contact_that_may_be_off_touches_is_known_less_well():
+    state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
+    loose = state._replace(model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
+    plain, off = (touching(one, Contact.VF).object.covariance.trace() for one in (state, loose))
+    assert off > 1.01 * plain
+
+
+def banks_of(poses, model):
+    return state_after(poses, model).banks
+
+
+def state_after(poses, model):
+    state = tracker.start(model)
+    for pose in poses:
+        state, _ = tracker.step(state, pose)
+    return state
+
+
+def test_what_may_be_left_out_has_its_usual_value(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(changed(None, "poses_per_tick", None)))
+    model = load_model(str(path))
+    assert (model.poses_per_tick, model.noise.estimated) == (3.0, True)
+    path.write_text(toml(changed("noise", "estimated", False)))
+    given = load_model(str(path))
+    assert given.noise == load_model().with_noise(0.5e-3, 4e-3).noise
+    assert refused(tmp_path, toml(changed("noise", "estimated", 1.0))).key == "noise.estimated"
+    path.write_text(model_text(given))
+    assert load_model(str(path)) == given

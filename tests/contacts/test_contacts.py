@@ -1,0 +1,380 @@
+"""The six contacts on the lifted pose: the paper's objectives, true incidence, finite differences."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_motions import touching, x_of
+from contact_tracker.contacts import CONTACT_MODELS, parameter_layout
+from contact_tracker.motion import lifted_pose
+from contact_tracker.paper import direct, motion
+from contact_tracker.states import CONTACTS, Contact
+
+seeds = st.integers(0, 2**32 - 1)
+each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+quick = settings(max_examples=20, deadline=None)
+
+
+def random_poses(rng, frames=9):
+    return Rotation.random(frames, random_state=rng).as_matrix(), rng.normal(size=(frames, 3))
+
+
+def random_x(model, rng, anchors=None):
+    anchors = np.zeros(6) if anchors is None else anchors
+    return model.family.normalise(rng.normal(size=model.family.SIZE), anchors)
+
+
+def residuals(model, x, rotation, t):
+    """(N, K): the rows of x on the lifted poses."""
+    return model.lifted(lifted_pose.lift(rotation, t)) @ model.family.rows(x).T
+
+
+def scale_sq(model, x, rotation, t):
+    """(N,) square of what the last row gives per metre, pose by pose."""
+    zeta = model.lifted(lifted_pose.lift(rotation, t))
+    return model.family.scale_sq(np.broadcast_to(x, (len(t), len(x))), zeta[:, :, None] * zeta[:, None, :])
+
+
+def first_and_second(model, x):
+    """x as the paper's elements, in frame 1 and in frame 2; f-f takes its free offset to be zero."""
+    match model.contact:
+        case Contact.FF:
+            return np.append(x[:3], 0.0), x[3:7]
+        case Contact.EF | Contact.FE:
+            return np.append(x[:3], np.cross(x[3:6], x[:3])), x[6:10]
+        case Contact.VF | Contact.FV:
+            return np.append(x[:3], 1.0), x[3:7]
+        case _:
+            lines = [np.append(d, np.cross(q, d)) for d, q in ((x[:3], x[3:6]), (x[6:9], x[9:12]))]
+            return lines[0], lines[1]
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+def test_the_form_says_which_free_directions_turn(model):
+    rng = np.random.default_rng(0)
+    tangent = model.family.tangent(random_x(model, rng), rng.normal(size=6))
+    turned = np.abs(tangent[parameter_layout.directions(model.family.FORM)]).max(axis=0) > 0
+    np.testing.assert_array_equal(np.flatnonzero(turned), parameter_layout.turns(model.family.FORM))
+    np.testing.assert_array_equal(np.flatnonzero(~turned), parameter_layout.shifts(model.family.FORM))
+
+
+def test_models_stand_in_the_order_of_the_labels():
+    assert tuple(model.contact for model in CONTACT_MODELS) == CONTACTS
+
+
+@each_model
+def test_as_many_rows_as_constraints(model):
+    assert model.contact.codimension == model.family.ROWS
+    assert model.family.rows(random_x(model, np.random.default_rng(0))).shape[0] == model.family.ROWS
+
+
+# --- the exact relation to the paper's objectives -------------------------------------------------------
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_rows_give_the_papers_objective(model, seed):
+    """f-f with h_o = 0, v-f, f-v and e-e: equal. e-f, f-e: the paper weights the angle by 1 + |q|^2."""
+    rng = np.random.default_rng(seed)
+    rotation, t = random_poses(rng)
+    x = random_x(model, rng)
+    first, second = first_and_second(model, x)
+    obj, environment = (first, second) if model.body_in_1 else (second, first)
+    squares = (residuals(model, x, rotation, t) ** 2).sum(axis=0)
+    if model.contact in (Contact.EF, Contact.FE):
+        squares[0] *= 1.0 + x[3:6] @ x[3:6]
+    assert direct(model.contact, *motion(rotation, t), obj, environment) == pytest.approx(
+        squares.sum(), rel=1e-9
+    )
+
+
+@quick
+@given(seed=seeds, offset=st.floats(-1.0, 1.0))
+def test_papers_f_f_with_any_offset(seed, offset):
+    """(1 + h_o^2) times the angles and the distance of the object face's foot: h_o is a gauge at angle 0."""
+    model = CONTACT_MODELS[Contact.FF.column]
+    rng = np.random.default_rng(seed)
+    rotation, t = random_poses(rng)
+    x = random_x(model, rng)
+    angles = residuals(model, x, rotation, t)[:, :2]
+    distance = np.einsum("i,nij,j->n", x[3:6], rotation, x[:3] * offset) + t @ x[3:6] - x[6]
+    expected = (1.0 + offset**2) * np.sum(angles**2) + np.sum(distance**2)
+    found = direct(Contact.FF, *motion(rotation, t), np.append(x[:3], offset), x[3:7])
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
+# --- true incidence --------------------------------------------------------------------------------------
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_vanishes_where_the_elements_touch(model, seed):
+    rng = np.random.default_rng(seed)
+    t = touching(model.contact, rng)
+    x = x_of(model.contact, t.object, t.environment)
+    assert np.abs(residuals(model, x, t.rotation, t.position_m)).max() < 1e-12
+    measured = model.measure(x[None], lifted_pose.lift(t.rotation, t.position_m))
+    assert np.abs(measured.residual).max() < 1e-10
+    assert (measured.lever_sq <= measured.reach_sq + 1e-9).all()
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_measure_is_the_distance_in_metres(model, seed):
+    """Moving the object by a millimetre along the contact's normal changes the distance by a millimetre."""
+    rng = np.random.default_rng(seed)
+    t = touching(model.contact, rng)
+    if model.contact is Contact.EE:
+        normal = np.cross(t.environment[:3], t.rotation @ t.object[:3])
+        crossing = np.linalg.norm(normal, axis=1) > 0.1
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    else:
+        normal = t.environment[:3] if model.body_in_1 else t.rotation @ t.object[:3]
+        crossing = np.ones(len(t.rotation), bool)
+    x = x_of(model.contact, t.object, t.environment)
+    moved = lifted_pose.lift(t.rotation, t.position_m + 1e-3 * normal)
+    distance = np.abs(model.measure(x[None], moved).residual[0, -1])
+    np.testing.assert_allclose(distance[crossing], 1e-3, rtol=1e-6)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_measure_agrees_with_rows(model, seed):
+    """Same angles; the distance too, but for e-f's (at the body's nearest point) and e-e's (per metre)."""
+    rng = np.random.default_rng(seed)
+    rotation, t = random_poses(rng)
+    x = random_x(model, rng)
+    by_rows = residuals(model, x, rotation, t).T
+    measured = model.measure(x[None], lifted_pose.lift(rotation, t))
+    exact = measured.residual[0]
+    np.testing.assert_allclose(exact[:-1], by_rows[:-1], atol=1e-12)
+    if model.contact is Contact.FE:
+        rotation_ew = np.swapaxes(rotation, 1, 2)  # frame 1 is the world: its pose in the body
+        s = (t - x[3:6]) @ x[:3]
+        by_rows[1] += s * np.einsum("i,nij,j->n", x[6:9], rotation_ew, x[:3])
+    np.testing.assert_allclose(exact[-1] * np.sqrt(scale_sq(model, x, rotation, t)), by_rows[-1], atol=1e-9)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_lever_is_how_a_turn_of_the_body_enters_the_distance(model, seed):
+    """Turning the body about its origin by a small random angle moves the distance by lever times angle."""
+    rng = np.random.default_rng(seed)
+    t = touching(model.contact, rng, frames=1)
+    x = x_of(model.contact, t.object, t.environment)
+    step = 1e-6
+    slopes = []
+    for axis in np.eye(3):
+        turned = Rotation.from_rotvec(step * axis).as_matrix() @ t.rotation
+        slopes.append(
+            model.measure(x[None], lifted_pose.lift(turned, t.position_m)).residual[0, -1, 0] / step
+        )
+    measured = model.measure(x[None], lifted_pose.lift(t.rotation, t.position_m))
+    assume(scale_sq(model, x, t.rotation, t.position_m)[0] > 0.01)
+    assert np.sum(np.square(slopes)) == pytest.approx(measured.lever_sq[0, 0], rel=1e-3, abs=1e-6)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_the_distance_is_measured_along_its_direction_in_the_world(model, seed):
+    """Where the elements touch, shifting the body changes the distance by its share along that direction."""
+    rng = np.random.default_rng(seed)
+    t = touching(model.contact, rng, frames=2)
+    x = x_of(model.contact, t.object, t.environment)
+    assume((scale_sq(model, x, t.rotation, t.position_m) > 0.01).all())
+
+    def distance(position_m):
+        return model.measure(x[None], lifted_pose.lift(t.rotation, position_m)).residual[0, -1]
+
+    here, step = distance(t.position_m), 1e-6
+    slopes = [(distance(t.position_m + step * axis) - here) / step for axis in np.eye(3)]
+    along = model.measure(x[None], lifted_pose.lift(t.rotation, t.position_m)).along[0]
+    side = np.sign(np.sum(np.transpose(slopes) * along, axis=1))[:, None]
+    np.testing.assert_allclose(np.transpose(slopes), side * along, atol=1e-5)
+
+
+# --- derivatives and constraints --------------------------------------------------------------------------
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_gradient_agrees_with_finite_differences(model, seed):
+    """Of the sum of squares along the retraction, which unlike f-f's rows has no choice of axes in it."""
+    rng = np.random.default_rng(seed)
+    family, anchors = model.family, rng.normal(size=6) * 0.3
+    zeta = model.lifted(lifted_pose.lift(*random_poses(rng)))
+    x = random_x(model, rng, anchors)
+    weight = np.full(family.ROWS, 3.0)
+    weight[-1] = 0.7
+
+    def cost(y):
+        return 0.5 * np.sum(weight * (zeta @ family.rows(y).T) ** 2)
+
+    tangent = family.tangent(x, anchors)
+    r = zeta @ family.rows(x).T
+    by_x = np.einsum("nk,k,ksc,nc->s", r, weight, family.rows_derivative(x), zeta)
+    gradient = tangent.T @ by_x
+    assert tangent.shape == (family.SIZE, family.PARAMETERS)
+    assert np.linalg.matrix_rank(tangent) == family.PARAMETERS
+    step = 1e-6
+    numeric = [
+        (cost(family.normalise(x + step * v, anchors)) - cost(family.normalise(x - step * v, anchors)))
+        / (2 * step)
+        for v in tangent.T
+    ]
+    np.testing.assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-5 * max(np.abs(gradient).max(), 1.0))
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_rows_derivative_is_exact(model, seed):
+    """Along free directions; f-f's first two rows may turn together in their plane."""
+    rng = np.random.default_rng(seed)
+    family = model.family
+    x = random_x(model, rng)
+    along = family.tangent(x, np.zeros(6)) @ rng.normal(size=family.PARAMETERS)
+    step = 1e-6
+    numeric = (family.rows(x + step * along) - family.rows(x - step * along)) / (2 * step)
+    exact = np.einsum("s,ksc->kc", along, family.rows_derivative(x))
+    if model.contact is Contact.FF:
+        rows = family.rows(x)[:2]
+        off = numeric[:2] - exact[:2]
+        spin = off @ rows.T
+        np.testing.assert_allclose(spin, -spin.T, atol=1e-4 * max(np.abs(numeric).max(), 1.0))
+        numeric[:2] -= spin @ rows
+    np.testing.assert_allclose(numeric, exact, atol=1e-5 * max(np.abs(numeric).max(), 1.0))
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_steps_keep_the_constraints(model, seed):
+    rng = np.random.default_rng(seed)
+    family, anchors = model.family, rng.normal(size=6)
+    x = random_x(model, rng, anchors)
+    step = family.tangent(x, anchors) @ rng.normal(size=family.PARAMETERS)
+    y = family.normalise(x + step, anchors)
+    np.testing.assert_allclose(family.normalise(y, anchors), y, atol=1e-12)
+    assert np.linalg.matrix_rank(family.tangent(y, anchors)) == family.PARAMETERS
+    first, second = first_and_second(model, y)
+    elements = [second] if model.contact in (Contact.VF, Contact.FV) else [first, second]
+    np.testing.assert_allclose([np.linalg.norm(e[:3]) for e in elements], 1.0, atol=1e-12)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_batches_are_many_singles(model, seed):
+    rng = np.random.default_rng(seed)
+    family, anchors = model.family, rng.normal(size=(3, 6))
+    x = family.normalise(rng.normal(size=(3, family.SIZE)), anchors)
+    for i in range(3):
+        np.testing.assert_allclose(family.rows(x)[i], family.rows(x[i]), atol=1e-12)
+        np.testing.assert_allclose(family.rows_derivative(x)[i], family.rows_derivative(x[i]), atol=1e-12)
+        np.testing.assert_allclose(
+            family.tangent(x, anchors)[i], family.tangent(x[i], anchors[i]), atol=1e-12
+        )
+
+
+# --- the lift ---------------------------------------------------------------------------------------------
+
+
+@quick
+@given(seed=seeds)
+def test_recentring_is_the_lift_of_the_moved_frames(seed):
+    rng = np.random.default_rng(seed)
+    rotation, t = random_poses(rng)
+    world, body = rng.normal(size=(2, 3))
+    moved = t - world + rotation @ body
+    found = lifted_pose.lift(rotation, t) @ lifted_pose.recentring(world, body).T
+    np.testing.assert_allclose(found, lifted_pose.lift(rotation, moved), atol=1e-12)
+
+
+def test_recentrings_undo_each_other():
+    world, body = np.random.default_rng(0).normal(size=(2, 3))
+    there_and_back = lifted_pose.recentring(-world, -body) @ lifted_pose.recentring(world, body)
+    np.testing.assert_allclose(there_and_back, np.eye(lifted_pose.SIZE), atol=1e-12)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_recentring_leaves_residuals(model, seed):
+    """Elements move with the origins, residuals stay (those of f-f while the faces are parallel)."""
+    rng = np.random.default_rng(seed)
+    world, body = rng.normal(size=(2, 3))
+    x = random_x(model, rng)
+    if model.contact is Contact.FF:
+        rotation, t, *elements = touching(Contact.FF, rng, 9)
+        t, x = t + 0.1 * elements[1][:3], x_of(Contact.FF, *elements)
+    else:
+        rotation, t = random_poses(rng)
+    before = residuals(model, x, rotation, t)
+    shifts = (body, world) if model.body_in_1 else (world, body)
+    zeta = lifted_pose.lift(rotation, t) @ lifted_pose.recentring(world, body).T
+    after = model.lifted(zeta) @ model.family.rows(moved_x(model, x, *shifts)).T
+    np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+def moved_x(model, x, shift_1, shift_2):
+    """x of the same elements when the origins of frames 1 and 2 move to ``shift_1`` and ``shift_2``."""
+    y = x.copy()
+    match model.contact:
+        case Contact.FF:
+            y[6] += x[:3] @ shift_1 - x[3:6] @ shift_2
+        case Contact.EF | Contact.FE:
+            y[3:6] -= shift_1
+            y[9] -= x[6:9] @ shift_2
+        case Contact.VF | Contact.FV:
+            y[:3] -= shift_1
+            y[6] -= x[3:6] @ shift_2
+        case _:
+            y[3:6] -= shift_1
+            y[9:12] -= shift_2
+    return y
+
+
+@quick
+@given(seed=seeds)
+def test_swapped_contacts_are_the_inverse_pose(seed):
+    """f-e and f-v of a pose are e-f and v-f of its inverse."""
+    rng = np.random.default_rng(seed)
+    rotation, t = random_poses(rng)
+    for contact, swapped in ((Contact.EF, Contact.FE), (Contact.VF, Contact.FV)):
+        model, mirror = CONTACT_MODELS[contact.column], CONTACT_MODELS[swapped.column]
+        x = random_x(model, rng)
+        found = residuals(mirror, x, *motion(rotation, t))
+        np.testing.assert_allclose(found, residuals(model, x, rotation, t), atol=1e-12)
+
+
+@each_model
+@quick
+@given(seed=seeds)
+def test_scale_is_one_but_for_the_sine_of_crossing_edges(model, seed):
+    """Its mean square over poses, and the derivative of its logarithm against finite differences."""
+    rng = np.random.default_rng(seed)
+    rotation, t = random_poses(rng)
+    x = random_x(model, rng)
+    zeta = model.lifted(lifted_pose.lift(rotation, t))
+    moments = zeta.T @ zeta
+    expected = 1.0
+    if model.contact is Contact.EE:
+        expected = np.mean(1.0 - np.einsum("i,nij,j->n", x[6:9], rotation, x[:3]) ** 2)
+    assert model.family.scale_sq(x, moments) == pytest.approx(expected, rel=1e-9)
+    step = 1e-6
+    numeric = [
+        np.log(model.family.scale_sq(x + step * e, moments) / model.family.scale_sq(x - step * e, moments))
+        / (2 * step)
+        for e in np.eye(len(x))
+    ]
+    np.testing.assert_allclose(model.family.log_scale_sq_derivative(x, moments), numeric, atol=1e-6)

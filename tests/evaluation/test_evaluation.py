@@ -1,0 +1,334 @@
+"""Errors of geometry against what is known exactly, and the report that people and programs read."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.errors import NoTruth
+from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m, nearest
+from contact_tracker.evaluation.evaluate import Evaluation, Judge, evaluate
+from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
+from contact_tracker.evaluation.report import Report
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+
+Array = NDArray[np.float64]
+SEEDS = st.integers(0, 2**32 - 1)
+ELEMENTS = {"f": Plane, "e": Line, "v": Point}
+STEP_NS = 10_000_000
+
+
+def unit(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+def element(kind: str, rng: np.random.Generator, far_m: float = 1.0) -> Element:
+    point = rng.normal(size=3) * far_m
+    if kind == "v":
+        return Point(point)
+    direction = unit(rng)
+    return Plane(direction, float(direction @ point)) if kind == "f" else Line(direction, point)
+
+
+def geometry(contact: Contact, rng: np.random.Generator) -> ContactGeometry:
+    return ContactGeometry(element(contact.value[0], rng, 0.2), element(contact.value[2], rng))
+
+
+def flipped(found: Element) -> Element:
+    """The same element written with the other sign."""
+    match found:
+        case Plane(normal, offset_m, covariance):
+            return Plane(-normal, -offset_m, covariance)
+        case Line(direction, point_m, covariance):
+            turn = np.diag([-1.0, -1, -1, 1, 1, 1])
+            return Line(-direction, point_m, None if covariance is None else turn @ covariance @ turn)
+    return found
+
+
+def wander(rng: np.random.Generator, count: int) -> Poses:
+    quat = Rotation.from_rotvec(0.3 * rng.normal(size=(count, 3))).as_quat()
+    return Poses(np.arange(count, dtype=np.int64) * STEP_NS, rng.normal(size=(count, 3)), quat)
+
+
+def interval(contact: Contact, first: int, last: int, true: ContactGeometry | None) -> TruthInterval:
+    return TruthInterval(first * STEP_NS, last * STEP_NS, contact, geometry=true)
+
+
+def segment(contact: Contact, first: int, last: int, found: ContactGeometry | None) -> Segment:
+    return Segment(first * STEP_NS, last * STEP_NS, contact, 0.9, found)
+
+
+# --- elements --------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.sampled_from("fev"))
+def test_the_nearest_point_is_nearest(seed: int, kind: str) -> None:
+    rng = np.random.default_rng(seed)
+    some, place = element(kind, rng), rng.normal(size=3)
+    foot = nearest(some, place)
+    assert distance_m(some, foot) == pytest.approx(0, abs=1e-9)
+    for other in (nearest(some, foot + 0.01 * rng.normal(size=3)) for _ in range(20)):
+        assert np.linalg.norm(other - place) >= distance_m(some, place) - 1e-9
+
+
+def test_angles_are_sign_free_and_exact_when_small() -> None:
+    turned = Rotation.from_rotvec([0, 1e-7, 0]).apply([0, 0, 1.0])
+    assert angle_rad(Plane(turned, 0.0), Plane(np.array([0, 0, -1.0]), 0.0)) == pytest.approx(1e-7, rel=1e-6)
+    assert angle_rad(Line(np.array([1.0, 0, 0]), np.zeros(3)), Line(np.array([0, 1.0, 0]), np.zeros(3))) == (
+        pytest.approx(np.pi / 2)
+    )
+    assert np.isnan(angle_rad(Point(np.zeros(3)), Point(np.zeros(3))))
+
+
+def scattered(kind: str, true: Element, place: Array, rng: np.random.Generator) -> Element:
+    """``true`` displaced as its covariance says: some 0.5 degrees and millimetres about ``place``."""
+    if isinstance(true, Point):
+        spread = 1e-3 * rng.normal(size=(3, 3))
+        return Point(true.point_m + spread @ rng.normal(size=3), spread @ spread.T)
+    direction = true.normal if isinstance(true, Plane) else true.direction
+    tangent = np.linalg.svd(direction[None])[2][1:].T
+    spread = 0.01 * rng.normal(size=(3 if kind == "f" else 4,) * 2)
+    spread[2:] *= 0.1
+    draw = spread @ rng.normal(size=len(spread))
+    turned = direction + tangent @ draw[:2]
+    turned /= np.linalg.norm(turned)
+    if isinstance(true, Plane):
+        # (n, h) from (two angles, height at place): h = height + n . place
+        jacobian = np.zeros((4, 3))
+        jacobian[:3, :2], jacobian[3, :2], jacobian[3, 2] = tangent, place @ tangent, 1
+        height = true.offset_m - direction @ place + draw[2]
+        return Plane(turned, float(height + turned @ place), jacobian @ spread @ spread.T @ jacobian.T)
+    jacobian = np.zeros((6, 4))
+    jacobian[:3, :2], jacobian[3:, 2:] = tangent, tangent
+    moved = nearest(true, place) + tangent @ draw[2:]
+    return Line(turned, moved, jacobian @ spread @ spread.T @ jacobian.T)
+
+
+@pytest.mark.parametrize("kind", "fev")
+def test_deviations_of_an_honest_covariance_are_those_of_a_normal_variable(kind: str) -> None:
+    rng = np.random.default_rng(3)
+    deviations = []
+    for _ in range(1500):
+        true = element(kind, rng, far_m=3.0)
+        place = nearest(true, rng.normal(size=3))
+        found = scattered(kind, true, place, rng)
+        deviations.append(deviation(found, true, place).sd)
+        assert deviation(flipped(found), true, place).sd == pytest.approx(deviations[-1], rel=1e-4)
+    for sd, share in ((1, 0.6827), (2, 0.9545), (3, 0.9973)):
+        tolerance = 3.5 * np.sqrt(share * (1 - share) / 1500)
+        assert np.mean(np.array(deviations) <= sd) == pytest.approx(share, abs=tolerance)
+
+
+def test_deviations_are_known_only_with_a_covariance_and_far_ones_stay_finite() -> None:
+    origin = Point(np.zeros(3))
+    assert np.isnan(deviation(origin, origin, np.zeros(3)).sd)
+    assert np.isnan(deviation(replace(origin, covariance=np.full((3, 3), np.nan)), origin, np.zeros(3)).sd)
+    assert np.isnan(deviation(replace(origin, covariance=np.zeros((3, 3))), origin, np.zeros(3)).sd)
+    sure = replace(origin, covariance=1e-6 * np.eye(3))
+    assert deviation(sure, Point(np.array([0, 0, 1.0])), np.zeros(3)).sd == pytest.approx(1000)
+
+
+def test_one_free_direction_is_measured_in_its_own_standard_deviation() -> None:
+    found = Point(np.zeros(3), np.diag([0.01, 0, 0]))
+    assert deviation(found, Point(np.array([0.25, 0, 0])), np.zeros(3)).sd == pytest.approx(2.5)
+
+
+# --- segments --------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.sampled_from(CONTACTS))
+def test_the_true_geometry_has_no_error_however_it_is_signed(seed: int, contact: Contact) -> None:
+    rng = np.random.default_rng(seed)
+    true, poses = geometry(contact, rng), wander(rng, 50)
+    found = ContactGeometry(flipped(true.object), true.environment)
+    for answer in (true, found, ContactGeometry(true.object, flipped(true.environment))):
+        errors = geometry_errors(
+            poses, Truth((interval(contact, 0, 49, true),)), [segment(contact, 0, 49, answer)]
+        )
+        assert (errors.true_segments, errors.found_segments, len(errors.rows)) == (1, 1, 2)
+        assert np.all(errors.angle_deg < 1e-6)
+        assert np.all(errors.distance_mm < 1e-9)
+        assert np.isnan(errors.within_3_sd)
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.sampled_from([c for c in CONTACTS if c is not Contact.FF]))
+def test_a_shifted_environment_is_off_by_its_shift(seed: int, contact: Contact) -> None:
+    rng = np.random.default_rng(seed)
+    true, poses = geometry(contact, rng), wander(rng, 50)
+    match true.environment:
+        case Plane(normal, offset_m):
+            shifted: Element = Plane(normal, offset_m + 0.005)
+        case Line(direction, point_m):
+            aside = np.cross(direction, unit(rng))
+            shifted = Line(direction, point_m + 0.7 * direction + 0.005 * aside / np.linalg.norm(aside))
+        case Point(point_m):
+            shifted = Point(point_m + 0.005 * unit(rng))
+    found = segment(contact, 0, 49, ContactGeometry(true.object, shifted))
+    errors = geometry_errors(poses, Truth((interval(contact, 0, 49, true),)), [found])
+    on_object, on_environment = errors.rows
+    assert on_object.distance_mm == pytest.approx(0, abs=1e-9)
+    assert on_environment.distance_mm == pytest.approx(5.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.booleans())
+def test_of_two_faces_only_the_relative_offset_counts(seed: int, flip: bool) -> None:
+    rng = np.random.default_rng(seed)
+    normal = unit(rng)
+    position = rng.normal(size=(50, 3))
+    yaw = Rotation.from_rotvec(np.linspace(0, 1, 50)[:, None] * normal)  # the normals stay aligned
+    poses = Poses(np.arange(50, dtype=np.int64) * STEP_NS, position, yaw.as_quat())
+    true = ContactGeometry(Plane(normal, 0.1), Plane(normal, 0.7))
+    both: Element = Plane(normal, 0.1 + 0.3)
+    alike = ContactGeometry(flipped(both) if flip else both, Plane(normal, 0.7 + 0.3))
+    apart = ContactGeometry(flipped(both) if flip else both, Plane(normal, 0.7 + 0.302))
+    truth = Truth((interval(Contact.FF, 0, 49, true),))
+    for found, expected_mm in ((alike, 0.0), (apart, 2.0)):
+        errors = geometry_errors(poses, truth, [segment(Contact.FF, 0, 49, found)])
+        assert errors.distance_mm == pytest.approx([expected_mm], abs=1e-6)
+
+
+def test_a_true_segment_is_compared_with_the_one_that_overlaps_it_most() -> None:
+    rng = np.random.default_rng(0)
+    poses, true, other = wander(rng, 100), geometry(Contact.VF, rng), geometry(Contact.VF, rng)
+    truth = Truth(
+        (
+            interval(Contact.VF, 0, 19, true),  # at rest, then moving: one segment
+            interval(Contact.VF, 20, 59, true),
+            interval(Contact.FREE, 60, 69, None),
+            interval(Contact.EE, 70, 99, geometry(Contact.EE, rng)),
+        )
+    )
+    found = [
+        segment(Contact.VF, 0, 25, other),
+        segment(Contact.VF, 26, 69, true),
+        segment(Contact.EF, 70, 99, None),
+    ]
+    errors = geometry_errors(poses, truth, found)
+    assert (errors.true_segments, errors.found_segments) == (2, 1)
+    assert np.all(errors.distance_mm < 1e-9)
+
+
+def test_truth_with_the_wrong_elements_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, rng)),))
+    with pytest.raises(NoTruth, match="not those of e-e"):
+        geometry_errors(wander(rng, 10), truth, [])
+
+
+# --- the whole -------------------------------------------------------------------------------------------
+
+
+def evaluation(seed: int = 0, right: float = 0.8) -> Evaluation:
+    return evaluate(*recorded(seed, right))
+
+
+def recorded(seed: int, right: float) -> tuple[Poses, Truth, Segmentation]:
+    """A recording of all states, its beliefs wrong now and then, its geometry off by a millimetre or so."""
+    rng = np.random.default_rng(seed)
+    poses, ticks = wander(rng, 700), range(9, 700, 10)
+    true = {c: geometry(c, rng) for c in CONTACTS}
+    truth = Truth(tuple(interval(c, 100 * i, 100 * i + 99, true.get(c)) for i, c in enumerate(STATES)))
+    beliefs = []
+    for last in ticks:
+        label = STATES[last // 100] if rng.random() < right else Contact.FREE
+        p = np.where(np.array(STATES) == label, 0.82, 0.03)
+        beliefs.append(Belief(int(poses.stamp_ns[last]), label, p, 0, None, np.zeros(6)))
+    segments = []
+    for i, c in enumerate(CONTACTS):
+        place = nearest(true[c].environment, poses.position_m[100 * i : 100 * i + 100].mean(axis=0))
+        near = scattered(c.value[2], true[c].environment, place, rng)
+        segments.append(segment(c, 100 * i, 100 * i + 99, ContactGeometry(true[c].object, near)))
+    return poses, truth, Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs))
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.integers(1, 6))
+def test_what_comes_in_pieces_is_judged_as_one(seed: int, pieces: int) -> None:
+    poses, truth, whole = recorded(seed, 0.8)
+    rng, judge = np.random.default_rng(seed), Judge(truth)
+    read = seen = told = 0
+    for last in sorted(rng.integers(0, len(CONTACTS), pieces)):
+        concluded = whole.segments[told : last + 1]
+        until_ns = whole.segments[last].end_ns
+        ahead = int(np.searchsorted(poses.stamp_ns, until_ns)) + int(rng.integers(1, 150))
+        judge.poses(poses[read : max(ahead, read)])
+        ticks = slice(*np.searchsorted(whole.stamp_ns, [seen, until_ns + 1]))
+        judge.piece(Segmentation(concluded, whole.beliefs[ticks], whole.filtered[ticks]))
+        read, seen, told = max(ahead, read), until_ns + 1, max(told, last + 1)
+    judge.poses(poses[read:])
+    rest = slice(int(np.searchsorted(whole.stamp_ns, seen)), None)
+    judge.piece(Segmentation(whole.segments[told:], whole.beliefs[rest], whole.filtered[rest]))
+    once, again = evaluate(poses, truth, whole), judge.finish()
+    assert str(again.geometry) == str(once.geometry)
+    for name, figure in vars(once.offline).items():
+        assert np.array_equal(vars(again.offline)[name], figure, equal_nan=True)
+        assert np.array_equal(vars(again.online)[name], vars(once.online)[name], equal_nan=True)
+    assert once.geometry.found_segments == len(CONTACTS)
+
+
+def test_wrong_elements_in_the_truth_are_refused_before_anything_is_judged() -> None:
+    truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, np.random.default_rng(0))),))
+    with pytest.raises(NoTruth, match="not those of e-e"):
+        Judge(truth)
+
+
+def test_online_is_judged_by_what_was_reported_in_time() -> None:
+    result = evaluation(right=1.0)
+    assert result.offline.accuracy() == pytest.approx(1.0)
+    # each tick is reported with its last frame: until then the old label is in force, and none at first
+    assert result.online.accuracy() == pytest.approx(1 - 7 * 0.09 / 7.0)
+    assert result.online.confusion_s[0, 0, -1] == pytest.approx(0.09)
+    assert result.online.delay_s == pytest.approx(np.full(6, 0.09))
+    assert result.offline.delay_s == pytest.approx(np.zeros(6))
+
+
+def test_the_report_is_aligned_and_fits_in_100_columns() -> None:
+    long = "recordings/somewhere/far/away/a_recording_with_a_long_name_{}.mcap"
+    text = Report({long.format(i): evaluation(i) for i in range(3)}).to_text()
+    assert max(map(len, text.splitlines())) <= 100
+    for i in range(3):
+        assert sum(f"_name_{i}.mcap" in line for line in text.splitlines()) == 4
+    assert sum(line.startswith("total") for line in text.splitlines()) == 4
+    assert "nan" not in text
+    for block in (b.splitlines() for b in text.split("\n\n") if b.startswith("recording ")):
+        assert len({len(line) for line in block if line.strip()}) == 1
+
+
+def test_the_json_report_says_the_same_and_knows_no_nan() -> None:
+    a, b = evaluation(1), evaluation(2)
+    nothing = evaluate(wander(np.random.default_rng(0), 5), Truth(()), Segmentation())
+    data = json.loads(Report({"a": a, "b": b, "nothing": nothing}).to_json(), parse_constant=pytest.fail)
+    assert list(data["recordings"]) == ["a", "b", "nothing"]
+    assert data["recordings"]["nothing"]["offline"]["accuracy"]["all"] is None
+    assert data["total"]["offline"]["accuracy"]["all"] == pytest.approx((a + b).offline.accuracy())
+    assert data["total"]["offline"]["scored_s"] == pytest.approx(14.0)
+    assert np.sum(data["total"]["online"]["confusion_s"]) == pytest.approx(14.0 - 2 * 0.09)
+    assert data["total"]["geometry"]["true_segments"] == 12
+    assert data["total"]["geometry"]["point"]["distance_mm"]["count"] == 2 * 2 * 2 - 4
+
+
+def test_no_recording_is_lost_when_shortened_names_coincide() -> None:
+    names = {side + "/the_same_long_recording_name.mcap": evaluation() for side in ("left", "right")}
+    assert Report(names).to_text().count("ording_name.mcap") == 8
+
+
+def test_geometry_errors_add() -> None:
+    a, b = evaluation(1).geometry, evaluation(2).geometry
+    assert (a + b).rows == a.rows + b.rows
+    assert isinstance(a + b, GeometryErrors)
+    assert sum(len((a + b).of_kind(kind).rows) for kind in ("plane", "line", "point")) == len((a + b).rows)

@@ -1,0 +1,466 @@
+"""The figures of evaluation: against sampling every millisecond, by hand, and by what must always hold."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from contact_tracker.evaluation.metrics import Tally, quantile
+from contact_tracker.evaluation.scoring import (
+    UNSCORED,
+    Scoring,
+    Subset,
+    scoring,
+    tick_containing,
+    tick_in_force,
+)
+from contact_tracker.evaluation.tallying import tally
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.states import STATES, Contact
+
+MS = 1_000_000
+EPOCH_NS = 1_700_000_000_000_000_000
+Ints = NDArray[np.int64]
+SEEDS = st.integers(0, 2**32 - 1)
+FIGURES = ("macro_f1", "log_loss", "brier", "calibration_error", "sure_wrong", "missed_share", "never_share")
+
+
+def make_truth(
+    *phases: tuple[str, int], motion: tuple[str, ...] = (), singular: tuple[int, ...] = ()
+) -> Truth:
+    """Phases of (label, milliseconds) one after the other from EPOCH_NS on."""
+    rows, start = [], EPOCH_NS
+    for i, (label, ms) in enumerate(phases):
+        contact = None if label == "?" else Contact(label)
+        kind = motion[i] if i < len(motion) else "normal"
+        rows.append(TruthInterval(start, start + ms * MS - 1, contact, kind, i in singular))
+        start += ms * MS
+    return Truth(tuple(rows))
+
+
+def frames(ms: int, every: int = 10) -> Ints:
+    return EPOCH_NS + np.arange(0, ms, every, dtype=np.int64) * MS
+
+
+def certain(columns: Ints) -> NDArray[np.float64]:
+    return np.eye(len(STATES))[columns]
+
+
+def judge(scored: Scoring, columns: Ints, probability: NDArray[np.float64] | None = None) -> Tally:
+    """One belief per frame; certain of its label where no probability is given."""
+    p = certain(columns) if probability is None else probability
+    return tally(scored, np.arange(len(columns)), columns, p)
+
+
+def columns_of(stamp_ns: Ints, *phases: tuple[str, int]) -> Ints:
+    return scoring(stamp_ns, make_truth(*phases)).truth
+
+
+def figures(result: Tally) -> list[float]:
+    accuracy = [f(s) for s in Subset for f in (result.accuracy, result.seconds)]
+    return [*accuracy, *(getattr(result, name) for name in FIGURES)]
+
+
+# --- by hand ---------------------------------------------------------------------------------------------
+
+
+def test_a_small_example_by_hand() -> None:
+    """2 s f-f, 2 s e-f; the change is found 0.4 s late; sure throughout."""
+    stamps = frames(4000)
+    scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 2000)))
+    result = judge(scored, columns_of(stamps, ("f-f", 2400), ("e-f", 1600)))
+    assert result.seconds() == pytest.approx(4.0)
+    assert result.accuracy() == pytest.approx(0.9)
+    # of 4 s, the 26 frames each side of 2.0 s within 0.25 s of it are near: 25 before, 26 from it on
+    assert result.seconds(Subset.CLEAR) == pytest.approx(4.0 - 0.51)
+    assert result.accuracy(Subset.CLEAR) == pytest.approx((3.49 - 0.14) / 3.49)
+    assert result.macro_f1 == pytest.approx((4.0 / 4.4 + 3.2 / 3.6) / 2)
+    assert result.boundary_s == pytest.approx([0.4])
+    assert result.delay_s == pytest.approx([0.4])
+    assert (result.missed_share, result.never_share) == (0.0, 0.0)
+    assert result.sure_wrong == pytest.approx(0.1)
+    assert result.brier == pytest.approx(0.1 * 2)
+    assert result.calibration_error == pytest.approx(0.1)
+    assert result.log_loss == pytest.approx(0.1 * -np.log(1e-12))
+    confusion = result.confusion_s[Subset.ALL]
+    assert confusion[Contact.EF.column, Contact.FF.column] == pytest.approx(0.4)
+    assert confusion.sum() == pytest.approx(4.0)
+
+
+def test_a_change_found_early_counts_as_its_distance_and_no_delay() -> None:
+    stamps = frames(4000)
+    scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 2000)))
+    result = judge(scored, columns_of(stamps, ("f-f", 1700), ("e-f", 2300)))
+    assert result.boundary_s == pytest.approx([0.3])
+    assert result.delay_s == pytest.approx([0.0])
+
+
+def test_a_flicker_is_no_detection() -> None:
+    stamps = frames(3000)
+    scored = scoring(stamps, make_truth(("free", 1000), ("v-f", 2000)))
+    found = (("free", 1100), ("v-f", 290), ("free", 110), ("v-f", 1500))
+    result = judge(scored, columns_of(stamps, *found))
+    assert result.delay_s == pytest.approx([0.5])
+    assert result.boundary_s == pytest.approx([0.1])
+    never = judge(scored, columns_of(stamps, ("free", 1100), ("v-f", 290), ("free", 1610)))
+    assert never.never_share == 1.0
+
+
+def test_a_change_that_is_not_found_is_missed() -> None:
+    stamps = frames(4000)
+    scored = scoring(stamps, make_truth(("free", 2000), ("v-f", 1000), ("free", 1000)))
+    result = judge(scored, columns_of(stamps, ("free", 4000)))
+    # it was free all the time: right after the second change, but no change was found
+    assert (result.missed_share, result.never_share) == (1.0, 0.5)
+
+
+def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
+    stamps = frames(4000)
+    scored = scoring(stamps, make_truth(("free", 2000), ("?", 100), ("v-f", 1900)))
+    assert judge(scored, columns_of(stamps, ("free", 2050), ("v-f", 1950))).boundary_s == pytest.approx([0.0])
+    assert judge(scored, columns_of(stamps, ("free", 1980), ("v-f", 2020))).boundary_s == pytest.approx(
+        [0.02]
+    )
+    assert judge(scored, columns_of(stamps, ("free", 2150), ("v-f", 1850))).boundary_s == pytest.approx(
+        [0.05]
+    )
+    assert scored.seconds[scored.subsets[Subset.ALL]].sum() == pytest.approx(3.9)
+
+
+@pytest.mark.parametrize(
+    "phases",
+    [
+        (("free", 2000), ("?", 400), ("v-f", 1600)),  # when it changed is not known
+        (("free", 2000), ("v-f", 200)),  # too short to be found
+        (("free", 2000), ("?", 50), ("free", 1000)),  # no change at all
+    ],
+)
+def test_changes_that_are_not_judged(phases: tuple[tuple[str, int], ...]) -> None:
+    assert scoring(frames(sum(ms for _, ms in phases)), make_truth(*phases)).changes == ()
+
+
+def test_subsets_follow_the_motion() -> None:
+    truth = make_truth(
+        ("f-f", 1000), ("f-f", 1000), ("f-f", 500), ("e-f", 700),
+        motion=("rest", "normal", "rest", "translation"), singular=(0, 3),
+    )  # fmt: skip
+    scored = scoring(frames(3200), truth)
+    seconds = {s: scored.seconds[scored.subsets[s]].sum() for s in Subset}
+    assert seconds[Subset.MOVED] == pytest.approx(2.2)
+    assert seconds[Subset.AMBIGUOUS] == pytest.approx(1.7)
+    assert seconds[Subset.IDENTIFIABLE] == pytest.approx(1.5)
+
+
+def test_what_cannot_be_told_is_scored_apart() -> None:
+    """f-f at rest, then moved; e-f in pure translation; free. Found: f-f, then free for good."""
+    truth = make_truth(
+        ("f-f", 1000), ("f-f", 1000), ("e-f", 1000), ("free", 1000),
+        motion=("rest", "normal", "translation", "normal"), singular=(2,),
+    )  # fmt: skip
+    stamps = frames(4000)
+    scored = scoring(stamps, truth)
+    columns = columns_of(stamps, ("f-f", 2100), ("free", 1900))
+    main, apart = (judge(scored.within(s), columns) for s in (Subset.IDENTIFIABLE, Subset.AMBIGUOUS))
+    assert (main.seconds(), apart.seconds()) == (pytest.approx(2.0), pytest.approx(2.0))
+    assert (main.accuracy(), main.sure_wrong, main.brier) == (1.0, 0.0, 0.0)
+    assert apart.accuracy() == pytest.approx(0.5)
+    assert apart.brier == pytest.approx(1.0)
+    # a change belongs to what follows it; free was found 0.9 s early
+    assert (main.into.tolist(), apart.into.tolist()) == ([Contact.FREE.column], [Contact.EF.column])
+    assert main.boundary_s == pytest.approx([0.9])
+    assert apart.missed_share == 1.0
+    together = main + apart
+    assert figures(together)[1::2][0] == pytest.approx(4.0)
+    assert together.brier == pytest.approx(judge(scored, columns).brier)
+
+
+def test_a_dropout_weighs_a_tenth_of_a_second() -> None:
+    stamps = EPOCH_NS + np.array([0, 10, 20, 2020, 2030]) * MS
+    scored = scoring(stamps, make_truth(("free", 3000)))
+    assert scored.seconds == pytest.approx([0.01, 0.01, 0.1, 0.01, 0.01])
+
+
+def test_frames_outside_the_truth_are_not_scored() -> None:
+    stamps = frames(1000) - 300 * MS
+    scored = scoring(stamps, make_truth(("free", 400)))
+    assert scored.seconds[scored.subsets[Subset.ALL]].sum() == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+@pytest.mark.parametrize("truth", [Truth(()), make_truth(("?", 1000)), make_truth(("f-f", 1000))])
+def test_hardly_any_frames_or_truth_are_well_defined(count: int, truth: Truth) -> None:
+    result = judge(scoring(frames(10 * count), truth), np.zeros(count, np.int64))
+    expected = 1.0 if result.seconds() else np.nan
+    assert result.accuracy() == pytest.approx(expected, nan_ok=True)
+    assert result.macro_f1 == pytest.approx(expected, nan_ok=True)
+    assert quantile(result.delay_s, 0.5) != quantile(result.delay_s, 0.5)
+
+
+def test_which_belief_holds_at_a_frame() -> None:
+    ticks, stamps = np.array([10, 20]), np.array([5, 10, 11, 20, 21])
+    assert tick_containing(stamps, ticks).tolist() == [0, 0, 1, 1, -1]
+    assert tick_in_force(stamps, ticks).tolist() == [-1, 0, 0, 1, 1]
+
+
+def test_no_answer_is_wrong_and_knows_nothing() -> None:
+    scored = scoring(frames(1000), make_truth(("f-f", 1000)))
+    result = tally(scored, np.full(100, -1), np.zeros(0, np.int64), np.zeros((0, 7)))
+    assert result.accuracy() == 0.0
+    assert result.confusion_s[Subset.ALL, Contact.FF.column, -1] == pytest.approx(1.0)
+    assert result.log_loss == pytest.approx(np.log(7))
+    assert result.sure_wrong == 0.0
+    assert result.macro_f1 == 0.0
+
+
+# --- calibration -----------------------------------------------------------------------------------------
+
+
+def sampled(sharpen: float) -> Tally:
+    """Truth drawn from known posteriors, which are then sharpened by a power."""
+    rng = np.random.default_rng(7)
+    p = rng.dirichlet(np.full(7, 0.4), size=100_000)
+    truth = (rng.random(len(p))[:, None] > np.cumsum(p, axis=1)).sum(axis=1).clip(0, 6)
+    scored = scoring(frames(10 * len(p)), make_truth(("free", 10 * len(p))))
+    told = p**sharpen / (p**sharpen).sum(axis=1, keepdims=True)
+    return judge(replace(scored, truth=truth), told.argmax(axis=1), told)
+
+
+def test_a_calibrated_belief_has_no_calibration_error() -> None:
+    honest, boastful = sampled(1.0), sampled(3.0)
+    assert honest.calibration_error < 0.006
+    assert boastful.calibration_error > 0.1
+    assert honest.log_loss < boastful.log_loss
+    assert honest.brier < boastful.brier
+    assert honest.sure_wrong < boastful.sure_wrong
+
+
+# --- state by state --------------------------------------------------------------------------------------
+
+
+def test_figures_by_state_by_hand() -> None:
+    """2 s f-f, 1 s e-f, 1 s free, believed with 0.7 of f-f and 0.3 of e-f throughout."""
+    stamps = frames(4000)
+    scored = scoring(stamps, make_truth(("f-f", 2000), ("e-f", 1000), ("free", 1000)))
+    result = judge(scored, np.zeros(400, np.int64), np.tile([0.7, 0.3, 0, 0, 0, 0, 0], (400, 1)))
+    ff, ef, ee, free = (c.column for c in (Contact.FF, Contact.EF, Contact.EE, Contact.FREE))
+    assert result.seconds_by_state[[ff, ef, ee, free]] == pytest.approx([2.0, 1.0, 0.0, 1.0])
+    assert result.recall[[ff, ef, ee, free]] == pytest.approx([1.0, 0.0, np.nan, 0.0], nan_ok=True)
+    assert result.f1[[ff, ef, ee, free]] == pytest.approx([2 / 3, 0.0, np.nan, 0.0], nan_ok=True)
+    assert result.macro_f1 == pytest.approx(2 / 9)
+    assert result.log_loss_by_state[[ff, ef, free]] == pytest.approx(-np.log([0.7, 0.3, 1e-12]))
+    # f-f: half the time 0.3 off, half the time 0.7; e-f: a quarter 0.7 off, else 0.3; free: a quarter 1
+    expected = [(0.09 + 0.49) / 2, 0.49 / 4 + 0.09 * 0.75, 0.0, 0.25]
+    assert result.brier_by_state[[ff, ef, ee, free]] == pytest.approx(expected)
+    # f-f is true half the time and believed with 0.7, e-f a quarter with 0.3, free a quarter with nothing
+    assert result.calibration_error_by_state[[ff, ef, ee, free]] == pytest.approx([0.2, 0.05, 0.0, 0.25])
+    assert result.calibration_error == pytest.approx(0.2)
+    assert result.sure_wrong_by_state[[ff, ef, free]].tolist() == [0.0, 0.0, 0.0]
+    sure = judge(scored, np.zeros(400, np.int64))
+    assert sure.sure_wrong_by_state[[ff, ef, free]] == pytest.approx([0.0, 1.0, 1.0])
+    assert result.into.tolist() == [ef, free]
+    assert np.isnan(result.detection_delay_s).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS)
+def test_the_states_add_up(seed: int) -> None:
+    """Brier's score and its parts against sampling: every state's probability is a forecast of its own."""
+    scored, _, stamps, ticks, labels, p = random_case(seed, unscored=True)
+    tick = tick_containing(stamps, ticks)
+    result = tally(scored, tick, labels, p)
+    taken = scored.subsets[Subset.ALL]
+    seconds, truth = scored.seconds[taken], scored.truth[taken]
+    if not len(truth):
+        return
+    posterior = np.vstack([p, np.full(7, 1 / 7)])[tick][taken]
+    label = np.append(labels, -1)[tick][taken]
+    for state in range(7):
+        hit = truth == state
+        square = (posterior[:, state] - hit) ** 2
+        assert result.brier_by_state[state] == pytest.approx(np.average(square, weights=seconds))
+        if hit.any():
+            right = np.average(label[hit] == state, weights=seconds[hit])
+            loss = np.average(-np.log(np.maximum(posterior[hit, state], 1e-12)), weights=seconds[hit])
+            assert result.recall[state] == pytest.approx(right)
+            assert result.log_loss_by_state[state] == pytest.approx(loss)
+        else:
+            assert np.isnan([result.recall[state], result.f1[state], result.log_loss_by_state[state]]).all()
+    shares = result.seconds_by_state / result.seconds()
+    present = shares > 0
+    assert shares[present] @ result.recall[present] == pytest.approx(result.accuracy())
+    assert shares[present] @ result.log_loss_by_state[present] == pytest.approx(result.log_loss)
+
+
+# --- oracle: what every millisecond says -------------------------------------------------------------------
+
+
+def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, Ints, NDArray[np.float64]]:
+    """Random truth, frames (with dropouts below 0.3 s) and beliefs, all on whole milliseconds."""
+    rng = np.random.default_rng(seed)
+    names = [s.value for s in STATES[:4]] + ["?"] * unscored
+    phases = [(str(rng.choice(names)), int(rng.integers(1, 900))) for _ in range(6)]
+    motion = tuple(rng.choice(["normal", "rest"], 6).tolist())
+    truth = make_truth(*phases, motion=motion, singular=tuple(rng.choice(6, 2).tolist()))
+    steps = rng.choice([5, 7, 30, 150], size=150, p=[0.45, 0.4, 0.1, 0.05])
+    stamps = EPOCH_NS + np.cumsum(steps) * MS
+    ticks = stamps[np.sort(rng.choice(150, 30, replace=False))]
+    p = rng.dirichlet(np.full(7, 0.3), size=30)
+    labels = np.repeat(rng.integers(0, 4, 15), 2)
+    return scoring(stamps, truth), truth, stamps, ticks, labels, p
+
+
+def per_ms(stamps: Ints) -> list[int]:
+    """For each millisecond from the first frame on, the frame in force."""
+    ends = [*stamps[1:].tolist(), int(2 * stamps[-1] - stamps[-2])]
+    return [i for i, (a, b) in enumerate(zip(stamps.tolist(), ends, strict=True)) for _ in range(a, b, MS)]
+
+
+def true_column(truth: Truth, stamp: int) -> int:
+    for row in truth.intervals:
+        if row.start_ns <= stamp <= row.end_ns:
+            return UNSCORED if row.contact is None else STATES.index(row.contact)
+    return UNSCORED
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.booleans())
+def test_sums_agree_with_every_millisecond(seed: int, online: bool) -> None:
+    scored, truth, stamps, ticks, labels, p = random_case(seed, unscored=True)
+    tick = (tick_in_force if online else tick_containing)(stamps, ticks)
+    result = tally(scored, tick, labels, p)
+    seconds = right = log_loss = brier = sure_wrong = near_s = 0.0
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    column = [true_column(truth, int(s)) for s in stamps]
+    known = [i for i, c in enumerate(column) if c >= 0]
+    changes = [(stamps[i + 1], stamps[j]) for i, j in pairwise(known) if column[i] != column[j]]
+    used: dict[int, int] = {}
+    for frame in per_ms(stamps):
+        used[frame] = used.get(frame, 0) + 1
+        if used[frame] > 100 or column[frame] < 0:
+            continue
+        if online:
+            reported = [k for k, t in enumerate(ticks) if t <= stamps[frame]][-1:]
+        else:
+            reported = [k for k, t in enumerate(ticks) if t >= stamps[frame]][:1]
+        belief = p[reported[0]] if reported else np.full(7, 1 / 7)
+        label = int(labels[reported[0]]) if reported else None
+        is_top = bool(reported) and int(np.argmax(belief)) == column[frame]
+        seconds += 1e-3
+        right += 1e-3 * (label == column[frame])
+        log_loss -= 1e-3 * np.log(max(belief[column[frame]], 1e-12))
+        brier += 1e-3 * sum((belief[k] - (k == column[frame])) ** 2 for k in range(7))
+        sure_wrong += 1e-3 * (max(belief) > 0.9 and not is_top)
+        bins.setdefault(min(int(max(belief) * 15), 14), []).append((float(max(belief)), is_top))
+        near_s += 1e-3 * any(a - 250 * MS <= stamps[frame] <= b + 250 * MS for a, b in changes)
+    assert result.seconds() == pytest.approx(seconds)
+    assert result.seconds(Subset.CLEAR) == pytest.approx(seconds - near_s)
+    assert result.seconds(Subset.IDENTIFIABLE) + result.seconds(Subset.AMBIGUOUS) == pytest.approx(seconds)
+    if seconds:
+        gaps = [abs(sum(t for _, t in rows) - sum(c for c, _ in rows)) * 1e-3 for rows in bins.values()]
+        assert result.accuracy() == pytest.approx(right / seconds)
+        assert result.log_loss == pytest.approx(log_loss / seconds)
+        assert result.brier == pytest.approx(brier / seconds)
+        assert result.sure_wrong == pytest.approx(sure_wrong / seconds)
+        assert result.calibration_error == pytest.approx(sum(gaps) / seconds)
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS)
+def test_changes_agree_with_every_millisecond(seed: int) -> None:
+    scored, truth, stamps, ticks, labels, p = random_case(seed, unscored=False)
+    tick = tick_in_force(stamps, ticks)
+    result = tally(scored, tick, labels, p)
+    column = [true_column(truth, int(s)) for s in stamps]
+    found = [int(labels[k]) if k >= 0 else -1 for k in tick]
+    at = per_ms(stamps)
+    true_ms, found_ms = [column[i] for i in at], [found[i] for i in at]
+    # frames after the truth's end are not scored: phases are runs of equal truth, cut there
+    edges = [0, *(t for t in range(1, len(at)) if true_ms[t] != true_ms[t - 1]), len(at)]
+    phases = [(a, b) for a, b in pairwise(edges) if true_ms[a] >= 0]
+    boundary, delay = [], []
+    for (a, b), (_, c) in pairwise(phases):
+        if b - a < 300 or c - b < 300:
+            continue
+        into = true_ms[b]
+        turns = [t for t in range(a + 1, c) if found_ms[t] == into and found_ms[t - 1] != into]
+        boundary.append(min((abs(t - b) for t in turns), default=None))
+        lasting = (t for t in range(b, c - 299) if all(found_ms[u] == into for u in range(t, t + 300)))
+        delay.append(next((t - b for t in lasting), None))
+    assert result.boundary_s == pytest.approx([e * 1e-3 for e in boundary if e is not None])
+    assert result.delay_s == pytest.approx([d * 1e-3 for d in delay if d is not None])
+    assert result.boundary_error_s == pytest.approx(
+        [np.nan if e is None else e * 1e-3 for e in boundary], nan_ok=True
+    )
+    assert result.detection_delay_s == pytest.approx(
+        [np.nan if d is None else d * 1e-3 for d in delay], nan_ok=True
+    )
+
+
+# --- what always holds -----------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS)
+def test_a_perfect_belief_is_perfect(seed: int) -> None:
+    scored, *_ = random_case(seed, unscored=True)
+    # where nothing is scored it may believe anything: here, that the old state went on
+    last = np.maximum.accumulate(np.where(scored.truth >= 0, np.arange(150), 0))
+    result = judge(scored, np.maximum(scored.truth[last], 0))
+    if result.seconds():
+        assert result.accuracy() == pytest.approx(1.0, abs=1e-12)
+        assert result.macro_f1 == pytest.approx(1.0, abs=1e-12)
+        assert result.calibration_error == pytest.approx(0.0, abs=1e-12)
+        assert (result.log_loss, result.brier, result.sure_wrong) == (0, 0, 0)
+    assert not result.boundary_s.any()
+    assert not result.delay_s.any()
+    assert not np.isnan([result.boundary_error_s, result.detection_delay_s]).any()
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.permutations(range(7)))
+def test_no_state_is_special(seed: int, order: list[int]) -> None:
+    scored, _, stamps, ticks, labels, p = random_case(seed, unscored=True)
+    tick = tick_containing(stamps, ticks)
+    new = np.array([*order, UNSCORED])  # new[-1]: unscored stays unscored
+    renamed = replace(
+        scored,
+        truth=new[scored.truth],
+        changes=tuple(replace(c, into=int(new[c.into])) for c in scored.changes),
+    )
+    a = tally(scored, tick, labels, p)
+    b = tally(renamed, tick, new[labels], p[:, np.argsort(order)])
+    assert figures(b) == pytest.approx(figures(a), nan_ok=True)
+    assert b.boundary_s == pytest.approx(a.boundary_s)
+    assert b.delay_s == pytest.approx(a.delay_s)
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, SEEDS)
+def test_adding_recordings_is_concatenating_them(seed_a: int, seed_b: int) -> None:
+    def recording(seed: int) -> tuple[Ints, Truth, Ints, NDArray[np.float64]]:
+        rng = np.random.default_rng(seed)
+        middle = [(str(rng.choice(["f-f", "?", "e-e"])), int(rng.integers(50, 700))) for _ in range(4)]
+        truth = make_truth(("free", 400), *middle, ("free", 400))
+        length = 800 + sum(ms for _, ms in middle)
+        stamps = frames(length + 20)  # the last frames lie outside the truth: no weight hangs on what follows
+        labels = np.repeat(rng.integers(0, 7, len(stamps)), 20)[: len(stamps)]
+        return stamps, truth, labels, rng.dirichlet(np.full(7, 0.3), len(stamps))
+
+    (stamps_a, truth_a, labels_a, p_a), (stamps_b, truth_b, labels_b, p_b) = (
+        recording(seed_a),
+        recording(seed_b),
+    )
+    apart = judge(scoring(stamps_a, truth_a), labels_a, p_a) + judge(
+        scoring(stamps_b, truth_b), labels_b, p_b
+    )
+    later = int(stamps_a[-1] - stamps_b[0]) + 60_000 * MS
+    moved = [replace(i, start_ns=i.start_ns + later, end_ns=i.end_ns + later) for i in truth_b.intervals]
+    whole = scoring(np.append(stamps_a, stamps_b + later), Truth(truth_a.intervals + tuple(moved)))
+    together = judge(whole, np.append(labels_a, labels_b), np.vstack([p_a, p_b]))
+    assert figures(together) == pytest.approx(figures(apart), nan_ok=True)
+    assert together.delay_s == pytest.approx(apart.delay_s)
+    assert together.boundary_s == pytest.approx(apart.boundary_s)

@@ -1,0 +1,177 @@
+"""Elements that share points with those met before: what they may be, and how they are recognised."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry.elements import Line, Plane, Point, numbers
+from contact_tracker.geometry.incidence import LENGTH_M, incident
+from contact_tracker.hypotheses.contact_geometry import shifted
+from contact_tracker.hypotheses.element_prior import given as prior_given
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.forward_pass import forward
+
+MODEL = load_model()
+SURE_M, SURE_RAD = 1e-3, 3e-3
+FAR_M, FAR_RAD = 0.03, 0.2
+WITH = {"f": Contact.FE, "e": Contact.EE, "v": Contact.VF}  # of each kind a contact whose object has it
+seeds = st.integers(0, 2**32 - 1)
+quickly = settings(max_examples=10, deadline=None)
+steps = pytest.mark.parametrize("step", ["f>e", "f>v", "e>f", "e>v", "v>e", "v>f"])
+
+
+def unit(rng):
+    v = rng.normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+def elements_at(rng, place):
+    """A vertex at ``place``, an edge through it and a face that holds the edge."""
+    n, v = unit(rng), rng.normal(size=3)
+    d = np.cross(n, v) / np.linalg.norm(np.cross(n, v))
+    jacobian = np.vstack([np.eye(3), place])
+    of_plane = SURE_RAD**2 * jacobian @ (np.eye(3) - np.outer(n, n)) @ jacobian.T
+    of_plane[3, 3] += SURE_M**2
+    across = np.eye(3) - np.outer(d, d)
+    of_line = np.kron(np.diag([SURE_RAD**2, SURE_M**2]), across)
+    return {
+        "f": Plane(n, float(n @ place), of_plane),
+        "e": Line(d, place + 0.05 * d, of_line),
+        "v": Point(place, SURE_M**2 * np.eye(3)),
+    }
+
+
+def cost(kind, known, element, body_m):
+    """Half the squared distance of an object's element from what is known of it."""
+    model = CONTACT_MODELS[WITH[kind].column]
+    anchors = np.tile(body_m, 2)
+    prior, (pivot,) = prior_given(model, [(known, None)])
+    x, size = np.ones(model.family.SIZE), len(numbers(element))
+    part = slice(0, size) if model.body_in_1 else slice(model.family.SIZE - size, model.family.SIZE)
+    x[part] = numbers(element)
+    x = model.family.normalise(x, np.where(np.isnan(pivot), anchors, pivot))
+    off = np.zeros_like(x)
+    off[part] = x[part] - prior.mean[0, part]
+    return 0.5 * off @ prior.information[0] @ off
+
+
+def unit_across(direction, other):
+    across = np.cross(direction, other)
+    return across / np.linalg.norm(across)
+
+
+def moved_off(element, from_element, rng):
+    """Away from what it was to share points with: across, and turned where only its direction tells."""
+    away = from_element.normal if isinstance(from_element, Plane) else unit(rng)
+    match element:
+        case Plane(_, offset_m):
+            return replace(element, offset_m=offset_m + FAR_M)
+        case Line(direction):
+            across = away if isinstance(from_element, Plane) else unit_across(direction, away)
+            return replace(element, point_m=element.point_m + FAR_M * across)
+        case Point(point_m):
+            across = unit_across(from_element.direction, away) if isinstance(from_element, Line) else away
+            return replace(element, point_m=point_m + FAR_M * across)
+
+
+def scene(step, seed):
+    """An element that was met, and one of another kind that shares its points, with where the body is."""
+    rng = np.random.default_rng(seed)
+    place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
+    met, kind = elements_at(rng, place)[step[0]], step[2]
+    return rng, body_m, met, kind, elements_at_beside(met, kind, rng, place)
+
+
+@steps
+@quickly
+@example(seed=57594)
+@given(seed=seeds)
+def test_what_shares_points_costs_little_and_what_does_not_much(step, seed):
+    rng, body_m, met, kind, element = scene(step, seed)
+    known = incident(met, kind, body_m)
+    assert cost(kind, known, element, body_m) < 3.0  # places are an open matter, directions are of length one
+    assert cost(kind, known, moved_off(element, met, rng), body_m) > 20.0
+
+
+def elements_at_beside(met, kind, rng, place):
+    """Any element of a kind that shares the points of ``met`` near ``place``."""
+    match met:
+        case Plane(normal):
+            at = place + 0.1 * np.cross(normal, unit(rng))
+            d = np.cross(normal, unit(rng))
+            return Point(at) if kind == "v" else Line(d / np.linalg.norm(d), at)
+        case Line(direction):
+            n = np.cross(direction, unit(rng))
+            n /= np.linalg.norm(n)
+            return Point(place) if kind == "v" else Plane(n, float(n @ place))
+        case Point():
+            n = unit(rng)
+            return Line(n, place) if kind == "e" else Plane(n, float(n @ place))
+
+
+@steps
+@quickly
+@given(seed=seeds)
+def test_it_is_the_same_whatever_the_axes_are(step, seed):
+    rng, body_m, met, kind, element = scene(step, seed)
+    turn, shift = Rotation.random(random_state=rng).as_matrix(), 100.0 * rng.normal(size=3)
+    off = moved_off(element, met, rng)
+
+    def moved(e):
+        double = np.kron(np.eye(2), turn)
+        match e:
+            case Plane(normal, _, covariance):
+                four = np.eye(4)
+                four[:3, :3] = turn
+                turned = replace(e, normal=turn @ normal)
+                return shifted(
+                    turned if covariance is None else replace(turned, covariance=four @ covariance @ four.T),
+                    shift,
+                )
+            case Line(d, q, covariance):
+                c = None if covariance is None else double @ covariance @ double.T
+                return Line(turn @ d, turn @ q + shift, c)
+            case Point(q, covariance):
+                return Point(turn @ q + shift, None if covariance is None else turn @ covariance @ turn.T)
+
+    there = turn @ body_m + shift
+    for one in (element, off):
+        expected = cost(kind, incident(met, kind, body_m), one, body_m)
+        found = shifted(incident(moved(met), kind, there), -there)
+        assert cost(kind, found, shifted(moved(one), -there), np.zeros(3)) == pytest.approx(
+            expected, rel=0.02, abs=0.02
+        )
+
+
+def test_an_edge_through_the_vertex_that_was_met_is_recognised_sooner():
+    """A vertex on a face, then an edge of it: all that is new is a turn in the face."""
+    recording = simulate(Scenario((Phase(Contact.VF, 5.0), Phase(Contact.EF, 3.0))), 4)
+    change_ns = next(i.start_ns for i in recording.truth.intervals if i.contact is Contact.EF)
+
+    def delay_s(recognised):
+        model = replace(MODEL, geometry=replace(MODEL.geometry, recognised=recognised))
+        beliefs = [seen.belief for seen in forward(recording.poses, model, detail=Detail.SHARED)]
+        since = [b for b in beliefs if b.stamp_ns >= change_ns]
+        right = [b.contact is Contact.EF for b in since]
+        last_wrong = max(i for i, is_right in enumerate(right) if not is_right)
+        assert right[-1]
+        return (since[last_wrong + 1].stamp_ns - change_ns) / 1e9
+
+    assert delay_s(MODEL.geometry.recognised) < delay_s(1e-9) - 0.3
+
+
+@pytest.mark.parametrize("kind", ["e", "v"])
+@pytest.mark.parametrize("turns", [(0.0, 0.0), (1e-4, 0.0), (1e-4, 1e-14)])
+def test_a_face_that_can_turn_only_about_one_axis_or_none_tells_of_its_neighbours(kind, turns):
+    face = Plane(np.array([0.0, 0.0, 1.0]), 0.2, np.diag([*turns, 0.0, 1e-6]))
+    out = np.diagonal(incident(face, kind, np.zeros(3)).covariance)[-1]
+    assert out == pytest.approx(1e-6 + 0.5 * sum(turns) * (0.5 * LENGTH_M) ** 2)

@@ -1,0 +1,223 @@
+"""Viterbi and smoothing while ticks come in, against the whole; and what never comes to an end."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from chain_oracle import believed, some_model, walk
+from contact_tracker import hmm
+from contact_tracker.tracking.transition_model import chances, log_initial
+from trellis_cases import Case
+
+TOLERANCE = 1e-6
+seeds = st.integers(0, 2**32 - 1)
+many = settings(max_examples=40, deadline=None)
+
+
+def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
+    """Concluded every so many ticks: path, posterior, and after which ticks how many were told."""
+    forward, past, survivors = hmm.Forward(log_initial), hmm.Past(), hmm.Survivors()
+    path, posterior, told = [], [], []
+    for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
+        step = forward.advance(trellis.state[alive], trellis.onset[alive], likelihood, log_transition[b - 1])
+        past.append(step)
+        survivors.append(step)
+        if b % every == 0:
+            probability, certain = past.look_back(forward.living, tolerance)
+            posterior.append(probability[:certain])
+            past.drop(certain)
+            path += survivors.decide(forward.living)
+            told.append((past.first, survivors.first))
+    if len(past):
+        posterior.append(past.look_back(forward.living, tolerance)[0])
+    return path + survivors.finish(forward.living), np.concatenate(posterior), told
+
+
+def whole(trellis, log_initial, log_transition):
+    path = hmm.viterbi(trellis, log_initial, log_transition)
+    return [(int(trellis.state[h]), a, b) for h, a, b in path], hmm.smooth(
+        trellis, log_initial, log_transition
+    )[0]
+
+
+def pruned(trellis, log_initial, log_transition, margin=20.0):
+    """Without what is hopeless, as the tracker leaves it out."""
+    forward, hopeless = hmm.Forward(log_initial), np.zeros(len(trellis.state), bool)
+    alive, value = [], []
+    for b, (before, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True)):
+        kept = ~hopeless[before]
+        alive.append(before[kept])
+        value.append(likelihood[kept])
+        state, onset = trellis.state[alive[-1]], trellis.onset[alive[-1]]
+        forward.advance(state, onset, value[-1], log_transition[b])
+        living = forward.living
+        good = {
+            (a, i)
+            for a, i, w in zip(living.onset, living.state, living.log_weight, strict=True)
+            if w > -margin
+        }
+        hopeless[alive[-1]] = [pair not in good for pair in zip(onset, state, strict=True)]
+    return trellis._replace(alive=alive, log_likelihood=value)
+
+
+@many
+@given(seed=seeds, every=st.integers(1, 7))
+def test_pieces_of_any_trellis_are_the_whole(seed, every):
+    case = Case(seed)
+    try:
+        expected = whole(case.trellis, *case.model)
+        path, posterior, _ = run(case.trellis, *case.model, every)
+    except ValueError as error:  # no path at all, whole or in pieces
+        assert "no path" in str(error)  # noqa: PT017
+        return
+    assert path == expected[0]
+    np.testing.assert_allclose(posterior, expected[1], atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("blur", [0.5, 2.0])
+def test_pieces_of_a_recording_are_the_whole_and_are_told_soon(blur):
+    rng = np.random.default_rng(7)
+    model, exposure = some_model(rng), rng.uniform(0.02, 1.0, 150)
+    chain = log_initial(model), np.array([chances(model, e).change for e in exposure])
+    trellis = pruned(believed(walk(model, exposure, rng), model, exposure, rng, blur), *chain)
+    expected_path, expected = whole(trellis, *chain)
+    path, posterior, told = run(trellis, *chain, every=30)
+    assert path == expected_path
+    assert np.abs(posterior - expected).max() < TOLERANCE
+    smoothed, decided = np.array(told).T
+    if blur == 0.5:  # what is clear is told long before the end
+        assert smoothed[-1] > 60
+        assert decided[-1] > 60
+    loose = run(trellis, *chain, every=30, tolerance=0.1)
+    assert loose[2][2][0] >= told[2][0]
+    assert np.abs(loose[1] - expected).max() < 0.1
+
+
+@many
+@given(seed=seeds)
+@pytest.mark.parametrize("checked", [1, 16])
+def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
+    """Cut anywhere; then the most one-sided futures there are: one beginning goes on, all else is over."""
+    case = Case(seed, sizes=((3, 6), (4, 5)), death=0.1, absent=0.0, forbidden=0.0)
+    trellis, (initial, change) = case.trellis, case.model
+    cut = case.ticks - 1
+    forward, past = hmm.Forward(initial), hmm.Past()
+    for b in range(cut):
+        alive = trellis.alive[b]
+        past.append(
+            forward.advance(trellis.state[alive], trellis.onset[alive], trellis.log_likelihood[b], change[b])
+        )
+    seen = []
+    for h in trellis.alive[cut - 1]:
+        likelihood = trellis.log_likelihood[cut - 1][trellis.alive[cut - 1] == h]
+        alone = trellis._replace(
+            alive=[*trellis.alive[: cut - 1], np.array([h])],
+            log_likelihood=[*trellis.log_likelihood[: cut - 1], likelihood],
+        )
+        seen.append(hmm.smooth(alone, initial, change[:cut])[0])
+    spread = np.ptp(seen, axis=0).max(axis=1)
+    for tolerance in (TOLERANCE, *(spread + 1e-9), *np.maximum(spread - 1e-9, 0.0)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("contact_tracker.hmm.smoother._CHECKED", checked)
+            certain = past.certain(forward.living, float(tolerance))
+        assert certain == int(np.argmax(np.append(spread, np.inf) > tolerance + 1e-12))
+
+
+def test_futures_may_agree_on_now_and_not_on_before():
+    """State 0 began with tick 20 after state 1, or with tick 40 after state 2: later ticks are the same."""
+    never = np.full((3, 3), -np.inf)
+    into_0 = {
+        tick: np.where(np.eye(3)[:, [before]] * np.eye(3)[0], 0.0, -np.inf)
+        for tick, before in ((20, 1), (40, 2))
+    }
+    forward, past = hmm.Forward(np.log(np.full(3, 1 / 3))), hmm.Past()
+    for tick in range(64):
+        alive = (
+            [(1, 0)] * (tick < 20)
+            + [(2, 0)] * (tick < 40)
+            + [(0, 20)] * (tick >= 20)
+            + [(0, 40)] * (tick >= 40)
+        )
+        state, onset = np.array(alive).T
+        past.append(forward.advance(state, onset, np.zeros(len(alive)), into_0.get(tick, never)))
+    posterior, certain = past.look_back(forward.living, TOLERANCE)
+    assert certain == 0
+    np.testing.assert_allclose(posterior[[10, 30, 50]], [[0, 0.5, 0.5], [0.5, 0, 0.5], [1, 0, 0]], atol=1e-12)
+
+
+# --- hours -------------------------------------------------------------------------------------------------
+
+
+def hours(ticks, evidence, rng, states=3):
+    """A stream of ticks: onsets thinned out with age as the tracker does, ``evidence`` per tick and state."""
+    onset = [np.zeros(0, np.int64) for _ in range(states - 1)]
+    for now in range(ticks):
+        for i, old in enumerate(onset):
+            old = np.append(old, now)
+            age = now + 1 - old
+            span = 2 ** np.maximum(np.floor(np.log2(age / 10)) + 1, 0).astype(np.int64)
+            group = np.where(age <= 10, -old - 1, old // span + (span << 40))
+            onset[i] = old[np.unique(group, return_index=True)[1]]
+            onset[i].sort()
+        state = np.repeat(np.arange(states), [*map(len, onset), 1])
+        since = np.concatenate([*onset, [now]])
+        value = np.array([*evidence, 0.0])[state] * (now - since) + 0.1 * rng.normal(size=len(since))
+        kept = (value + 0.1 >= value.max() - 70.0) | (now - since < 30)
+        onset = [since[kept & (state == i)] for i in range(states - 1)]
+        yield state[kept], since[kept], np.where(state == states - 1, 0.0, value)[kept]
+
+
+@pytest.mark.parametrize(("evidence", "certain"), [((0.5, -0.5), True), ((0.0, 0.0), False)])
+def test_what_is_alive_and_the_digits_stay_bounded_for_hours(evidence, certain):
+    """One contact for a long time; and rest, in which nothing can be told: then all of it stays open."""
+    rng, ticks = np.random.default_rng(1), 4000
+    change = np.log(np.full((3, 3), 0.01))
+    forward, past, survivors = hmm.Forward(np.log(np.full(3, 1 / 3))), hmm.Past(), hmm.Survivors()
+    for state, onset, value in hours(ticks, evidence, rng):
+        step = forward.advance(state, onset, value, change)
+        past.append(step)
+        survivors.append(step)
+        if (past.first + len(past)) % 1000 == 0:
+            probability, until = past.look_back(forward.living, TOLERANCE)
+            past.drop(until)
+    assert len(forward.living.onset) < 200
+    assert forward.living.log_weight.max() == pytest.approx(0.0, abs=3.0)  # no digits are lost
+    assert (len(past) < 1100) is certain
+    assert past.size < 10_000 * ticks
+    if certain:
+        assert probability[0].argmax() == 0
+        ((contact, _, end),) = survivors.finish(forward.living)[-1:]
+        assert (contact, end) == (0, ticks)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
+    """A weight that can just be told from zero, and is divided by more than one."""
+    change = np.log(np.array([[0.9, 0.1], [0.1, 0.9]]))
+    for behind in np.arange(-747.0, -738.0, 0.05):
+        forward = hmm.Forward(np.log([0.5, 0.5]))
+        forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), change)
+        state, onset = np.array([0, 0, 0, 0, 1]), np.array([0, 1, 1, 1, 0])
+        forward.advance(state, onset, np.array([behind, 0.0, 0.0, 0.0, 0.0]), change)
+        living = forward.living
+        assert np.isfinite(living.log_weight).all()
+        assert living.probability.sum() == pytest.approx(1.0)
+
+
+def test_what_has_not_begun_is_refused():
+    forward, one, none, change = (
+        hmm.Forward(np.zeros(2)),
+        np.zeros(1, np.int64),
+        np.zeros(1),
+        np.zeros((2, 2)),
+    )
+    forward.advance(one, one, none, change)
+    for gone in (0, 3):  # onset 0 is over, onset 3 is to come
+        forward.advance(one, one + 1, none, change)
+        with pytest.raises(ValueError, match="nothing has begun"):
+            forward.advance(one, one + gone, none, change)
+        forward = hmm.Forward(np.zeros(2))
+        forward.advance(one, one, none, change)
+    with pytest.raises(ValueError, match="no path"):
+        forward.advance(one, one + 1, none + np.nan, change)

@@ -1,0 +1,118 @@
+"""Whether kernels are there, and what is done where they are not."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from contact_tracker.errors import SlowUpdate
+from contact_tracker.hypotheses import compiled
+
+SUPPORT = str(Path(__file__).parents[1] / "support")
+RECORDING = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
+
+
+def said(program, **environment):
+    """What a program prints in a fresh interpreter."""
+    found = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return found.stdout.strip()
+
+
+def test_it_can_be_switched_off_and_is_not_imported_before_it_is_needed():
+    program = (
+        "import sys; from contact_tracker.hypotheses import compiled;"
+        "from contact_tracker.tracking import offline_smoother;"
+        "print('contact_tracker.hypotheses.compiled.kernels' in sys.modules, compiled.described())"
+    )
+    assert said(program, CONTACT_TRACKER_COMPILED="0") == "False numpy, CONTACT_TRACKER_COMPILED=0"
+    assert said(program, CONTACT_TRACKER_COMPILED="1") == "False compiled kernels"
+
+
+def test_the_filter_of_free_motion_is_filterpy():
+    """Loaded when tracking starts, because that takes half a second."""
+    program = (
+        f"import sys; sys.path.append({SUPPORT!r}); import short_recordings as short;"
+        "print('filterpy' in sys.modules);"
+        "short.segmented(short.FACE_TO_EDGE); print('filterpy' in sys.modules)"
+    )
+    for in_use in "01":
+        assert said(program, CONTACT_TRACKER_COMPILED=in_use).split() == ["False", "True"]
+
+
+@pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++", "cl"))), reason="no compiler")
+def test_kernels_are_built_where_there_is_a_compiler():
+    """Whether the tests of kernels run is not left to chance."""
+    assert compiled.find_spec(compiled.NAME)
+    assert compiled.fault() == ""
+
+
+def test_without_kernels_it_says_so(monkeypatch):
+    monkeypatch.delenv(compiled.SWITCH, raising=False)
+    monkeypatch.setattr(compiled, "find_spec", lambda name: None)
+    monkeypatch.setattr(compiled, "fault", compiled.fault.__wrapped__)
+    with pytest.warns(SlowUpdate, match=r"20 times slower: no kernels were built; install a C\+\+ compiler"):
+        assert not compiled.in_use.__wrapped__()
+    assert compiled.described().startswith("numpy: no kernels were built")
+
+
+def test_the_command_line_says_in_one_line_that_it_is_slow(tmp_path):
+    """As where nothing was built."""
+    program = (
+        "from contact_tracker.hypotheses import compiled;"
+        "compiled.find_spec = lambda name: None;"
+        "from contact_tracker.cli.main import run;"
+        f"run(['segment', {str(RECORDING)!r}, '--duration', '1'])"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    lines = [line for line in found.stderr.splitlines() if "slower" in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("contact-tracker: warning: runs in numpy, some 20 times slower: no kernels")
+    assert "install a C++ compiler" in lines[0]
+    assert "Traceback" not in found.stderr
+
+
+def test_a_folder_of_the_same_name_beside_an_installed_package_is_another_ones(tmp_path, monkeypatch):
+    (tmp_path / "__init__.py").write_text("")
+    monkeypatch.setattr(compiled, "SOURCES", tmp_path)
+    assert compiled.fault.__wrapped__() == compiled.fault()
+
+
+def test_kernels_of_other_sources_are_done_without(tmp_path, monkeypatch):
+    """Of a work tree that has moved on since it was installed."""
+    (tmp_path / "module.cpp").write_text("// another algorithm")
+    monkeypatch.setattr(compiled, "SOURCES", tmp_path)
+    fault = compiled.fault.__wrapped__()
+    assert fault == "their sources have changed since, install the package again"
+    monkeypatch.setattr(compiled, "fault", lambda: fault)
+    with pytest.warns(SlowUpdate, match="their sources have changed"):
+        assert not compiled.in_use.__wrapped__()
+    assert compiled.described() == f"numpy: {fault}"
+
+
+def test_kernels_that_cannot_be_loaded_are_done_without(monkeypatch):
+    def broken(name):
+        raise ImportError("another\nPython")
+
+    monkeypatch.setattr(compiled, "import_module", broken)
+    assert compiled.fault.__wrapped__() == "they cannot be loaded, another Python"
+
+
+@pytest.mark.parametrize("reason", [KeyboardInterrupt(), SystemExit(143)])
+def test_an_interrupt_while_kernels_load_is_one(monkeypatch, reason):
+    """What loads them says that it failed, whatever came between."""
+
+    def load(name):
+        raise ImportError("initialization failed") from reason
+
+    monkeypatch.setattr(compiled, "import_module", load)
+    with pytest.raises(type(reason)):
+        compiled.fault.__wrapped__()

@@ -1,0 +1,252 @@
+"""Evidence against free motion: the ratio of two normal densities, nothing at rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from contact_motions import touching, x_of
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses import evidence, gauss_newton
+from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.window import Window
+
+each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+SCALES = Scales(reach_m=0.3, body_radius_m=0.1, foreknowledge=0.3, independence=1.0, tick_s=0.1)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def window(rng, model, ticks=12):
+    """Ticks of some motion, with noise and excess drawn anew for each; and hypotheses at random."""
+    t = touching(model.contact, rng, ticks)
+    zeta = lift(t.rotation, t.position_m - t.position_m[0])
+    variance = np.exp(rng.normal(size=(ticks, 2))) * [1e-8, 1e-6]
+    excess = np.exp(3.0 * rng.normal(size=(ticks, 2))) * [1e-6, 1e-4]
+    x = model.family.normalise(rng.normal(size=(3, model.family.SIZE)), np.zeros(6))
+    return Window(np.arange(ticks), zeta, variance, excess), x
+
+
+@each_model
+@given(seed=seeds, first=st.integers(1, 10))
+@settings(max_examples=10, deadline=None)
+def test_a_window_that_moves_on_loses_none_of_what_it_said(model, seed, first):
+    seen, x = window(np.random.default_rng(seed), model)
+    certain = np.array([True, False, True])
+    whole = evidence.log_ratio(model, x, seen, SCALES, certain).log_ratio
+    parts = [seen.cut(0, first), seen.cut(first, None).cut(-len(seen), -1), seen.cut(-1, None)]
+    ratios = [evidence.log_ratio(model, x, part, SCALES, certain).log_ratio for part in parts]
+    np.testing.assert_allclose(np.concatenate(ratios, axis=1), whole, atol=1e-9)
+    np.testing.assert_array_equal(Window.join(parts[:2]).travel, seen.travel[:-1])
+
+
+@each_model
+@given(seed=seeds, most=st.integers(1, 12))
+@settings(max_examples=10, deadline=None)
+def test_a_window_that_grows_tick_by_tick_is_the_one_of_all_ticks(model, seed, most):
+    seen, _ = window(np.random.default_rng(seed), model)
+    uneven = np.tile(1e-9 * np.diag([1.0, 2.0, -3.0]), (len(seen), 1, 1))
+    grown = Window(seen.index[:0], seen.zeta[:0], seen.variance[:0], seen.excess[:0])
+    for row in range(len(seen)):
+        rows = slice(max(row + 1 - most, 0), row + 1)
+        variance = seen.variance[rows] * (row + 1)  # of all ticks anew
+        grown = grown.then(row, seen.zeta[row], seen.excess[row], variance, uneven[rows])
+        known = replace(seen, variance=seen.variance * (row + 1), uneven=uneven).cut(rows.start, rows.stop)
+        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "unheld", "travel"):
+            rounding = 1e-14 if name in ("unheld", "travel") else 0.0
+            np.testing.assert_allclose(getattr(grown, name), getattr(known, name), rounding, err_msg=name)
+        assert grown.latest_activity == known.activity[-1]
+        assert (grown.before is None) == (known.before is None)
+    for name in ("inverse", "unheld"):
+        noisier = grown.with_error((1e-9, 1e-9))
+        np.testing.assert_array_equal(getattr(noisier, name), getattr(grown, name))
+
+
+def test_between_ticks_that_are_not_neighbours_nothing_is_known_of_the_way():
+    seen, _ = window(np.random.default_rng(6), CONTACT_MODELS[0])
+    some = seen.pick(np.array([2, 3, 7, 8]))
+    np.testing.assert_array_equal(some.travel[[0, 2]], 0.0)
+    np.testing.assert_array_equal(some.travel[[1, 3]], seen.travel[[3, 8]])
+
+
+@each_model
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
+    """Each row N(0, V) against N(0, S): as the ratio is at the residual, less what it would be at V = S."""
+    rng = np.random.default_rng(seed)
+    seen, x = window(rng, model)
+    found = evidence.log_ratio(model, x, seen, SCALES)
+    measured = model.measure(x, seen.zeta)
+    expected = np.zeros_like(found.log_ratio)
+    for b in range(len(x)):
+        for tick in range(len(seen)):
+            position, rotation = seen.variance[tick]
+            free_position, free_rotation = seen.excess[tick]
+            lever_sq = measured.lever_sq[b, tick]
+            for row in range(model.family.ROWS):
+                held, moved = rotation, free_rotation
+                if row == model.family.ROWS - 1:
+                    held = position + rotation * lever_sq
+                    moved = free_position + free_rotation * (lever_sq + SCALES.body_radius_m**2)
+                r = measured.residual[b, row, tick]
+                expected[b, tick] += norm.logpdf(r, scale=held**0.5) - norm.logpdf(
+                    r, scale=(held + moved) ** 0.5
+                )
+                assert found.chi_sq[b, tick, row] == pytest.approx(r**2 / held)
+                assert found.row_weight[b, tick, row] == pytest.approx(1.0 / held)
+            # a touching point two reaches from the body costs half a nat per second
+            stray = measured.reach_sq[b, tick] / (2.0 * SCALES.reach_m) ** 2
+            expected[b, tick] -= 0.5 * stray * SCALES.tick_s
+    np.testing.assert_allclose(found.log_ratio, expected, rtol=1e-8, atol=1e-8)
+    assert (found.gain > 0.0).all()
+
+
+@each_model
+def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
+    """As a camera sees depth: residuals of noisy poses scatter as much as they are said to."""
+    rng = np.random.default_rng(5)
+    t = touching(model.contact, rng, 3)
+    shape = rng.normal(size=(3, 3))
+    covariance_m2 = 1e-6 * shape @ shape.T + 1e-10 * np.eye(3)
+    sigma_rad, draws = 1e-4, 4000
+    shaken_m = rng.multivariate_normal(np.zeros(3), covariance_m2, (draws, 3))
+    turned = Rotation.from_rotvec(rng.normal(scale=sigma_rad, size=(3 * draws, 3))).as_matrix()
+    noisy = lift(t.rotation @ turned.reshape(draws, 3, 3, 3), t.position_m + shaken_m)
+    x = x_of(model.contact, t.object, t.environment)[None]
+    mean_m2 = np.trace(covariance_m2) / 3.0
+    seen = Window(
+        np.arange(3),
+        lift(t.rotation, t.position_m),
+        np.tile([mean_m2, sigma_rad**2], (3, 1)),
+        np.zeros((3, 2)),
+        np.tile(covariance_m2 - mean_m2 * np.eye(3), (3, 1, 1)),
+    )
+    said = evidence.residual_noise(model.measure(x, seen.zeta), seen)[0]
+    scattered = model.measure(x, noisy.reshape(-1, 25)).residual[0].reshape(-1, draws, 3).var(axis=1)
+    np.testing.assert_allclose(scattered, said, rtol=0.15)
+
+
+@each_model
+def test_at_rest_a_tick_says_nothing(model):
+    """However well or badly the hypothesis fits, and wherever it touches."""
+    seen, x = window(np.random.default_rng(1), model)
+    still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.excess))
+    np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
+
+
+# --- the price of geometry ----------------------------------------------------------------------------------
+
+
+class Fitted:
+    """One hypothesis fitted to ticks in contact, and what its first tick alone would have told."""
+
+    def __init__(self, model, seed, ticks=80, sigma=1e-3):
+        rng = np.random.default_rng(seed)
+        t = touching(model.contact, rng, ticks)
+        position = t.position_m - t.position_m.mean(axis=0) + rng.normal(size=(ticks, 3)) * sigma
+        lifted = model.lifted(lift(t.rotation, position)) / sigma
+        self.model, self.family = model, model.family
+        self.anchors = model.anchors(position.mean(axis=0))[None]
+        self.prior = evidence.weak_prior(self.family, self.anchors, SCALES.reach_m)
+        self.weight = np.ones((1, self.family.ROWS))
+        self.moments = (lifted.T @ lifted)[None]
+        starts = self.family.normalise(self.family.starts(self.moments)[0], self.anchors)
+        every = np.zeros(len(starts), int)
+        found = gauss_newton.minimise(
+            self.family,
+            self.moments[every],
+            self.weight[every],
+            self.prior.pick(every),
+            self.anchors[every],
+            starts,
+            iterations=200,
+            tolerance=1e-9,
+        )
+        best = int(np.argmin(found.cost))
+        self.x, self.cost, self.hessian = found.x[[best]], found.cost[best], found.hessian[[best]]
+        self.first = self.information(lifted[:1])
+
+    def information(self, lifted):
+        squares = (lifted.T @ lifted)[None]
+        return gauss_newton.information(self.family, squares, self.weight, self.moments, self.anchors, self.x)
+
+    @property
+    def pull(self):
+        return float(self.prior.cost(self.x)[0])
+
+    def price(self, hessian, given, foretold=0.0):
+        """Of rows' information (1, K, P, P), of which a share was foretold."""
+        unit = np.full((1, self.family.ROWS), foretold)
+        fitted = self.family, self.x, self.x, self.anchors
+        return evidence.complexity(*fitted, hessian, given, unit, self.prior)[0]
+
+
+@each_model
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_price_is_what_the_integral_over_geometry_loses(model, seed):
+    """Laplace against importance sampling: the mean likelihood under the prior, not the greatest one."""
+    one, rng = Fitted(model, seed), np.random.default_rng(seed)
+    family, size = model.family, 20_000
+    tangent = family.tangent(one.x, one.anchors)[0]
+    before = tangent.T @ (one.prior.precision[0] + np.diag(one.prior.flat)) @ tangent
+    after = one.hessian[0].sum(axis=0) + before
+    wide = 1.3 * np.linalg.inv(np.linalg.cholesky(after)).T
+    raw = rng.normal(size=(size, family.PARAMETERS))
+    x = family.normalise(one.x + raw @ wide.T @ tangent.T, one.anchors)
+    cost = gauss_newton.every_cost(family, one.moments, one.weight, one.prior, x)[:, 0]
+    log_weight = -cost + 0.5 * np.sum(raw**2, axis=1) + np.linalg.slogdet(wide)[1]
+    integral = logsumexp(log_weight) - np.log(size) + 0.5 * np.linalg.slogdet(before)[1]
+    greatest = -(one.cost - one.pull)
+    paid = one.price(one.hessian, np.zeros_like(one.first))
+    assert paid > 5.0
+    assert integral == pytest.approx(greatest - paid, abs=0.5)
+
+
+@each_model
+def test_what_the_first_tick_gives_is_free(model):
+    one = Fitted(model, 2)
+    nothing = np.zeros_like(one.first)
+    row_by_row = np.concatenate([one.first[:, None], np.zeros_like(one.hessian[:, 1:])], axis=1)
+    assert one.price(row_by_row, one.first) == pytest.approx(one.pull, abs=1e-9)
+    assert one.pull <= one.price(one.hessian, one.first) < one.price(one.hessian, nothing)
+
+
+@each_model
+def test_what_was_foretold_is_cheaper(model):
+    """All of it foretold, learning it again is worth half the logarithm of two per direction, at most."""
+    one = Fitted(model, 4)
+    nothing = np.zeros_like(one.first)
+    prices = [one.price(one.hessian, nothing, foretold) for foretold in (0.0, 1e-3, 0.1, 1.0)]
+    assert (np.diff(prices) < 0.0).all()
+    assert prices[-1] - one.pull <= model.family.PARAMETERS * 0.5 * np.log(2.0)
+
+
+@each_model
+def test_the_price_grows_with_what_is_learnt_and_ever_more_slowly(model):
+    one = Fitted(model, 3)
+    prices = [one.price(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)]
+    assert prices[0] == pytest.approx(one.pull)
+    assert (np.diff(prices) > 0.0).all()
+    assert (np.diff(prices, 2) < 0.0).all()
+
+
+def test_windows_are_cut_and_joined():
+    seen, _ = window(np.random.default_rng(3), CONTACT_MODELS[0])
+    both = Window.join([seen.cut(0, 5), seen.cut(5, None)])
+    for name, value in vars(seen).items():
+        np.testing.assert_array_equal(vars(both)[name], value)
+    assert len(seen.cut(-1, None)) == 1
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3, 6, 7])
+def test_the_usual_variance_is_the_median(ticks):
+    rng = np.random.default_rng(ticks)
+    seen, _ = window(rng, CONTACT_MODELS[0])
+    some = replace(seen.cut(0, ticks), variance=rng.uniform(size=(ticks, 2)))
+    np.testing.assert_array_equal(some.usual_variance, np.median(some.variance, axis=0))

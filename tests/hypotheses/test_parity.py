@@ -1,0 +1,382 @@
+"""The compiled update of the bank and its parts agree with the numpy reference, on problems of all kinds."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_motions import touching
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts.parameter_layout import directions
+from contact_tracker.hypotheses import bank_update, gauss_newton, global_search
+from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.bank_update import Moment
+from contact_tracker.hypotheses.birth import Begins, fresh
+from contact_tracker.hypotheses.element_prior import Given
+from contact_tracker.hypotheses.evidence import Scales, weak_prior
+from contact_tracker.hypotheses.pruning import Births, prune, residual
+from contact_tracker.hypotheses.quadratic_prior import Prior
+from contact_tracker.hypotheses.refit import before
+from contact_tracker.hypotheses.schedule import FAR_NATS, MET_PATIENCE, patience
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.states import Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.forward_pass import forward
+from pruning import with_margin
+from short_recordings import FACE_TO_EDGE, MODEL, recorded
+
+compiled_kernels = pytest.importorskip("contact_tracker.hypotheses.compiled.kernels")
+kernels = pytest.importorskip("kernel_parts")
+both = kernels.both
+GROWS = ("first", "moments", "place_sum", "weight", "told", "lasted", "x")
+each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+seeds = st.integers(0, 2**32 - 1)
+INFORMATION = np.random.default_rng(5).normal(size=(9, 12)) * 10.0 ** np.linspace(0.0, 4.0, 9)[:, None]
+COUNT = 12
+REACH_M = 0.3
+BEYOND = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6), (0.0, 0.0))
+SCALES = Scales(REACH_M, body_radius_m=0.1, foreknowledge=0.3, independence=0.6, tick_s=0.1)
+
+
+def problem(model, rng):
+    """Windows of a contact with noise, of few ticks or many; all but the steps of ``minimise``."""
+    family = model.family
+    t = touching(model.contact, rng, 40, swing=0.5)
+    noisy = t.position_m - t.position_m.mean(axis=0) + rng.normal(size=(40, 3)) * 3e-4
+    lifted = model.lifted(lift(t.rotation, noisy))
+    ends = rng.integers(2, 41, COUNT)
+    moments = np.array([lifted[:end].T @ lifted[:end] for end in ends])
+    anchors = model.anchors(rng.normal(size=(COUNT, 3)) * 0.1)
+    weight = rng.uniform(0.01, 1.0, (COUNT, family.ROWS))
+    x = family.normalise(rng.normal(size=(COUNT, family.SIZE)), anchors)
+    return moments * 1e6, weight, weak_prior(family, anchors, REACH_M), anchors, x
+
+
+def strange(kind, rng, family, moments, weight, prior, anchors, x):
+    """The same with something that is hard to compute with."""
+    size = family.SIZE
+    if kind == "known elements":  # as far as rank 4 goes
+        root = rng.normal(size=(COUNT, 4, size)) * 1e3
+        if family.FORM.q1 >= 0:  # what is known of one element tells nothing of the other
+            root[:, :2, family.FORM.d2 :] = root[:, 2:, : family.FORM.d2] = 0.0
+        prior = prior + Prior.around(x, np.swapaxes(root, 1, 2) @ root, prior.flat)
+    elif kind == "empty":
+        moments = moments * 0.0
+    elif kind == "one tick":
+        moments = moments[:, -1:] * moments[:, :, -1:] / moments[:, -1:, -1:]
+    elif kind == "unweighted":
+        weight = weight * 0.0
+    elif kind == "parallel":  # d2 = d1 without any turn: the sine is at its floor
+        x = np.where(np.arange(size) >= size - 6, np.roll(x, 6, axis=1), x)
+        moments = moments.copy()
+        lifted = np.zeros(moments.shape[-1])
+        lifted[[0, 4, 8, -1]] = 1.0
+        moments[:] = np.outer(lifted, lifted) * 1e6
+    return moments, weight, prior, anchors, family.normalise(x, anchors)
+
+
+def both_fits(model, given_, steps):
+    return gauss_newton.minimise(model.family, *given_, steps), kernels.minimise(model, *given_, steps)
+
+
+def assert_same_fits(numpy, kernel, rel):
+    np.testing.assert_array_equal(kernel.converged, numpy.converged)
+    np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=rel, atol=rel)
+    np.testing.assert_allclose(kernel.x, numpy.x, atol=10 * rel)
+    scale = np.abs(numpy.hessian).max(initial=1e-300)
+    np.testing.assert_allclose(kernel.hessian, numpy.hessian, atol=10 * rel * scale)
+
+
+@each_model
+@pytest.mark.parametrize(("steps", "rel"), [(0, 1e-9), (1, 1e-6), (10, 1e-4)])
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_fits_agree(model, steps, rel, seed):
+    """Many steps carry rounding errors on: where one is as good as none, damping differs from then on."""
+    assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(seed)), steps), rel)
+
+
+@each_model
+@pytest.mark.parametrize("kind", ["known elements", "empty", "one tick", "unweighted", "parallel"])
+@settings(max_examples=4, deadline=None)
+@given(seed=seeds)
+def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
+    """In cost: x may be anywhere in directions that cost nothing."""
+    rng = np.random.default_rng(seed)
+    numpy, kernel = both_fits(model, strange(kind, rng, model.family, *problem(model, rng)), 2)
+    np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
+    assert np.isfinite(kernel.x).all()
+
+
+@each_model
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_no_digit_depends_on_who_stands_beside_whom(model, seed):
+    """Some are at their minimum already, and wait for the others."""
+    rng = np.random.default_rng(seed)
+    *windows, prior, anchors, x = problem(model, rng)
+    there = kernels.minimise(model, *windows, prior, anchors, x, 30).x
+    x = np.where(rng.random((COUNT, 1)) < 0.5, there, x)
+    whole = kernels.minimise(model, *windows, prior, anchors, x, 10)
+    order = rng.permutation(COUNT)
+    moved = (*(column[order] for column in windows), prior.pick(order), anchors[order], x[order])
+    found = kernels.minimise(model, *moved, 10)
+    for name in ("x", "cost", "hessian", "converged"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[order])
+
+
+@each_model
+def test_each_window_takes_its_own_steps(model):
+    steps = np.arange(COUNT) % 4
+    assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(3)), steps), 1e-7)
+
+
+@each_model
+def test_what_is_no_number_stays_where_it_is(model):
+    given_ = list(problem(model, np.random.default_rng(4)))
+    whole = kernels.minimise(model, *given_, 3)
+    given_[0] = given_[0].copy()
+    given_[0][5] = np.nan
+    given_[-1] = given_[-1].copy()
+    given_[-1][7, model.family.FORM.d2] = np.nan
+    numpy, kernel = both_fits(model, given_, 3)
+    np.testing.assert_array_equal(np.isnan(kernel.cost), np.isnan(numpy.cost))
+    assert np.isnan(kernel.cost[[5, 7]]).all()
+    assert not kernel.converged[[5, 7]].any()
+    others = np.delete(np.arange(COUNT), [5, 7])
+    np.testing.assert_allclose(kernel.x[others], whole.x[others], rtol=1e-9, atol=1e-9)
+
+
+@each_model
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds)
+def test_coordinates_agree(model, seed):
+    given_ = problem(model, np.random.default_rng(seed))
+    numpy, kernel = gauss_newton.complete(model.family, *given_), kernels.complete(model, *given_)
+    np.testing.assert_allclose(kernel[0], numpy[0], atol=1e-8)
+    np.testing.assert_allclose(kernel[1], numpy[1], rtol=1e-9, atol=1e-9)  # nats
+
+
+@cache
+def passed(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
+    """A recording, tick by tick."""
+    return list(forward(recorded(contacts).poses[:700], with_margin(MODEL, margin_nats)))
+
+
+def states():
+    """The tracker as it stands after some ticks."""
+    return [passed()[k].state for k in (4, 12, 30)]
+
+
+@each_model
+@settings(max_examples=10, deadline=None)
+@given(seed=seeds)
+def test_relaxed_problems_have_the_same_solutions(model, seed):
+    """Of any moments, where none is as good as another, up to signs."""
+    columns = len(model.family.COLUMNS)
+    roots = np.random.default_rng(seed).normal(size=(COUNT, columns, 3 * columns))
+    moments = roots @ np.swapaxes(roots, 1, 2)
+    family, numpy, (kernel, many) = model.family, model.family.starts(moments), kernels.starts(model, moments)
+    assert (many == numpy.shape[1]).all()
+    told = directions(family.FORM).reshape(-1, 3)
+    assert not np.delete(kernel, told.ravel(), axis=2).any()
+    cosine = np.einsum("bnds,bnds->bnd", numpy[..., told], kernel[..., told])
+    np.testing.assert_allclose(np.abs(cosine), 1.0, atol=1e-6)
+
+
+@each_model
+def test_relaxed_problems_of_too_few_poses_are_left_out(model):
+    """Where any direction would do, that of a rank-deficient matrix hangs on how the frames are turned."""
+    lifted = np.random.default_rng(6).normal(size=(20, len(model.family.COLUMNS)))
+    moments = np.array([lifted[:count].T @ lifted[:count] for count in (1, 20)])
+    x, many = kernels.starts(model, moments)
+    of_mean_rotation = 3 if model.family.FORM.d1 >= 0 and model.family.FORM.q2 < 0 else 0
+    np.testing.assert_array_equal(many, [of_mean_rotation, x.shape[1]])
+
+
+@each_model
+def test_what_others_offer_agrees(model):
+    """Also at the bounds of who offers and who takes."""
+    takers, refused, rng = 0, 0, np.random.default_rng(9)
+    for state in states():
+        bank = state.banks[model.contact.column]
+        some = rng.random((3, len(bank)))
+        behind = rng.choice([0.0, -FAR_NATS, np.nextafter(-FAR_NATS, -np.inf), -50.0, np.nan], len(bank))
+        bank = bank.having(
+            rms=np.where(some[0] < 0.8, 2.0, 1.0),  # these fit
+            entry=0.0,
+            log_likelihood=np.where(some[1] < 0.5, 0.0, behind),
+            grace=np.where(some[2] < 0.3, bank.told, 0.0),
+        )
+        giver = global_search.givers(bank, model, SCALES)
+        compiled_ = kernels.givers(bank, model, REACH_M)
+        known, every = before(bank, model, SCALES).prior, np.arange(len(bank))
+        cost = gauss_newton.every_cost(model.family, bank.moments, bank.row_weight, known, bank.x)
+        np.testing.assert_array_equal(compiled_ == every, giver == every)
+        np.testing.assert_allclose(cost[compiled_, every], cost[giver, every], rtol=1e-6)  # some are as good
+        takers += (giver != np.arange(len(bank))).sum()
+        all_ask = global_search.givers(bank.having(grace=np.inf), model, SCALES)
+        refused += (giver != all_ask).sum()
+    assert (takers and refused) or model.contact is Contact.FF  # which has one minimum
+
+
+@pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
+def test_a_tick_is_taken_in_alike(k):
+    """With what begins in it, what searches, which contacts do in turn, and what is dropped."""
+    seen = passed()
+    numpy, kernel = both(lambda: tracker.observe(seen[k].state, seen[k + 1].tick)[0])
+    for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
+        for name in ("number", "onset", "source", "met"):
+            np.testing.assert_array_equal(getattr(compiled_, name), getattr(reference, name))
+        for bank in (reference, compiled_):  # who begins together shares a window
+            np.testing.assert_array_equal(bank.onsets.onset, np.unique(bank.onset))
+        np.testing.assert_array_equal(compiled_.onsets.onset_ns, reference.onsets.onset_ns)
+        assert_same_columns(reference, compiled_, ("told", "moments", "first", "entry", "lasted"), 1e-6)
+        assert_same_columns(reference, compiled_, ("grace",), 1e-9)
+        matters = reference.joint > -30.0
+        np.testing.assert_allclose(compiled_.joint[matters], reference.joint[matters], atol=2e-2)
+    np.testing.assert_allclose(kernel.log_left, numpy.log_left, atol=1e-2)
+    np.testing.assert_allclose(kernel.residual, numpy.residual, rtol=1e-3)
+
+
+@each_model
+@pytest.mark.parametrize("old", [True, False])
+@pytest.mark.parametrize("many", [0, 1, 5])
+def test_what_begins_joins_alike(model, old, many):
+    """Of some geometry is known; the first ones of all start from any, turned with the body."""
+    rng, column = np.random.default_rng(7), model.contact.column
+    k = next(k for k in range(9, 12) if not global_search.is_due(model, k))
+    before_, window = passed()[k - 1].state, passed()[k].state.window
+    bank = before_.banks[column] if old else blank(model, 0, 2)
+    bank = bank.having(certain=rng.random(len(bank)) > 0.5)
+    bank = replace(bank, past=rng.random((len(bank), 2, 7)))
+    size = model.family.SIZE
+    known = np.eye(size) * (rng.random((many, 1, size)) > 0.5) * 1e4
+    mean = model.family.normalise(rng.normal(size=(many, size)), np.zeros(6))
+    for first in (d for d in (model.family.FORM.d1, model.family.FORM.d2) if d >= 0):
+        mean[rng.random(many) > 0.5, first : first + 3] = 0.0  # of these a part is known, if anything
+    searched = rng.random(many) > 0.5
+    rows = blank(model, many).having(
+        onset=0,
+        source=1 + np.arange(many),
+        known_mean=mean,
+        known=known,
+        searched=searched,
+        grace=np.where(searched, patience(model.needed), 0.0),
+        met=rng.random(many) > 0.5,
+    )
+    begins = Begins(rows, Given(mean, known).told(model)).sharing(-rng.random(many))
+    turn = Rotation.random(random_state=8).as_matrix()
+    args = [(blank(other, 0, 2), fresh(other).pick([])) for other in CONTACT_MODELS]
+    args[column] = bank, begins
+    banks, all_begin = zip(*args, strict=True)
+    entry = np.array([-2.0, -2.0, -2.0, -2.0, -2.0, -2.0, 0.0])
+    births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
+    shorter = window.cut(3, None)  # it has lost some
+    moment = Moment(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
+    advanced = both(bank_update.update, banks, [moment], BEYOND, SCALES, margin=1e4)
+    numpy, kernel = (living.banks[column] for living in advanced)
+    told = [weighed for living in advanced for weighed in living.weighed]
+    for name in ("entry", "log_left", "residual"):
+        np.testing.assert_allclose(*(getattr(weighed, name) for weighed in told), atol=5e-3)
+    np.testing.assert_array_equal(*(weighed.leaders for weighed in told))
+    for name in ("state", "onset"):
+        np.testing.assert_array_equal(*(getattr(weighed.alive, name) for weighed in told))
+    new = kernel.number >= 1000
+    assert new.sum() == many
+    np.testing.assert_array_equal(kernel.grace[new], numpy.grace[new])
+    for name in ("number", "onset", "source", "met", "searched", "pair"):
+        np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
+    np.testing.assert_array_equal(kernel.onsets.onset_ns, numpy.onsets.onset_ns)
+    assert_same_columns(numpy, kernel, ("known", "known_mean", "moments", "entry", "told", "lasted"), 1e-9)
+    assert_same_columns(numpy, kernel, ("settled", "earned"), 1e-9)
+    assert kernel.earned.any() == old
+    assert_same_columns(numpy, kernel, ("x", "row_weight"), 1e-3)
+    np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
+    np.testing.assert_array_equal(kernel.past, numpy.past)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=seeds, model=st.sampled_from(CONTACT_MODELS))
+def test_the_same_hypotheses_search(seed, model):
+    rng, count = np.random.default_rng(seed), 60
+    bank = blank(model, count).seeing(told=rng.uniform(0.0, 40.0, count))
+    bank = bank.having(
+        searched=rng.random(count) > 0.2,
+        met=rng.random(count) > 0.5,
+        source=rng.random(count) > 0.5,
+        rms=rng.uniform(1.0, 3.0, count),
+        log_likelihood=np.where(np.arange(count) == 7, np.nan, -40.0 * rng.random(count)),
+    )
+    found = global_search.lost(bank, model)
+    assert set(kernels.lost(bank, model)) == set(found)
+    share = np.where(bank.met, MET_PATIENCE, 1.0)
+    hopeless = (bank.joint < -FAR_NATS) & (bank.told > share * patience(model.needed))
+    assert not hopeless[found].any()
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=seeds, margin=st.floats(0.0, 60.0), model=st.sampled_from(CONTACT_MODELS))
+def test_what_is_dropped_agrees(seed, margin, model):
+    rng = np.random.default_rng(seed)
+    count, now = int(rng.integers(0, 60)), 800
+    bank = blank(model, count).having(
+        onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
+        grace=np.where(rng.random(count) < 0.3, rng.integers(0, 40, count), 0.0),
+        log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
+        entry=-1.0,
+        number=np.arange(count),
+        rms=rng.random(count),
+    )
+    onsets = blank(model, now + 1).onsets.having(told=rng.integers(0, 40, now + 1))
+    bank = replace(bank, onsets=onsets)
+    numpy = prune(bank, now, -2.5, margin)
+    rows, words, since, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)
+    np.testing.assert_array_equal(words, numpy.words)
+    np.testing.assert_array_equal(since, numpy.onsets.words)
+    assert set(numpy.onsets.onset) == set(numpy.onset)
+    np.testing.assert_array_equal(bank.number[rows], numpy.number)
+    np.testing.assert_allclose(log_weight, numpy.log_weight, rtol=1e-12)
+    np.testing.assert_equal(told, residual(numpy))
+    assert leader == numpy.leader
+
+
+def assert_same_columns(numpy, kernel, names, rel):
+    for name in names:
+        reference, compiled_ = getattr(numpy, name), getattr(kernel, name)
+        scale = np.abs(reference).max(initial=1e-12)
+        np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=rel * scale, err_msg=name)
+
+
+def test_a_recording_is_told_alike():
+    """In one that tells: where hypotheses are equally good, rounding decides which of them stays."""
+    poses = recorded(FACE_TO_EDGE).poses[:800]
+    numpy, kernel = both(lambda: [seen.belief for seen in forward(poses, MODEL)])
+    assert len(kernel) == len(numpy) >= 39
+    for compiled_, reference in zip(kernel, numpy, strict=True):
+        assert compiled_.contact is reference.contact
+    differ = [np.abs(k.probability - n.probability).max() for k, n in zip(kernel, numpy, strict=True)]
+    assert max(differ) < 0.05
+    clear = [n.probability.max() > 0.9 for n in numpy]  # elsewhere much is equally good
+    assert sum(clear) > 20
+    assert max(np.array(differ)[clear]) < 1e-3
+
+
+def test_kernels_refuse_what_they_do_not_know():
+    model = CONTACT_MODELS[0]
+    with pytest.raises(ValueError, match="not a table of this contact"):
+        kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
+    for onset in ([1, 2], [-3, 1]):
+        bank = blank(model, 2).having(onset=onset)
+        with pytest.raises(ValueError, match="without its onset"):
+            kernels.dropped(bank, model, 1, 0.0, 10.0)
+        with pytest.raises(ValueError, match="without its onset"):
+            prune(bank, 1, 0.0, 10.0)
+    with pytest.raises(ValueError, match="not in order"):
+        kernels.dropped(blank(model, 2).having(onset=[1, 0]), model, 1, 0.0, 10.0)
+    with pytest.raises(ValueError, match="no family of this form"):
+        compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), (9, {}), (7, {}), True, 1.0, 2.0, [], [], 3)

@@ -1,0 +1,128 @@
+"""Meeting known elements: likely where they touch, unlikely elsewhere; coming back earns nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hmm import log_sum_exp
+from contact_tracker.hypotheses.birth_proposals import Frame, beginnings
+from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.hypotheses.proximity_prior import FREE, foreseen, meeting
+from contact_tracker.landmarks.element_pairs import assumptions
+from contact_tracker.landmarks.landmark_memory import Memory
+from contact_tracker.landmarks.prior_map import NOTHING
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.window import Window
+from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.prediction import outlook
+from contact_tracker.tracking.transition_model import chances
+from cube_on_table import CUBE_M, CUBE_ON_TABLE, TABLE
+
+MODEL = load_model()
+SCALES = Scales(0.3, 0.1, 0.03, 1.0, 0.1)
+ON_EDGE = np.array([[1, 0, 0], [0, 1, -1], [0, 1, 1]]) / np.sqrt([[1], [2], [2]])
+
+
+def tick(rotation, height_m):
+    """One tick of the cube, its middle ``height_m`` over the table."""
+    zeta = lift(rotation, np.array([0.3, -0.2, height_m]))
+    return Window(np.array([7]), zeta[None], np.array([[1e-8, 1e-6]]), np.zeros((1, 2)))
+
+
+def meetings(newest, knowledge=CUBE_ON_TABLE):
+    found = []
+    for model in CONTACT_MODELS:
+        begins = beginnings(model, knowledge, Memory(), 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
+        found.append((assumptions(knowledge, model), meeting(model, begins, newest, SCALES)))
+    return found
+
+
+def log_odds(rotation, height_m):
+    found = meetings(tick(rotation, height_m))
+    return {contact: met.log_odds for contact, (_, met) in zip(CONTACTS, found, strict=True)}
+
+
+def expected(rotation, height_m, activity=1.0):
+    """Log rates of change and of staying, the object being there."""
+    met = [m for _, m in meetings(tick(rotation, height_m))]
+    return foreseen(*chances(MODEL, activity), met)
+
+
+def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
+    """A rounded corner, a few millimetres over the table: what a contact has beyond the floor counts."""
+    corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_quat()
+    height_m = CUBE_M * np.sqrt(0.75) + 3e-3
+    poses = [Pose(i * 10**8, (0.3, -0.2, height_m), tuple(corner.tolist())) for i in range(2)]
+    state, _ = tracker.step(tracker.start(MODEL, knowledge=CUBE_ON_TABLE), poses[0])
+    state, _ = tracker.step(state, poses[1])
+    loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
+    before, after = (
+        outlook(state._replace(model=model), state.window).change[FREE] for model in (MODEL, loose)
+    )
+    assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0
+
+
+def test_what_touches_is_met():
+    flat = log_odds(np.eye(3), CUBE_M / 2)
+    assert flat[Contact.FF] > 12
+    assert flat[Contact.FF] > flat[Contact.EF] > flat[Contact.VF] > 0
+    edge = log_odds(ON_EDGE, CUBE_M / 2 * np.sqrt(2))
+    assert edge[Contact.EF] > 6
+    assert edge[Contact.FF] < -50
+
+
+def test_what_is_in_the_air_or_under_the_table_is_not_met():
+    for height_m in (0.25, 0.3, -0.5):
+        assert all(odds < -50 for odds in log_odds(np.eye(3), height_m).values())
+
+
+def test_what_cannot_touch_is_impossible():
+    odds = log_odds(np.eye(3), CUBE_M / 2)
+    assert all(odds[contact] < -500 for contact in (Contact.FE, Contact.FV, Contact.EE))
+
+
+def test_the_touching_elements_are_named():
+    pairs, met = meetings(tick(ON_EDGE, CUBE_M / 2 * np.sqrt(2)))[Contact.EF.column]
+    assert pairs[int(np.argmax(met.log_share))].touching == ("edge -y -z", "table")
+    assert np.exp(met.log_share).sum() == pytest.approx(1.0)
+    assert met.log_share.max() > -1e-6
+
+
+def test_without_known_pairs_nothing_changes():
+    for knowledge in (NOTHING, knowledge_from({"environment": {"plane": [TABLE]}})):
+        met = [m for _, m in meetings(tick(np.eye(3), 0.1), knowledge)]
+        change, stay = chances(MODEL, 1.0)
+        for ours, theirs in zip(foreseen(change, stay, met), (change, stay), strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+@pytest.mark.parametrize("height_m", [0.1, 0.1003, 0.15])
+def test_chances_add_up_to_one(height_m):
+    change, stay = expected(np.eye(3), height_m)
+    for i in range(len(STATES)):
+        kept = -np.inf if i == FREE else stay[i]
+        assert np.logaddexp(log_sum_exp(change[i]), kept) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_free_motion_ends_where_things_touch():
+    touching, _ = expected(np.eye(3), CUBE_M / 2)
+    above, _ = expected(np.eye(3), 0.3)
+    assert touching[FREE, Contact.FF.column] > np.log(0.9)
+    assert above[FREE, FREE] > -1e-9
+
+
+def test_leaving_and_coming_back_earns_nothing():
+    """Whatever the detour, it is less probable than staying."""
+    change, stay = expected(np.eye(3), CUBE_M / 2)
+    home = Contact.FF.column
+    for away in range(len(STATES)):
+        if away != home:
+            assert change[home, away] + change[away, home] < 2 * stay[home]
+    assert stay[home] > -0.1

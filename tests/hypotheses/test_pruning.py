@@ -1,0 +1,295 @@
+"""Dropping hopeless hypotheses changes next to nothing of what is said."""
+
+from dataclasses import replace
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import pruning
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses import compiled
+from contact_tracker.hypotheses.bank import Bank, blank
+from contact_tracker.hypotheses.birth import fresh
+from contact_tracker.hypotheses.global_search import givers, is_due, lost, patient
+from contact_tracker.hypotheses.pruning import Birth, add, is_near, prune
+from contact_tracker.hypotheses.refit import caught, follow, grow, waits
+from contact_tracker.hypotheses.schedule import (
+    AT_THE_NOISE,
+    DUE,
+    FALL_NATS,
+    FAR_NATS,
+    GRACE_NATS,
+    GRACE_TICKS,
+    MET_PATIENCE,
+    WAIT_NATS,
+    YOUNG,
+    patience,
+)
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.forward_pass import forward
+from contact_tracker.tracking.state import scales_of
+from short_recordings import FACE_TO_EDGE, MODEL, recorded
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
+SHIPPED: Final = sorted((Path(__file__).parents[2] / "recordings").glob("*.mcap"))
+KERNELS_OR_NOT: Final = [
+    False,
+    pytest.param(True, marks=pytest.mark.skipif(not compiled.in_use(), reason="no kernels")),
+]
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_without_dropping_anything_the_same_is_said(path: Path) -> None:
+    poses, model = Poses.collect(open_log(str(path))), load_model()
+    own = pruning.follow(poses, model)
+    other = pruning.follow(poses, pruning.with_margin(model, np.inf))
+    assert other.hypotheses > 1.3 * own.hypotheses
+    same, apart = compared(own, other)
+    assert same.all()
+    assert np.sort(apart)[-2] < 1e-3
+    assert apart.max() < 1.2e-3  # one tick of all_states, in which nothing is likelier than 0.3
+
+
+@pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+@pytest.mark.parametrize("name", ["hard", "paper", "robot", "sequence", "singular"])
+def test_nor_is_anything_else_said_of_other_recordings(shared_recordings: Path, name: str) -> None:
+    model, paths = load_model(), sorted((shared_recordings / "physics" / name).glob("*.mcap"))
+    both = []
+    for path in paths:
+        poses = Poses.collect(open_log(str(path)))
+        runs = (pruning.follow(poses, m) for m in (model, pruning.with_margin(model, np.inf)))
+        both.append(compared(*runs))
+    same, apart = (np.concatenate(each) for each in zip(*both, strict=True))
+    assert same.all()
+    assert apart.max() < 1e-3
+
+
+def compared(own: pruning.Run, other: pruning.Run) -> tuple[Bools, Array]:
+    """Of each tick whether the labels are the same, and how far apart the probabilities are."""
+    tied = np.diff(np.sort(own.probability, axis=1)[:, -2:], axis=1)[:, 0] < 1e-6  # there rounding decides
+    same = own.probability.argmax(axis=1) == other.probability.argmax(axis=1)
+    return tied | same, np.abs(own.probability - other.probability).max(axis=1)
+
+
+def test_with_a_wider_margin_the_same_is_said() -> None:
+    poses = recorded(FACE_TO_EDGE).poses[:800]
+    own, other = pruning.follow(poses, MODEL), pruning.follow(poses, pruning.with_margin(MODEL, 40.0))
+    assert other.hypotheses > own.hypotheses
+    apart = np.abs(own.probability - other.probability).max(axis=1)
+    assert np.quantile(apart, 0.9) < 1e-3
+    assert (own.probability.argmax(axis=1) == other.probability.argmax(axis=1)).mean() > 0.99
+    told = pruning.row("short", np.inf, own, other)
+    assert len(told) == len(pruning.COLUMNS)
+    assert told[:2] == ["short", "none"]
+    assert pruning.row("short", 40.0, own, own)[2:8] == ["1.000", *["0.0000"] * 4, "1.00"]
+
+
+def grace_at_birth(begins, model):
+    birth = Birth(begins, 0, 0, 0, 0.0, np.zeros((0, len(STATES))), np.eye(3))
+    return float(add(blank(model, 0), model, birth).grace[0])
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
+    """Three rows a pose tell five unknowns sooner than one row eight."""
+    told = np.array([0.9, 1.1]) * patience(model.family.PARAMETERS / model.family.ROWS)
+    bank = blank(model, 2).having(log_likelihood=-1000.0, rms=10.0, number=[0, 1])
+    bank = bank.having(grace=grace_at_birth(fresh(model), model)).seeing(told=told)
+    assert prune(bank, 5, 0.0, 40.0).number.tolist() == [0]
+    impatient, near = bank.pick(np.array([1])), bank.having(log_likelihood=-1.0).pick(np.array([1]))
+    assert not len(lost(impatient, model))
+    assert len(lost(near, model)) == DUE[int(told[1])]
+    due = int(np.flatnonzero(DUE[: int(told[0]) + 1])[-1])
+    assert len(lost(bank.seeing(told=float(due)).pick(np.array([0])), model)) == 1
+
+
+@pytest.mark.parametrize(
+    ("told", "searching", "kept"),
+    [
+        (0.9 * MET_PATIENCE, [True, True], [0, 1]),
+        (1.1 * MET_PATIENCE, [True, False], [0, 1]),
+        (1.1, [False, False], []),
+    ],
+)
+def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searching, kept):
+    """Part of its geometry is known."""
+    bank = blank(EDGE_FACE, 2).having(met=[0, 1], log_likelihood=-1000.0, number=[0, 1])
+    new = fresh(EDGE_FACE)
+    bank = bank.having(grace=grace_at_birth(replace(new, rows=new.rows.having(met=1)), EDGE_FACE))
+    bank = bank.seeing(told=told * patience(EDGE_FACE.needed))
+    assert patient(bank, EDGE_FACE).tolist() == searching
+    assert prune(bank, 5, 0.0, 20.0).number.tolist() == kept
+
+
+def test_what_is_far_behind():
+    behind = [-FAR_NATS, -1.01 * FAR_NATS, np.nan]
+    bank = blank(EDGE_FACE, 3).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
+    assert is_near(bank).tolist() == [True, False, False]
+
+
+def test_what_is_behind_waits():
+    behind = [-WAIT_NATS, -1.01 * WAIT_NATS, np.nan]
+    bank = blank(EDGE_FACE, 3).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
+    assert waits(bank).tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
+def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
+    """In the same tick: with the steps that all take it would not."""
+    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
+    model, scales = EDGE_FACE, scales_of(MODEL)
+    seen = list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
+    state, window = seen[39].state, seen[40].state.window
+    assert not is_due(model, 40)
+    bank = state.banks[model.contact.column]
+    near = (bank.joint > -WAIT_NATS) & (bank.told > 10.0)
+    off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
+    knocked = bank.having(x=np.where(near[:, None], off, bank.x))
+    stepped = follow(grow(knocked, model, window), model, window, scales)
+    fallen = near & (stepped.joint < bank.joint - FALL_NATS) & (stepped.rms > AT_THE_NOISE)
+    assert fallen.any()
+    state = state._replace(
+        banks=(*state.banks[: model.contact.column], knocked, *state.banks[model.contact.column + 1 :])
+    )
+    after = tracker.observe(state, seen[40].tick)[0].banks[model.contact.column]
+    right = seen[40].state.banks[model.contact.column]
+    for number in bank.number[fallen]:
+        assert after.joint[after.number == number] == pytest.approx(
+            right.joint[right.number == number], abs=0.2
+        )
+    far = caught(stepped, bank.joint - 1.1 * WAIT_NATS, model, window, scales)
+    assert (far.grace > stepped.grace).any()
+    np.testing.assert_array_equal(far.having(grace=stepped.grace).words, stepped.words)  # without more steps
+    hopeless = caught(stepped, bank.joint - 1.1 * GRACE_NATS, model, window, scales)
+    np.testing.assert_array_equal(hopeless.words, stepped.words)
+
+
+@pytest.mark.parametrize("k", [40, 41])
+@pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
+def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
+    """If it was near the best: others may find its geometry. What fits its window has not lost it."""
+    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
+    model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
+    state, column = seen[k - 1].state, model.contact.column
+    bank = state.banks[column].pick(np.flatnonzero(state.banks[column].told > 3.0))
+    off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
+    held = np.arange(len(bank)) % 4 < 2  # to what is false
+    bank = bank.having(
+        source=held,
+        known_mean=np.where(held[:, None], off, 0.0),
+        known=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
+    )
+    group = np.arange(len(bank)) % 3
+    was = np.array([-0.9 * WAIT_NATS, -1.1 * WAIT_NATS, -1.1 * GRACE_NATS])[group]
+    told_too_much = bank.log_likelihood + 100.0  # by which it falls
+    long = np.arange(len(bank)) % 8 == 0  # some have more than they would get
+    bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=1e3 * long)
+    state = state._replace(
+        model=pruning.with_margin(MODEL, np.inf),
+        banks=(*state.banks[:column], bank, *state.banks[column + 1 :]),
+    )
+    after = tracker.observe(state, seen[k].tick)[0].banks[column]
+    stays = np.isin(bank.number, after.number)
+    after, group = after.pick(np.flatnonzero(np.isin(after.number, bank.number))), group[stays]
+    assert (after.grace[long[stays]] == 1e3).all()
+    after, group = after.pick(np.flatnonzero(~long[stays])), group[~long[stays]]
+    has_grace, near = after.grace > 0.0, group == 0
+    assert set(group) == {0, 1, 2}
+    assert has_grace[near].any()
+    assert has_grace[group == 1].any() == is_due(model, k)  # else it waits, and has not learnt that it falls
+    assert not has_grace[group == 2].any()
+    np.testing.assert_allclose(after.grace[has_grace], after.told[has_grace] + GRACE_TICKS)
+    if not is_due(model, k):  # else they have taken geometry of others since
+        assert (after.rms[near] < AT_THE_NOISE).any()
+        np.testing.assert_array_equal(has_grace[near], after.rms[near] > AT_THE_NOISE)
+
+
+def test_grace_keeps_what_is_hopeless_until_it_ends():
+    bank = blank(EDGE_FACE, 3).having(grace=[0.0, 30.0, 29.9], log_likelihood=-1e3, number=[0, 1, 2])
+    assert prune(bank.seeing(told=30.0), 3, 0.0, 20.0).number.tolist() == [1]
+
+
+@pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
+def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch):
+    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
+    dropped = 0
+    for before, after in pairwise(forward(recorded(FACE_TO_EDGE).poses[:500], MODEL)):
+        now = before.state.ticks
+        for model, bank, left in zip(CONTACT_MODELS, before.state.banks, after.state.banks, strict=True):
+            young = bank.number[bank.onset > now + 1 - YOUNG]
+            gone = len(set(young) - set(left.number))
+            assert not gone or is_due(model, now)
+            dropped += gone
+    assert dropped
+
+
+@pytest.mark.parametrize("has_grace", [True, False])
+@pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
+def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkeypatch):
+    """Others of its contact have it; it is hopeless by far."""
+    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
+    model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
+    column, start = model.contact.column, 39
+    assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
+    state = seen[start - 1].state
+    bank = state.banks[column]
+    near = (bank.told > patience(model.needed)) & (bank.joint > -WAIT_NATS)
+    near[bank.leader] = False
+    row = int(np.flatnonzero(near)[-1])
+    this = np.arange(len(bank)) == row
+    knocked = bank.having(
+        x=np.where(this[:, None], model.turned(bank.x, np.eye(3)[[1, 2, 0]]), bank.x),
+        log_likelihood=np.where(this, -1e3, bank.log_likelihood),
+        rms=np.where(this, 50.0, bank.rms),
+        grace=np.where(this & has_grace, bank.told + GRACE_TICKS, bank.grace),
+    )
+    state = state._replace(banks=(*state.banks[:column], knocked, *state.banks[column + 1 :]))
+    for later in seen[start : start + 3]:
+        assert knocked.number[row] in state.banks[column].number
+        state, _ = tracker.observe(state, later.tick)
+    bank = state.banks[column]
+    assert (bank.joint[bank.number == knocked.number[row]] > -FAR_NATS).tolist() == [True] * has_grace
+
+
+def giver_and_taker() -> Bank:
+    """One that fits, and one that has seen 20 ticks and does not."""
+    model, seen = EDGE_FACE, next(islice(forward(recorded(FACE_TO_EDGE).poses, MODEL), 39, None))
+    bank = seen.state.banks[model.contact.column]
+    fitting, lost_one = bank.leader, int(np.flatnonzero(bank.told > 10.0)[0])
+    two = bank.pick(np.array([fitting, lost_one]))
+    x = np.array([two.x[0], model.turned(two.x, np.eye(3)[[1, 2, 0]])[1]])
+    assert two.onset[0] != two.onset[1]
+    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], 60.0, 20.0))
+    return two.having(x=x, rms=[1.0, 50.0], entry=0.0, log_likelihood=0.0, searched=1, grace=0.0)
+
+
+@pytest.mark.parametrize("told", [3.0, 60.0])
+@pytest.mark.parametrize("behind", [0.9, 1.1])
+def test_who_is_hopeless_offers_nothing(told, behind):
+    """Unless it is so young that it may only not have found its minimum yet."""
+    two = giver_and_taker()
+    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], told, 20.0))
+    two = two.having(log_likelihood=[-behind * FAR_NATS, 0.0])
+    offered = told < patience(EDGE_FACE.needed) or behind < 1.0
+    assert givers(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if offered else 1]
+
+
+@pytest.mark.parametrize("grace", [19.9, 20.0])
+@pytest.mark.parametrize("behind", [1.0, 1.01])
+def test_who_is_hopeless_takes_nothing(grace, behind):
+    """Unless it has grace."""
+    two = giver_and_taker().having(grace=[0.0, grace], log_likelihood=[0.0, -behind * FAR_NATS])
+    takes = behind == 1.0 or grace == 20.0
+    assert givers(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if takes else 1]

@@ -1,0 +1,188 @@
+"""Geometry is as good as it can be, and its covariance says how good: against the Cramer-Rao bound."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from benchmarks.stretches import NOISES, find_simulated, stretch_geometry
+from hypothesis import example, given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.evaluation.bound import cramer_rao
+from contact_tracker.evaluation.elements import angle_rad, deviation
+from contact_tracker.geometry.elements import Plane
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.ar1_noise import Errors, learnt, new_in
+from contact_tracker.hypotheses.refinement import FIRST_ECHO, polish
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.window import Window
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.tracking.state import scales_of
+from smooth_motion import moving
+
+SEEDS = 6
+RARE = 1e-3
+each_contact = pytest.mark.parametrize("contact", CONTACTS, ids=str)
+each_side = pytest.mark.parametrize("side", [0, 1], ids=["object", "environment"])
+
+
+@cache
+def found(contact):
+    return [find_simulated(contact, NOISES["mocap"]._replace(seconds=6.0), seed) for seed in range(SEEDS)]
+
+
+@each_side
+@each_contact
+def test_errors_reach_the_bound_and_do_not_pass_it(contact, side):
+    """Squared errors in units of the bound are chi-square; 1.3 times the bound would be still good enough."""
+    errors, bounds = (np.array([getattr(f, key)[side] for f in found(contact)]) for key in ("error", "bound"))
+    squared = np.einsum("ni,nij,nj->", errors, np.linalg.inv(bounds), errors)
+    assert chi2.ppf(RARE, errors.size) < squared < 1.3**2 * chi2.ppf(1 - RARE, errors.size)
+
+
+@each_side
+@each_contact
+def test_covariances_mean_what_they_say(contact, side):
+    deviations = [f.deviation[side] for f in found(contact)]
+    freedom = sum(d.freedom for d in deviations)
+    low, high = chi2.ppf([RARE, 1 - RARE], freedom)
+    assert low < sum(d.squared for d in deviations) < high
+
+
+def test_covariances_follow_the_residuals_where_the_model_expects_worse():
+    """At the noise of a robot the model's floors are six times the noise of a tick; nothing shows them."""
+    noise = NOISES["robot"]._replace(seconds=3.0)
+    deviations = [d for seed in range(6) for d in find_simulated(Contact.EF, noise, seed).deviation]
+    assert 0.4 < np.mean([d.squared / d.freedom for d in deviations]) < 2.5
+
+
+@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EE], ids=str)
+def test_covariances_know_of_errors_that_last(contact, monkeypatch):
+    """A contact that gives way by some hundredths of a millimetre does so for many ticks. Whatever of that
+    looks like geometry is lost; but who takes each tick's error for a new one claims much more."""
+    gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, gives_m=30e-6, lasts_s=0.5)
+
+    def normalised():
+        deviations = [d for seed in range(SEEDS) for d in find_simulated(contact, gives, seed).deviation]
+        return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
+
+    known = normalised()
+    monkeypatch.setattr("contact_tracker.hypotheses.ar1_noise.MOST_ECHO", 0.0)
+    assert 0.5 < known < 2.5
+    assert known < 0.6 * normalised()
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 0.7))
+@example(seed=138, echo=0.6875).via("squares of other ticks than those of the products had it at 0.92")
+def test_size_and_echo_of_errors_are_learned_from_residuals(seed, echo):
+    """Of residuals with and without what a fit of a line and a wave has taken of them."""
+    rng, count = np.random.default_rng(seed), 400
+    index = np.cumsum(rng.integers(1, 3, count))
+    new = rng.normal(size=(1, count))
+    errors = new.copy()
+    for tick in range(1, count):
+        left = echo ** (index[tick] - index[tick - 1])
+        errors[:, tick] = left * errors[:, tick - 1] + np.sqrt(1.0 - left**2) * new[:, tick]
+    np.testing.assert_allclose(new_in(errors, np.full(1, echo), index), new, atol=1e-9)
+    shapes = np.stack([np.ones(count), index / 400.0, np.sin(index / 5.0), np.cos(index / 5.0)], axis=1)
+    left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
+    start = Errors(np.ones(1), np.full(1, FIRST_ECHO))
+    for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
+        found = learnt(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
+        assert abs(found.echo - echo) < 0.3
+        assert 0.5 < 4.0 * found.weight < 2.0
+
+
+def test_frames_of_what_came_before_do_not_bend_the_geometry():
+    """A segment begins with a tick; the contact began somewhere in it, here with a landing at 8 cm/s."""
+    made = simulate(Scenario((Phase(Contact.VF, 5.0),)), 3)
+    true = made.truth.intervals[0].geometry
+    height_m = 0.08 * np.maximum(12.0 - np.arange(len(made.poses)), 0.0) / 200.0
+    position_m = made.poses.position_m + height_m[:, None] * true.environment.normal
+    alone, early = (
+        stretch_geometry(poses, Contact.VF)
+        for poses in (made.poses, replace(made.poses, position_m=position_m))
+    )
+    assert np.linalg.norm(early.object.point_m - alone.object.point_m) < 0.0005
+    assert deviation(early.object, true.object, np.zeros(3)).sd < 3.0
+
+
+# --- the bound itself --------------------------------------------------------------------------------------
+
+
+@cache
+def simulated(contact):
+    scenario = Scenario((Phase(contact, 3.0),), sigma_position_m=0.0, sigma_rotation_rad=0.0)
+    made = simulate(scenario, 4)
+    return made.poses, made.truth.intervals[0].geometry
+
+
+def bounds(contact, poses, sigma_m, sigma_rad):
+    return cramer_rao(CONTACT_MODELS[contact.column], simulated(contact)[1], poses, sigma_m, sigma_rad)
+
+
+def test_the_height_of_a_face_is_known_as_well_as_a_mean():
+    """Of f-f: angles only turn about the body's mean position, and positions say nothing of the rest."""
+    poses, _ = simulated(Contact.FF)
+    of_environment = bounds(Contact.FF, poses, 1e-3, 1e-2)[1]
+    assert np.sqrt(of_environment[2, 2]) == pytest.approx(1e-3 / np.sqrt(len(poses)), rel=1e-3)
+
+
+@each_contact
+def test_the_bound_grows_with_noise_and_shrinks_with_frames(contact):
+    poses, _ = simulated(contact)
+    usual = bounds(contact, poses, 1e-3, 1e-2)
+    louder = bounds(contact, poses, 2e-3, 2e-2)
+    # every frame twice
+    longer = bounds(contact, poses[np.repeat(np.arange(len(poses)), 2)], 1e-3, 1e-2)
+    for a, b, c in zip(usual, louder, longer, strict=True):
+        np.testing.assert_allclose(b, 4.0 * a, rtol=1e-4, atol=1e-7 * a.max())
+        np.testing.assert_allclose(c, 0.5 * a, rtol=1e-4, atol=1e-7 * a.max())
+
+
+# --- little to go by ---------------------------------------------------------------------------------------
+
+
+@each_contact
+@pytest.mark.parametrize("frames", [1, 3, 25, 61])
+def test_a_moment_gives_finite_elements(contact, frames):
+    measured = simulate(Scenario((Phase(contact, 1.0),)), 0)
+    geometry = stretch_geometry(measured.poses[:frames], contact)
+    for element in (geometry.object, geometry.environment):
+        numbers = [np.ravel(v) for v in vars(element).values() if isinstance(v, np.ndarray)]
+        assert np.isfinite(np.concatenate(numbers)).all()
+
+
+@each_contact
+def test_poses_without_noise_give_the_truth(contact):
+    poses, true = simulated(contact)
+    geometry = stretch_geometry(poses, contact)
+    for found_, true_ in ((geometry.object, true.object), (geometry.environment, true.environment)):
+        assert not angle_rad(found_, true_) > 1e-4
+
+
+@pytest.mark.parametrize("contact", [Contact.EF, Contact.VF, Contact.FV, Contact.EE], ids=str)
+def test_an_object_at_rest_shows_nothing_however_long(contact):
+    poses = moving(np.random.default_rng(0), 8.0, 200.0, 3e-4, 3e-3, rms_m=0.0, rms_rad=0.0)
+    geometry = stretch_geometry(poses, contact)
+    for element in (geometry.object, geometry.environment):
+        assert element.unobserved
+        if isinstance(element, Plane):
+            assert np.sqrt(np.trace(element.covariance[:3, :3])) > 0.3
+
+
+@each_contact
+def test_poses_that_are_held_exactly_leave_a_finite_geometry(contact):
+    model, count = CONTACT_MODELS[contact.column], 20
+    scales = scales_of(load_model())
+    zeta = np.tile(lift(np.eye(3), np.zeros(3)), (count, 1))
+    rest = Window(np.arange(count), zeta, np.tile([1e-9, 1e-8], (count, 1)), np.zeros((count, 2)))
+    polished = polish(bank_update.fit_stretch(model, rest, scales), model, rest, scales)
+    assert np.isfinite(polished.bank.x).all()
+    assert np.isfinite(polished.information).all()

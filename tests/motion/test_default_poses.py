@@ -1,0 +1,220 @@
+"""Default poses of trackers are dropped where they are away from the motion, and no pose of the motion is."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.motion.default_poses import HELD, NEIGHBOURS
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Pose, Poses
+from mcap_logs import smooth_poses
+
+Array = NDArray[np.float64]
+IDENTITY = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+TURNED_ORIGIN = (0.0, 0.0, 0.0), (0.6, 0.0, 0.0, 0.8)
+AWAY = np.array([0.1, 0.2, 0.3])
+ELSEWHERE = (1.0, -2.0, 0.5), (0.5, -0.5, 0.5, 0.5)
+
+
+def pass_through(poses: Iterable[Pose]) -> tuple[list[Pose], dict[str, int]]:
+    gate = PoseGate()
+    kept = [p for pose in poses for p in gate.admit(pose)]
+    kept += gate.finish()
+    return kept, dict(gate.counts)
+
+
+def hidden(
+    poses: Poses, where: Iterable[int], reported: tuple[tuple[float, ...], tuple[float, ...]]
+) -> list[Pose]:
+    """The poses with a default pose at some indices."""
+    rows = list(poses)
+    for i in where:
+        rows[i] = Pose(rows[i].stamp_ns, *reported)  # type: ignore[arg-type]
+    return rows
+
+
+def far_from_the_origin(poses: Poses) -> Poses:
+    return replace(poses, position_m=poses.position_m + np.array([0.5, 0.6, 0.7]))
+
+
+def left_out(poses: Poses, where: Iterable[int]) -> list[int]:
+    return list(np.delete(poses.stamp_ns, list(where)))
+
+
+def motion(position_m: Array, rotation: Array | None = None, rate_hz: float = 200.0) -> Poses:
+    """Poses at positions (N, 3) with rotation vectors (N, 3)."""
+    count = len(position_m)
+    turned = Rotation.from_rotvec(np.zeros((count, 3)) if rotation is None else rotation)
+    stamps = np.round(np.arange(count) * 1e9 / rate_hz).astype(np.int64)
+    return Poses(stamps, position_m, turned.as_quat(canonical=True))
+
+
+def along(x: Array) -> Array:
+    return np.array([x, 0.0 * x, 0.0 * x]).T
+
+
+def smoothly(count: int) -> Array:
+    """From 0 to 1 with minimum jerk."""
+    s = np.linspace(0.0, 1.0, count)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+# --- what is dropped ---------------------------------------------------------------------------------------
+
+POSES = smooth_poses(1000)
+STRETCHES = [*range(0, 300), *range(400, 401), *range(500, 580), *range(990, 1000)]
+
+
+@pytest.mark.parametrize("where", [STRETCHES, range(0, 1000, 8), range(0, 1000, 3), range(1, 1000, 2)])
+@pytest.mark.parametrize("rate_hz", [30.0, 200.0, 1000.0])
+def test_the_origin_is_dropped_away_from_the_motion(where: Iterable[int], rate_hz: float) -> None:
+    poses = far_from_the_origin(smooth_poses(1000, rate_hz))
+    kept, counts = pass_through(hidden(poses, where, IDENTITY))
+    assert [p.stamp_ns for p in kept] == left_out(poses, where)
+    assert counts == {"default_pose": len(list(where))}
+
+
+def test_the_origin_with_the_last_orientation_is_dropped() -> None:
+    rows = list(POSES)
+    for i in STRETCHES:
+        rows[i] = rows[i]._replace(position_m=(0.0, 0.0, 0.0), quat_xyzw=rows[max(i - 1, 0)].quat_xyzw)
+    kept, counts = pass_through(rows)
+    assert [p.stamp_ns for p in kept] == left_out(POSES, STRETCHES)
+    assert counts == {"default_pose": len(STRETCHES)}
+
+
+@pytest.mark.parametrize("reported", [ELSEWHERE, (ELSEWHERE[0], IDENTITY[1])])
+@pytest.mark.parametrize("every", [2, 3, 8])
+def test_any_other_pose_is_dropped_when_it_comes_back(
+    reported: tuple[tuple[float, ...], tuple[float, ...]], every: int
+) -> None:
+    where = range(100, 1000, every)
+    kept, counts = pass_through(hidden(POSES, where, reported))
+    assert [p.stamp_ns for p in kept] == left_out(POSES, where[1:])
+    assert counts == {"default_pose": len(where) - 1}
+
+
+def test_of_another_pose_the_second_stay_is_dropped_as_a_whole() -> None:
+    stays = [*range(100, 180), *range(300, 380), *range(500, 501)]
+    kept, counts = pass_through(hidden(POSES, stays, ELSEWHERE))
+    assert [p.stamp_ns for p in kept] == left_out(POSES, stays[80:])
+    assert counts == {"held": 79, "default_pose": 81}
+
+
+@given(
+    st.lists(st.integers(0, 299), max_size=120, unique=True),
+    st.sampled_from([IDENTITY, TURNED_ORIGIN]),
+    st.integers(0, 10**6),
+)
+def test_wherever_the_origin_comes_it_is_dropped_and_nothing_else(
+    where: list[int], reported: tuple[tuple[float, ...], tuple[float, ...]], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    poses = far_from_the_origin(smooth_poses(300, seed=seed))
+    poses = replace(poses, position_m=poses.position_m + rng.normal(0.0, 0.001, (300, 3)))
+    kept, counts = pass_through(hidden(poses, where, reported))
+    assert [p.stamp_ns for p in kept] == left_out(poses, where)
+    assert counts.get("default_pose", 0) == len(where)
+
+
+# --- what is not -------------------------------------------------------------------------------------------
+
+
+def there_and_back(rest: int, count: int, reach_m: float) -> Array:
+    """Rest at the origin, bit for bit; go and come back; rest."""
+    way = reach_m * smoothly(count)
+    return along(np.concatenate([np.zeros(rest), way, way[::-1], np.zeros(rest)]))
+
+
+def periodic(period: int, reach_m: float) -> Array:
+    """The same poses again and again, bit for bit; through the origin, exactly."""
+    x = reach_m * np.sin(2 * np.pi * np.arange(period) / period)
+    x[period // 2] = 0.0
+    return along(np.tile(x, 6))
+
+
+MOTIONS: dict[str, Callable[[float], Array]] = {
+    "begins at the origin": lambda rate: along(0.5 * smoothly(int(2 * rate))),
+    "rests at the origin": lambda rate: there_and_back(int(2 * rate), int(rate), 0.5),
+    "rests at the origin for long": lambda rate: there_and_back(int(20 * rate), int(rate), 0.5),
+    "never moves": lambda rate: along(np.zeros(int(30 * rate))),
+    "one pose": lambda rate: along(np.zeros(1)),
+    "passes through the origin": lambda rate: along(smoothly(2 * int(rate) + 1) - 0.5),
+    "rests elsewhere": lambda rate: there_and_back(int(2 * rate), int(rate), 0.5) + AWAY,
+    "is periodic": lambda rate: periodic(int(2 * rate), 0.3),
+    "is periodic and fast": lambda rate: periodic(int(rate / 2), 0.3),
+    "is periodic elsewhere": lambda rate: periodic(int(rate), 0.3) + AWAY,
+    "is thrown": lambda rate: along(3.0 * np.arange(rate) / rate),
+}
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 30.0, 200.0])
+@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("turning", [False, True])
+def test_motion_without_noise_loses_nothing(name: str, rate_hz: float, turning: bool) -> None:
+    position = MOTIONS[name](rate_hz)
+    poses = motion(position, 2.0 * position if turning else None, rate_hz)
+    kept, counts = pass_through(poses)
+    assert [p.stamp_ns for p in kept] == list(poses.stamp_ns)
+    assert counts.keys() <= {"held"}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_motion_without_noise_that_is_not_seen_now_and_then_loses_nothing(name: str) -> None:
+    position = MOTIONS[name](100.0)
+    poses = motion(position, rate_hz=100.0)
+    poses = poses[(np.arange(len(poses)) // 70) % 2 == 0]
+    kept, counts = pass_through(poses)
+    assert [p.stamp_ns for p in kept] == list(poses.stamp_ns)
+    assert counts.keys() <= {"held", "gap"}
+
+
+def test_an_object_that_only_turns_is_at_the_origin_all_the_time() -> None:
+    turns = along(np.concatenate([np.zeros(100), 3.0 * smoothly(100), 3.0 * smoothly(100)[::-1]]))
+    kept, _ = pass_through(poses := motion(0.0 * turns, turns))
+    assert [p.stamp_ns for p in kept] == list(poses.stamp_ns)
+
+
+def test_a_jump_to_somewhere_new_is_kept() -> None:
+    x = 0.1 + np.concatenate([0.1 * smoothly(100), 2.0 + 0.1 * smoothly(100), -1.0 + 0.1 * smoothly(100)])
+    kept, counts = pass_through(motion(along(x)))
+    assert (len(kept), counts) == (300, {})
+
+
+def test_a_spike_does_not_make_the_motion_look_away() -> None:
+    rows = hidden(POSES, [100], ELSEWHERE)
+    rows[300] = rows[300]._replace(position_m=(9.0, 9.0, 9.0))
+    kept, counts = pass_through(rows)
+    assert (len(kept), counts) == (1000, {})
+
+
+# --- what waits --------------------------------------------------------------------------------------------
+
+
+def test_nothing_waits_but_what_may_be_a_default_pose() -> None:
+    gate = PoseGate()
+    assert [len(gate.admit(p)) for p in POSES] == [0, 1, 2] + [1] * 997
+    gate, rows = PoseGate(), hidden(POSES, range(100), IDENTITY)
+    passed = [len(gate.admit(p)) for p in rows]
+    assert passed == [0] * (100 + NEIGHBOURS - 1) + [NEIGHBOURS] + [1] * (900 - NEIGHBOURS)
+
+
+def test_the_wait_is_bounded() -> None:
+    gate = PoseGate()
+    passed = np.cumsum([len(gate.admit(p)) for p in motion(np.zeros((HELD + 100, 3)))])
+    assert passed[HELD - 2] == 0
+    assert passed[HELD:].tolist() == list(range(HELD + 1, HELD + 101))
+
+
+def test_after_a_gap_the_motion_may_be_anywhere() -> None:
+    rows = [p._replace(stamp_ns=p.stamp_ns + (10**9 if i >= 500 else 0)) for i, p in enumerate(POSES)]
+    rows[500:520] = [Pose(p.stamp_ns, *IDENTITY) for p in rows[500:520]]
+    kept, counts = pass_through(rows)
+    assert len(kept) == 980
+    assert counts == {"gap": 1, "default_pose": 20}

@@ -1,0 +1,168 @@
+"""Free motion as a yardstick: nothing at rest, little where motion is predictable, else what it is."""
+
+import numpy as np
+import pytest
+from filterpy.common import Q_continuous_white_noise
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.motion import free_motion
+from smooth_motion import smooth
+
+TICK_S, MEMORY_S = 0.1, 0.8
+VARIANCES = np.array([0.5e-4**2, 0.5e-3**2])
+seeds = st.integers(0, 2**32 - 1)
+
+
+def follow(position, turn):
+    """States and excesses (N, 2) of variances over a motion (N, 3) and Rotation of N ticks."""
+    rotation = turn.as_matrix()
+    state = free_motion.begin(rotation[0], position[0])
+    states, excess = [], []
+    for r, p in zip(rotation[1:], position[1:], strict=True):
+        state, surprise = free_motion.advance(state, r, p, VARIANCES, TICK_S, MEMORY_S)
+        states.append(state)
+        excess.append((surprise.position_m2, surprise.rotation_rad2))
+    return states, np.array(excess)
+
+
+def noisy(rng, position, turn):
+    """What is measured of a motion."""
+    shape = position.shape
+    off = Rotation.from_rotvec(rng.normal(size=shape) * np.sqrt(VARIANCES[1]))
+    return position + rng.normal(size=shape) * np.sqrt(VARIANCES[0]), turn * off
+
+
+def still(ticks):
+    return np.tile([0.3, -2.0, 1.0], (ticks, 1)), Rotation.from_rotvec(np.tile([0.3, 1.0, -2.0], (ticks, 1)))
+
+
+def by_hand(rng, ticks, bandwidth_hz=2.0):
+    time_s = np.arange(ticks) * TICK_S
+    turn = Rotation.from_rotvec(smooth(rng, time_s, 0.4, bandwidth_hz))
+    return smooth(rng, time_s, 0.05, bandwidth_hz), turn
+
+
+def test_at_rest_there_is_no_excess():
+    """Noise is no motion: in most ticks none at all, and on average next to nothing."""
+    for seed in range(3):
+        excess = follow(*noisy(np.random.default_rng(seed), *still(200)))[1] / VARIANCES
+        assert np.mean(excess < 1e-9) > 0.9
+        assert (np.mean(excess, axis=0) < 0.1).all()
+
+
+def test_no_excess_is_zero():
+    """Not only small: whoever asks whether there was motion compares with zero."""
+    assert (follow(*still(50))[1] == 0.0).all()
+
+
+def test_motion_that_stops_is_known_as_rest_soon():
+    rng = np.random.default_rng(0)
+    position, turn = by_hand(rng, 200)
+    stopped = np.minimum(np.arange(200), 100)
+    excess = follow(*noisy(rng, position[stopped], turn[stopped]))[1]
+    assert (np.median(excess[60:100], axis=0) > 10.0 * np.array(VARIANCES)).all()
+    assert np.mean(excess[110:] / VARIANCES < 1e-9) > 0.9
+
+
+def uniform(rng):
+    time_s = np.arange(200) * TICK_S
+    motion = np.outer(time_s, [0.02, 0.01, -0.03]), Rotation.from_rotvec(np.outer(time_s, [0.5, -1.0, 0.3]))
+    return follow(*noisy(rng, *motion))[1][100:] / VARIANCES
+
+
+def test_uniform_motion_surprises_little_and_motion_by_hand_a_lot():
+    rng = np.random.default_rng(1)
+    hand = follow(*noisy(rng, *by_hand(rng, 200)))[1][100:] / VARIANCES
+    assert (np.median(hand, axis=0) > 5.0 * np.mean(uniform(rng), axis=0)).all()
+
+
+def test_uniform_motion_is_no_surprise():
+    """It is as predictable as rest: with more excess than noise, straight transport would earn gain."""
+    assert (np.mean(uniform(np.random.default_rng(1)), axis=0) < 1.0).all()
+
+
+def test_spread_is_the_variance_that_cannot_be_predicted():
+    """White jerk of known strength: the errors of the predictor, averaged, within a factor of two.
+
+    The excess is what of it comes anew in each tick: no more, and not much less.
+    """
+    rng = np.random.default_rng(2)
+    ticks, fine = 400, 20
+    step = TICK_S / fine
+    jerk = rng.normal(size=(ticks * fine, 3)) / np.sqrt(step)
+    acceleration = np.cumsum(jerk, axis=0) * step
+    rate = np.cumsum(acceleration, axis=0) * step
+    signal = np.cumsum(rate, axis=0)[::fine] * step
+    # the variance that one tick of white jerk adds, T^5 / 20, is the least error that any predictor makes
+    least = TICK_S**5 / 20.0
+    for scale in (0.5, 2.0):
+        excess = follow(signal * scale, Rotation.identity(ticks))[1][50:, 0]
+        states = follow(signal * scale, Rotation.identity(ticks))[0]
+        ahead = [free_motion.predicted(s, np.array([TICK_S]))[0][0] for s in states[:-1]]
+        actual = np.mean(np.square(np.array(ahead)[50:] - scale * signal[52:]))
+        assert actual > 0.9 * scale**2 * least
+        spread = np.exp(np.mean(np.log([s.spread[0] for s in states[50:]])))
+        assert 0.5 < spread / actual < 2.0
+        assert 0.1 < np.exp(np.mean(np.log(excess))) / actual < 1.2
+
+
+@settings(max_examples=5, deadline=None)
+@given(seed=seeds)
+def test_excess_is_the_same_in_every_frame(seed):
+    rng = np.random.default_rng(seed)
+    position, turn = noisy(rng, *by_hand(rng, 60))
+    world, body = Rotation.random(2, random_state=rng)
+    expected = follow(position, turn)[1]
+    shifted = world.apply(position) + rng.normal(size=3)
+    np.testing.assert_allclose(follow(shifted, world * turn * body)[1], expected, rtol=1e-5, atol=1e-14)
+
+
+def test_many_turns_are_one_motion():
+    """Orientation is integrated: at half a turn, where rotation vectors jump, nothing surprising happens."""
+    time_s = np.arange(150) * TICK_S
+    spin = Rotation.from_rotvec(np.outer(time_s, [0.0, 0.0, 2.0]))
+    excess = follow(*noisy(np.random.default_rng(3), np.zeros((150, 3)), spin))[1][40:]
+    assert (excess[:, 1] < 100.0 * VARIANCES[1]).all()
+
+
+def test_predictions_continue_the_motion():
+    """At the last tick the filter's own estimate; a tick ahead, where smooth motion will be."""
+    rng = np.random.default_rng(4)
+    position, turn = by_hand(rng, 80, bandwidth_hz=1.0)
+    states, _ = follow(position, turn)
+    ahead_s = np.array([0.0, 0.5 * TICK_S, TICK_S])
+    for k in range(40, 79):
+        state = states[k - 1]  # has seen ticks 0 .. k
+        at, quat = free_motion.predicted(state, ahead_s)
+        assert np.linalg.norm(at[0] - position[k]) < 1e-3
+        assert np.linalg.norm(at[2] - position[k + 1]) < 0.02
+        facing = Rotation.from_quat(quat)
+        off = (facing.inv() * Rotation.concatenate([turn[k], turn[k], turn[k + 1]])).magnitude()
+        assert off[0] < 0.01
+        assert off[2] < 0.15
+    assert np.linalg.norm(at[1] - 0.5 * (at[0] + at[2])) < 0.01
+
+
+def test_the_first_ticks_are_no_surprise():
+    """Before the filter has settled, nobody knows what would surprise it."""
+    rng = np.random.default_rng(5)
+    excess = follow(*noisy(rng, *by_hand(rng, 10)))[1]
+    assert (excess[: free_motion.SETTLING_TICKS] == 0.0).all()
+
+
+def test_a_jump_passes():
+    """One jolt of a metre must not count as motion for ever after."""
+    rng = np.random.default_rng(6)
+    position, turn = still(120)
+    position[60:] += 1.0
+    excess = follow(*noisy(rng, position, turn))[1]
+    assert np.isfinite(excess).all()
+    assert np.mean(excess[75:, 0] < 1e-9 * VARIANCES[0]) > 0.9
+
+
+@pytest.mark.parametrize("tick_s", [0.01, 0.1, 0.7])
+def test_white_jerk_moves_the_states_as_filterpy_says(tick_s):
+    jerk = Q_continuous_white_noise(3, tick_s, 1.0)
+    np.testing.assert_allclose(free_motion.onward(tick_s, 1.0).jerk, np.kron(np.eye(2), jerk), rtol=1e-14)

@@ -1,0 +1,364 @@
+"""The gate that poses pass: each rule by itself, and what holds whatever comes in."""
+
+from collections import Counter
+from collections.abc import Iterable
+from itertools import pairwise
+from math import inf, nan, sqrt
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contact_tracker.motion.pose_validation import NORM_TOLERANCE, RANGE_M, PoseGate
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, PERIODS_KEPT, RANGE_NS, RESET_RUN
+
+MS = 1_000_000
+UNIT = (0.1, -0.7, 0.1, 0.7)
+
+
+def pose(stamp_ns: int, x: float = 0.0, quat: tuple[float, float, float, float] = UNIT) -> Pose:
+    return Pose(stamp_ns, (x, 0.1, 0.0), quat)
+
+
+def pass_through(poses: list[Pose]) -> tuple[list[Pose], dict[str, int]]:
+    gate = PoseGate()
+    kept = [admitted for p in poses for admitted in gate.admit(p)]
+    kept += gate.finish()
+    return kept, dict(gate.counts)
+
+
+def places(poses: Iterable[Pose]) -> list[tuple[int, tuple[float, float, float]]]:
+    return [(p.stamp_ns, p.position_m) for p in poses]
+
+
+def regular(count: int, first: int = 0) -> list[Pose]:
+    """At 200 Hz; the position tells the time in periods."""
+    return [pose(5 * MS * i, 0.001 * i) for i in range(first, first + count)]
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf])
+def test_what_is_not_finite_is_dropped(bad: float) -> None:
+    rows = [
+        pose(0),
+        Pose(1, (0.0, bad, 0.0), UNIT),
+        Pose(2, (0.0, 0.0, 0.0), (0.0, 0.0, bad, 1.0)),
+        pose(3, 1.0),
+    ]
+    kept, counts = pass_through(rows)
+    assert [p.stamp_ns for p in kept] == [0, 3]
+    assert counts == {"nonfinite": 2}
+
+
+def test_infinities_of_both_signs_do_not_cancel() -> None:
+    assert pass_through([Pose(0, (inf, -inf, 0.0), UNIT)]) == ([], {"nonfinite": 1})
+
+
+def test_positions_too_large_to_square_are_dropped() -> None:
+    kept, counts = pass_through([pose(0, 1e300), pose(1, -2 * RANGE_M), pose(2, RANGE_M)])
+    assert [p.stamp_ns for p in kept] == [2]
+    assert counts == {"out_of_range": 2}
+
+
+def test_stamps_that_no_column_holds_are_dropped() -> None:
+    stamps = [-(2**63) - 1, 0, 2**64, RANGE_NS, RANGE_NS + 1]
+    kept, counts = pass_through([pose(stamp_ns, i) for i, stamp_ns in enumerate(stamps)])
+    assert [p.stamp_ns for p in kept] == [0, RANGE_NS]
+    assert counts == {"out_of_range": 3}
+    gate = PoseGate()
+    for i in range(PERIODS_KEPT + 2, 1, -1):
+        gate.admit(pose(RANGE_NS - i))
+    assert gate.admit_all(Poses.collect([pose(RANGE_NS - 1), pose(RANGE_NS)])) is not None
+    assert gate.admit_all(Poses.collect([pose(RANGE_NS + 1)])) is None
+
+
+@pytest.mark.parametrize(
+    ("norm", "counted", "passes"),
+    [
+        (1.0 + 3e-5, {}, True),
+        (1.02, {"renormalised": 1}, True),
+        (0.97, {"renormalised": 1}, True),
+        (1.06, {"bad_quaternion": 1}, False),
+        (0.5, {"bad_quaternion": 1}, False),
+        (0.0, {"bad_quaternion": 1}, False),
+        (1e200, {"bad_quaternion": 1}, False),
+    ],
+)
+def test_quaternions_become_unit_or_are_dropped(norm: float, counted: dict[str, int], passes: bool) -> None:
+    x, y, z, w = (norm * c for c in UNIT)
+    kept, counts = pass_through([pose(0, quat=(x, y, z, w))])
+    assert counts == counted
+    assert len(kept) == passes
+    for p in kept:
+        assert sqrt(sum(c * c for c in p.quat_xyzw)) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_signs_of_quaternions_become_continuous() -> None:
+    flipped = tuple(-c for c in UNIT)
+    kept, counts = pass_through([pose(0), Pose(1, (1.0, 0.0, 0.0), flipped), pose(2, 2.0)])
+    assert len({p.quat_xyzw for p in kept}) == 1
+    assert counts == {}
+
+
+def test_repeated_and_late_stamps_are_dropped() -> None:
+    stamps = [0, 5, 5, 10, 7, 15]
+    kept, counts = pass_through([pose(s * MS, float(i)) for i, s in enumerate(stamps)])
+    assert [p.stamp_ns // MS for p in kept] == [0, 5, 10, 15]
+    assert counts == {"repeated_stamp": 1, "backward_stamp": 1}
+
+
+def test_a_held_pose_is_kept_and_counted() -> None:
+    kept, counts = pass_through([pose(0), pose(5 * MS), pose(10 * MS, 1.0)])
+    assert len(kept) == 3
+    assert counts == {"held": 1}
+
+
+def test_a_gap_is_longer_than_half_a_second_and_ten_periods() -> None:
+    fast = [0, 5, 10, 15, 515, 520, 1025, 1030]
+    assert pass_through([pose(s * MS, float(s)) for s in fast])[1] == {"gap": 1}
+    slow = [0, 100, 200, 1100, 2201, 2301]
+    assert pass_through([pose(s * MS, float(s)) for s in slow])[1] == {"gap": 1}
+    once_per_second = [0, 1000, 2000, 3000]
+    assert pass_through([pose(s * MS, float(s)) for s in once_per_second])[1] == {}
+
+
+def test_a_clock_that_is_set_back_goes_on_where_time_stood() -> None:
+    before = [pose(1000 * MS + 5 * MS * i, float(i)) for i in range(50)]
+    after = [pose(5 * MS * i, 50.0 + i) for i in range(60)]
+    kept, counts = pass_through(before + after)
+    assert counts == {"backward_stamp": RESET_RUN, "clock_reset": 1}
+    assert len(kept) == 110 - RESET_RUN
+    # As if the clock had never been touched: the position tells the time that really passed.
+    assert [p.stamp_ns for p in kept] == [1000 * MS + 5 * MS * round(p.position_m[0]) for p in kept]
+
+
+def test_two_clocks_on_one_topic_never_look_like_a_reset() -> None:
+    mixed = [p for i in range(100) for p in (pose(10**9 + i * MS, float(i)), pose(i * MS, -1.0 - i))]
+    kept, counts = pass_through(mixed)
+    assert [p.stamp_ns for p in kept] == [10**9 + i * MS for i in range(100)]
+    assert counts == {"backward_stamp": 100}
+
+
+def test_stale_poses_without_order_never_look_like_a_reset() -> None:
+    stale = [pose(100 * MS - i * MS, float(i)) for i in range(3 * RESET_RUN)]
+    kept, counts = pass_through([pose(200 * MS, -1.0), *stale])
+    assert len(kept) == 1
+    assert counts == {"backward_stamp": 3 * RESET_RUN}
+
+
+# --- stamps that lead --------------------------------------------------------------------------------------
+
+
+@given(st.sets(st.integers(3, 58)), st.integers(30 * MS, 3600 * 10**9), st.randoms())
+def test_a_leading_stamp_costs_its_own_pose_only(where: set[int], lead_ns: int, random: Random) -> None:
+    rows, alone = regular(60), [i for i in where if not where & {i - 1, i - 2, i - 3}]
+    for i in alone:
+        rows[i] = rows[i]._replace(stamp_ns=rows[i].stamp_ns + random.randrange(30 * MS, lead_ns + 1))
+    kept, counts = pass_through(rows)
+    assert places(kept) == places(p for i, p in enumerate(regular(60)) if i not in alone)
+    assert counts == ({"leading_stamp": len(alone)} if alone else {})
+
+
+@pytest.mark.parametrize("ahead", [31 * MS, 10**9, 3600 * 10**9])
+@pytest.mark.parametrize("many", [0, 1, 2, 30])
+def test_a_leading_stamp_among_the_first_throws_nothing_away(ahead: int, many: int) -> None:
+    bad = pose(5 * MS * many + ahead, -1.0)
+    kept, counts = pass_through([*regular(many), bad, *regular(40, many + 1)])
+    assert places(kept) == places(regular(many) + regular(40, many + 1))
+    assert counts == {"leading_stamp": 1}
+
+
+def test_two_or_three_leading_stamps_in_a_row_are_still_the_minority() -> None:
+    bad = [pose(2 * 10**9 + 5 * MS * i, -1.0) for i in range(3)]
+    kept, counts = pass_through([*regular(30), *bad, *regular(30, 33)])
+    assert places(kept) == places(regular(30) + regular(30, 33))
+    assert counts == {"leading_stamp": 3}
+
+
+@pytest.mark.parametrize("when", range(1, 25, 3))
+@pytest.mark.parametrize("late", [31, 100, 250])
+def test_one_late_pose_does_not_undo_a_run_after_a_gap(when: int, late: int) -> None:
+    rows = regular(30) + regular(40, 300)
+    rows.insert(30 + max(when, 2), pose(5 * MS * late + 1, -1.0))
+    kept, counts = pass_through(rows)
+    assert places(kept) == places(regular(30) + regular(40, 300))
+    assert counts == {"gap": 1, "backward_stamp": 1}
+
+
+def test_poses_are_held_no_longer_than_needed() -> None:
+    gate = PoseGate()
+    assert [len(gate.admit(p)) for p in regular(6)] == [0, 1, 2, 1, 1, 1]
+    assert [len(gate.admit(p)) for p in regular(3, 26)] == [0, 0, 3]  # 0.1 s: two have to follow
+    after_a_gap = [len(gate.admit(p)) for p in regular(30, 10_000)]
+    assert after_a_gap == [0] * FOLLOWERS + [FOLLOWERS + 1] + [1] * (29 - FOLLOWERS)
+
+
+def test_in_slow_streams_two_that_follow_are_enough() -> None:
+    gate = PoseGate()
+    rows = [pose(400 * MS * i, 0.001 * i) for i in (0, 1, 2, 3, 4, 100, 101, 102, 103)]
+    assert [len(gate.admit(p)) for p in rows] == [0, 1, 0, 3, 1, 0, 0, 3, 1]
+
+
+def test_at_the_end_one_leading_stamp_is_dropped_and_two_are_not() -> None:
+    for many in (1, 2, 5):
+        kept, counts = pass_through(regular(30) + regular(many, 300))
+        assert len(kept) == 30 + (many if many > 1 else 0)
+        assert counts == ({"gap": 1} if many > 1 else {"leading_stamp": 1})
+
+
+def test_poses_without_periods_to_compare_with_all_pass() -> None:
+    for stamps in ([7], [0, 10], [0, 10**12]):
+        assert len(pass_through([pose(ns, i / 1000) for i, ns in enumerate(stamps)])[0]) == len(stamps)
+
+
+def test_a_clock_set_back_while_a_pose_is_held_is_a_reset() -> None:
+    rows = [*regular(30, 1000), pose(10**10, -1.0), *regular(50)]
+    kept, counts = pass_through(rows)
+    assert counts == {"leading_stamp": 1, "backward_stamp": RESET_RUN, "clock_reset": 1}
+    assert len(kept) == 30 + 50 - RESET_RUN
+
+
+def test_what_is_held_is_bounded() -> None:
+    gate = PoseGate()
+    for p in regular(30):
+        gate.admit(p)
+    for i in range(5 * HELD):
+        gate.admit(pose(10**12 - i * 10**9, 0.0))
+        assert len(gate._order._held) <= HELD
+
+
+# --- whatever comes in -------------------------------------------------------------------------------------
+
+
+numbers = st.floats(-2.0, 2.0) | st.sampled_from([nan, inf, -inf, 1e308, 0.0, 1.0])
+unit = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
+scaled = st.builds(
+    lambda q, k: tuple(float(c) for c in k * np.array(q) / np.linalg.norm(q)), unit, st.floats(0.9, 1.1)
+)
+quats = scaled | st.tuples(numbers, numbers, numbers, numbers)
+any_pose = st.builds(Pose, st.integers(-(10**10), 10**10), st.tuples(numbers, numbers, numbers), quats)
+forward = st.lists(st.tuples(st.integers(-2, 30), any_pose), max_size=80).map(
+    lambda rows: [
+        p._replace(stamp_ns=sum(step for step, _ in rows[: i + 1])) for i, (_, p) in enumerate(rows)
+    ]
+)
+
+
+def mostly(usual: list[Any], odd: list[Any]) -> st.SearchStrategy[Any]:
+    return st.integers(0, 60).flatmap(lambda i: st.sampled_from(usual if i else odd))
+
+
+smooth_step = st.tuples(
+    mostly([5 * MS, 5 * MS, 6 * MS], [k * MS for k in (24, 26, 80, 700, 1000, 0, -5, -1000)]),
+    mostly([0.0, 0.001, 0.002, -0.002], [0.02, 0.5]),
+    mostly([1.0, 1.0, -1.0], [1.01, 1.2]),
+    mostly([None], [(0.0, 0.0, 0.0), (0.5, 0.0, 1.0), (nan, 0.0, 0.0)]),
+)
+
+
+def moving(rows: list[tuple[int, float, float, tuple[float, float, float] | None]]) -> list[Pose]:
+    """Mostly a smooth motion with regular stamps; among it whatever trackers and clocks do."""
+    poses, stamp_ns, x = list[Pose](), 0, 0.003
+    for step_ns, step_m, factor, elsewhere in rows:
+        stamp_ns, x = stamp_ns + step_ns, x + step_m
+        a, b, c, d = (factor * component for component in ((0.0, 0.0, 0.0, 1.0) if elsewhere else UNIT))
+        poses.append(Pose(stamp_ns, elsewhere or (x, 0.0, 0.0), (a, b, c, d)))
+    return poses
+
+
+motion = st.lists(smooth_step, min_size=20, max_size=120).map(moving)
+DROPPED = (
+    "nonfinite",
+    "out_of_range",
+    "bad_quaternion",
+    "repeated_stamp",
+    "backward_stamp",
+    "leading_stamp",
+    "default_pose",
+)
+
+
+@given(st.lists(any_pose, max_size=80) | forward | motion)
+def test_whatever_comes_in_what_goes_on_is_sound(poses: list[Pose]) -> None:
+    counts: Counter[str] = Counter()
+    gate = PoseGate(counts)
+    kept = [p for row in poses for p in gate.admit(row)]
+    kept += gate.finish()
+    assert gate.finish() == ()
+    assert len(kept) + sum(counts[kind] for kind in DROPPED) == len(poses)
+    assert all(counts.values())  # kinds that do not occur stay absent
+    sources = iter(poses)
+    for p in kept:  # in the order in which they came, each once
+        assert any(is_same(p, source, bool(counts["clock_reset"])) for source in sources)
+        assert np.isfinite(p.position_m).all()
+        assert np.linalg.norm(p.quat_xyzw) == pytest.approx(1.0, abs=1e-12)
+    for a, b in pairwise(kept):
+        assert b.stamp_ns > a.stamp_ns
+        assert np.dot(a.quat_xyzw, b.quat_xyzw) >= -1e-15
+
+
+def is_same(passed: Pose, source: Pose, shifted: bool) -> bool:
+    """Whether it is the same pose, but for the norm and the sign of its quaternion, and a shifted stamp."""
+    if passed.position_m != source.position_m or not np.abs(source.quat_xyzw).max() < 2.0:
+        return False
+    norm = float(np.linalg.norm(source.quat_xyzw))
+    same = abs(np.dot(passed.quat_xyzw, source.quat_xyzw)) == pytest.approx(norm, rel=1e-12)
+    sound = abs(norm - 1.0) <= NORM_TOLERANCE + 1e-12
+    return bool(same) and sound and (shifted or passed.stamp_ns == source.stamp_ns)
+
+
+mild = st.builds(
+    Pose,
+    st.sampled_from([1, 5, 5, 5, 5, 700 * MS, 0, -7]),
+    st.sampled_from([(0.0, 0.0, 1.0), (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (2 * RANGE_M, 0.0, 0.0)]),
+    st.sampled_from([UNIT, UNIT, (-0.1, 0.7, -0.1, -0.7), (0.0, 0.6, 0.0, -0.8), (0.0, -0.6, 0.0, 0.8)])
+    | st.sampled_from([(1e-9, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.01), (nan,) * 4]),
+)
+stream = st.lists(mild, max_size=60).map(
+    lambda rows: [p._replace(stamp_ns=sum(step for step, *_ in rows[: i + 1])) for i, p in enumerate(rows)]
+)
+
+
+def state(gate: PoseGate) -> str:
+    """All that decides on what comes next; as text, for nan is not itself."""
+    parts = (gate._order, gate._order._periods, gate._defaults, gate)
+    return str([{k: v for k, v in vars(part).items() if not hasattr(v, "__dict__")} for part in parts])
+
+
+@given(motion | stream | st.lists(any_pose, max_size=80) | motion, st.integers(1, 40))
+def test_in_columns_the_same_passes_and_is_counted(poses: list[Pose], batch: int) -> None:
+    """Many at once, or none of them and nothing has happened: then they go one by one."""
+    one_by_one, gate = PoseGate(), PoseGate()
+    start = regular(PERIODS_KEPT + 5, -PERIODS_KEPT - 5)
+    for first in range(-len(start), len(poses), batch):
+        rows = (start + poses)[first + len(start) : first + len(start) + batch]
+        expected = [p for row in rows for p in one_by_one.admit(row)]
+        before = state(gate)
+        columns: Iterable[Pose] | None = gate.admit_all(Poses.collect(rows))
+        if columns is None:
+            assert state(gate) == before
+            columns = [p for row in rows for p in gate.admit(row)]
+        assert list(columns) == expected
+        assert gate.counts == one_by_one.counts
+        assert state(gate) == state(one_by_one)
+    assert gate.finish() == one_by_one.finish()
+    assert gate.counts == one_by_one.counts
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+def test_sound_poses_pass_in_columns(jitter: float) -> None:
+    turn = np.linspace(0.0, 1.0, 200)
+    sign = np.where(np.arange(200) % 7 < 3, -1.0, 1.0)
+    quat = np.array([np.sin(turn), 0 * turn, 0 * turn, np.cos(turn)]).T * sign[:, None]
+    stamps = 5 * MS * (np.arange(200) + jitter * np.sin(np.arange(200) ** 2))
+    poses = Poses(stamps.astype(np.int64), np.ones((200, 3)), quat)
+    gate = PoseGate()
+    for p in poses[:50]:
+        gate.admit(p)
+    columns = gate.admit_all(poses[50:])
+    assert columns is not None
+    kept, _ = pass_through(list(poses))
+    assert list(columns) == kept[50:]

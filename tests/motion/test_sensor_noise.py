@@ -1,0 +1,225 @@
+"""The noise that is told from motion is the noise that was put in."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.motion import sensor_noise
+from contact_tracker.motion.poses import Poses
+from smooth_motion import moving
+
+# rate, sigma of position and rotation, seconds: as a camera, motion capture and a robot have them
+SENSORS = [(30.0, 1.5e-3, 0.012, 60.0), (200.0, 3e-4, 2.6e-3, 10.0), (1000.0, 5e-5, 3.5e-4, 3.0)]
+each_sensor = pytest.mark.parametrize(
+    ("rate_hz", "sigma_m", "sigma_rad", "seconds"), SENSORS, ids=["30 Hz", "200 Hz", "1 kHz"]
+)
+
+
+def heard(poses, tick, prior):
+    """What has been heard, and the estimate, after each ``tick`` frames of the stream."""
+    state, estimate = sensor_noise.NOTHING_HEARD, sensor_noise.begin(*prior)
+    for first in range(0, len(poses), tick):
+        state, estimate = sensor_noise.advance(state, estimate, poses[first : first + tick], prior)
+        yield state, estimate
+
+
+def streamed(poses, tick, prior):
+    return (estimate for _, estimate in heard(poses, tick, prior))
+
+
+@each_sensor
+def test_noise_of_a_moving_object(rate_hz, sigma_m, sigma_rad, seconds):
+    poses = moving(np.random.default_rng(1), seconds, rate_hz, sigma_m, sigma_rad)
+    assert sensor_noise.estimate_noise(poses) == pytest.approx((sigma_m, sigma_rad), rel=0.1)
+
+
+@each_sensor
+@pytest.mark.parametrize("factor", [0.2, 5.0])
+def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds, factor):
+    """Within a second or two of a model that is off by a factor; and it stays there."""
+    poses = moving(np.random.default_rng(2), seconds, rate_hz, sigma_m, sigma_rad)
+    prior = (factor * sigma_m, factor * sigma_rad)
+    estimates = list(streamed(poses, max(1, round(rate_hz / 10.0)), prior))
+    assert estimates[0].sigma_position_m != sigma_m
+    for estimate in estimates[20 if rate_hz > 100.0 else 60 :]:
+        assert estimate.sigma_position_m == pytest.approx(sigma_m, rel=0.25)
+        assert estimate.sigma_rotation_rad == pytest.approx(sigma_rad, rel=0.25)
+    assert estimates[-1].sigma_position_m == pytest.approx(sigma_m, rel=0.1)
+    assert estimates[-1].sigma_rotation_rad == pytest.approx(sigma_rad, rel=0.1)
+
+
+@pytest.mark.parametrize("tick", [1, 3, 20])
+def test_poses_that_are_held_for_long_do_not_silence_the_noise(tick):
+    """At a frame per tick each holds the pose of the tick before: that does not show a still sensor."""
+    poses = moving(np.random.default_rng(4), 60.0, 20.0, 3e-4, 2e-3)
+    source = np.arange(len(poses)) // 10 * 10
+    held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
+    *_, estimate = streamed(held, tick, (3e-4, 2e-3))
+    assert estimate.sigma_position_m > 1e-4
+    assert estimate.sigma_rotation_rad > 1e-3
+
+
+def test_the_stream_in_any_portions_is_the_whole():
+    """Third differences reach over the ends of ticks: none is lost and none is taken twice."""
+    poses = moving(np.random.default_rng(3), 5.0, 200.0, 3e-4, 2e-3)
+    ((whole, _),) = heard(poses, len(poses), (1.0, 1.0))
+    for tick in (1, 7, 20):
+        *_, (portions, _) = heard(poses, tick, (1.0, 1.0))
+        told = portions.differences.shape[1]
+        assert told > 0.9 * whole.differences.shape[1]
+        np.testing.assert_allclose(portions.differences, whole.differences[:, :told], rtol=1e-6, atol=1e-12)
+
+
+@each_sensor
+def test_what_is_told_now_and_then_is_what_would_be_told_with_each_tick(
+    monkeypatch, rate_hz, sigma_m, sigma_rad, seconds
+):
+    """By far within what the frames leave unknown, at a fraction of the cost."""
+    off, unknown = [], []
+    for seed in range(21, 25):
+        poses = moving(np.random.default_rng(seed), 1.5 * seconds, rate_hz, sigma_m, sigma_rad)
+        tick, prior = max(1, round(rate_hz / 10.0)), (sigma_m, sigma_rad)
+        sigmas = []
+        for share in (sensor_noise.UNTOLD, 0.0):
+            monkeypatch.setattr(sensor_noise, "UNTOLD", share)
+            seen = list(streamed(poses, tick, prior))
+            sigmas.append([(e.sigma_position_m / sigma_m, e.sigma_rotation_rad / sigma_rad) for e in seen])
+            monkeypatch.undo()
+            told = sum(a is not b for a, b in pairwise(seen))
+            assert told < 0.5 * len(seen) if share and tick < 40 else told > 0.4 * len(seen)
+        off.append(np.log(sigmas[0]) - np.log(sigmas[1]))
+        unknown.append(np.log(sigmas[1]))
+    start = len(off[0]) // 5
+    error, doubt = (np.sqrt(np.mean(np.square(rows)[:, start:], axis=(0, 1))) for rows in (off, unknown))
+    assert (error < 0.4 * doubt).all()
+    assert (error < 0.01).all()
+
+
+def test_memory_is_bounded_and_the_noise_may_change():
+    rng = np.random.default_rng(4)
+    quiet, loud = moving(rng, 30.0, 100.0, 1e-4, 1e-3), moving(rng, 30.0, 100.0, 1e-3, 5e-3)
+    both = Poses.join([quiet, replace(loud, stamp_ns=loud.stamp_ns + 30 * 10**9)])
+    for state, _ in heard(both, 10, (5e-4, 4e-3)):
+        assert state.differences.shape[1] <= sensor_noise.MEMORY
+        assert (
+            len(state.frames)
+            <= sensor_noise.UNTOLD * sensor_noise.MEMORY * sensor_noise.STRIDE + 10 + sensor_noise.ORDER
+        )
+    *_, estimate = streamed(both, 10, (5e-4, 4e-3))
+    assert estimate.sigma_position_m == pytest.approx(1e-3, rel=0.1)
+
+
+def test_two_percent_of_outliers_hardly_matter():
+    """Each spoils four differences: the median rises by a tenth, not tenfold."""
+    rng = np.random.default_rng(5)
+    poses = moving(rng, 30.0, 200.0, 3e-4, 2e-3)
+    wrong = rng.random(len(poses)) < 0.02
+    position = poses.position_m + np.where(wrong, 0.05, 0.0)[:, None]
+    turn = Rotation.from_quat(poses.quat_xyzw) * Rotation.from_rotvec(
+        np.outer(np.where(wrong, 0.3, 0.0), [1, 1, 0])
+    )
+    spoiled = Poses(poses.stamp_ns, position, turn.as_quat())
+    assert sensor_noise.estimate_noise(spoiled) == pytest.approx((3e-4, 2e-3), rel=0.15)
+
+
+def test_an_object_that_turns_in_place_is_not_held():
+    poses = moving(np.random.default_rng(3), 10.0, 200.0, 0.0, 2e-3, rms_m=0.0)
+    assert (np.ptp(poses.position_m, axis=0) == 0.0).all()
+    assert sensor_noise.estimate_noise(poses) == pytest.approx((0.0, 2e-3), rel=0.1)
+
+
+def test_held_poses_and_gaps_are_left_out():
+    rng = np.random.default_rng(6)
+    poses = moving(rng, 40.0, 200.0, 3e-4, 2e-3)
+    kept = (rng.random(len(poses)) > 0.1) & (np.arange(len(poses)) % 900 > 300)  # drops, and gaps of 1.5 s
+    assert sensor_noise.estimate_noise(poses[kept]) == pytest.approx((3e-4, 2e-3), rel=0.1)
+    source = np.maximum.accumulate(np.where(rng.random(len(poses)) > 0.15, np.arange(len(poses)), 0))
+    held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
+    assert sensor_noise.estimate_noise(held) == pytest.approx((3e-4, 2e-3), rel=0.1)
+
+
+def test_anisotropic_noise_counts_by_its_mean_square():
+    sigma_m, sigma_rad = np.array([1e-4, 3e-4, 6e-4]), np.array([1e-3, 1e-3, 4e-3])
+    poses = moving(np.random.default_rng(7), 30.0, 200.0, sigma_m, sigma_rad)
+    expected = np.sqrt(np.mean(sigma_m**2)), np.sqrt(np.mean(sigma_rad**2))
+    assert sensor_noise.estimate_noise(poses) == pytest.approx(expected, rel=0.1)
+
+
+def last(poses, prior=(5e-4, 4e-3)):
+    *_, estimate = streamed(poses, 20, prior)
+    return estimate
+
+
+def test_each_axis_has_its_noise():
+    """Of the position in the world's axes, of the orientation in the body's, whatever the object does."""
+    sigma_m, sigma_rad = np.array([2e-4, 2e-4, 1e-3]), np.array([4e-3, 1e-3, 1e-3])
+    estimate = last(moving(np.random.default_rng(11), 30.0, 100.0, sigma_m, sigma_rad, rms_rad=1.0))
+    np.testing.assert_allclose(np.sqrt(np.diag(estimate.position_m2)), sigma_m, rtol=0.2)
+    np.testing.assert_allclose(np.sqrt(np.diag(estimate.rotation_rad2)), sigma_rad, rtol=0.2)
+    cross = estimate.position_m2 / np.sqrt(np.outer(*2 * [np.diag(estimate.position_m2)]))
+    assert np.abs(cross - np.eye(3)).max() < 0.15
+    assert estimate.sigma_position_m == pytest.approx(np.sqrt(np.mean(sigma_m**2)), rel=0.1)
+
+
+def test_the_centre_of_the_noise_is_found_wherever_the_body_frame_is():
+    """Markers measure where their middle is: half a metre beside it the origin swings with each error."""
+    rng = np.random.default_rng(12)
+    poses, centre = moving(rng, 20.0, 200.0, 3e-4, 2.6e-3), np.array([-0.3, 0.3, -0.3])
+    turn = Rotation.from_quat(poses.quat_xyzw)
+    beside = Poses(poses.stamp_ns, poses.position_m - turn.apply(centre), poses.quat_xyzw)
+    here, there = last(poses), last(beside)
+    np.testing.assert_allclose(here.centre_m, 0.0, atol=0.02)
+    np.testing.assert_allclose(there.centre_m, centre, atol=0.02)
+    np.testing.assert_allclose(there.position_m2, here.position_m2, atol=0.15 * 3e-4**2)
+    np.testing.assert_allclose(there.rotation_rad2, here.rotation_rad2, rtol=1e-6, atol=1e-9)
+    swung = np.hypot(3e-4, np.sqrt(2.0 / 3.0) * 2.6e-3 * np.linalg.norm(centre))
+    assert there.sigma_position_m == pytest.approx(swung, rel=0.1)
+
+
+def test_noise_of_axes_turns_with_the_frames():
+    rng = np.random.default_rng(13)
+    poses = moving(rng, 10.0, 200.0, np.array([1e-4, 3e-4, 5e-4]), np.array([1e-3, 2e-3, 4e-3]))
+    world, body = Rotation.random(2, random_state=rng)
+    turned = world * Rotation.from_quat(poses.quat_xyzw) * body
+    found, same = last(Poses(poses.stamp_ns, world.apply(poses.position_m), turned.as_quat())), last(poses)
+    w, b = world.as_matrix(), body.as_matrix()
+    np.testing.assert_allclose(found.position_m2, w @ same.position_m2 @ w.T, atol=1e-12)
+    np.testing.assert_allclose(found.rotation_rad2, b.T @ same.rotation_rad2 @ b, atol=1e-10)
+    np.testing.assert_allclose(found.centre_m, b.T @ same.centre_m, atol=1e-6)
+    assert found.sigma_position_m == pytest.approx(same.sigma_position_m, rel=1e-6)
+
+
+def test_noise_is_the_same_in_every_frame_and_for_either_sign_of_the_quaternion():
+    rng = np.random.default_rng(8)
+    poses = moving(rng, 10.0, 200.0, 3e-4, 2e-3)
+    world = Rotation.random(random_state=rng)
+    turned = world * Rotation.from_quat(poses.quat_xyzw) * Rotation.random(random_state=rng)
+    sign = rng.choice([-1.0, 1.0], size=(len(poses), 1))
+    same = Poses(poses.stamp_ns, world.apply(poses.position_m) + 100.0, turned.as_quat() * sign)
+    assert sensor_noise.estimate_noise(same) == pytest.approx(sensor_noise.estimate_noise(poses), rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_too_few_frames_say_nothing(count):
+    poses = moving(np.random.default_rng(9), 1.0, 30.0, 1e-3, 1e-3)[:count]
+    assert np.isnan(sensor_noise.estimate_noise(poses)).all()
+    _, estimate = sensor_noise.advance(
+        sensor_noise.NOTHING_HEARD, sensor_noise.begin(1e-3, 2e-3), poses, (1e-3, 2e-3)
+    )
+    assert (estimate.sigma_position_m, estimate.sigma_rotation_rad) == (1e-3, 2e-3)
+
+
+@pytest.mark.parametrize("rest", [0, 600])
+def test_motion_without_noise_has_noise_above_zero(rest):
+    """Simulators exist: variances are divided by. What does not move at all is held, and tells nothing."""
+    poses = moving(np.random.default_rng(10), 8.0, 200.0)
+    row = np.maximum(np.arange(len(poses)) - rest, 0)
+    poses = Poses(poses.stamp_ns, poses.position_m[row], poses.quat_xyzw[row])
+    estimates = list(streamed(poses, 20, (1e-3, 2e-3)))
+    for estimate in estimates[: rest // 20]:
+        assert (estimate.sigma_position_m, estimate.sigma_rotation_rad) == (1e-3, 2e-3)
+    assert 0.0 < estimates[-1].sigma_position_m < 1e-4
+    assert 0.0 < estimates[-1].sigma_rotation_rad < 2e-4

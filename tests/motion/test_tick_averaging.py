@@ -1,0 +1,305 @@
+"""Ticks: exact averages of the frames that can be trusted, on a grid that the stream cannot confuse."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contact_motions import point_of, touching
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.motion import tick_grid
+from contact_tracker.motion.free_motion import NO_EXCESS
+from contact_tracker.motion.lifted_pose import ONE, R, T, lift
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import tick_variances
+from contact_tracker.states import Contact
+from smooth_motion import START_NS, moving
+
+MODEL = load_model()
+TICK_NS = MODEL.tick_ns
+seeds = st.integers(0, 2**32 - 1)
+
+
+def averaged(poses, model=MODEL, batch=None):
+    """All ticks of a stream, of which so many poses come at once."""
+    state, closed = tick_grid.begin(model, poses), []
+    for first in range(0, len(poses), batch or len(poses)):
+        state, more = tick_grid.advance(state, poses[first : first + (batch or len(poses))], model)
+        closed += more
+    state, last = tick_grid.close(state, model)
+    return [*closed, last]
+
+
+def spiked(rng, poses, share, size_m=0.05):
+    """The poses with some of them displaced by ``size_m``, and which."""
+    wrong = rng.random(len(poses)) < share
+    direction = rng.normal(size=(len(poses), 3))
+    direction *= size_m / np.linalg.norm(direction, axis=1, keepdims=True)
+    return replace(poses, position_m=poses.position_m + np.where(wrong[:, None], direction, 0.0)), wrong
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+def test_averaging_keeps_contacts_exact(model):
+    """Residuals are linear in the lift: a mean over whatever motion is still in contact to rounding."""
+    t = touching(model.contact, np.random.default_rng(1), frames=40)
+    x = _x_of(model, t)
+    zeta = model.lifted(lift(t.rotation, t.position_m))
+    mean = zeta.mean(axis=0)
+    np.testing.assert_allclose(model.family.rows(x) @ zeta.T, 0.0, atol=1e-12)
+    np.testing.assert_allclose(model.family.rows(x) @ mean, 0.0, atol=1e-12)
+
+
+def _x_of(model, t):
+    first, second = (t.object, t.environment) if model.body_in_1 else (t.environment, t.object)
+    if model.contact is Contact.FF:
+        return np.concatenate([first[:3], second[:3], [second[3] - first[3]]])
+    parts = [np.concatenate([e[:3], point_of(e)]) if len(e) == 6 else e for e in (first, second)]
+    if model.family.ROWS == 1 and len(first) == 4:
+        parts[0] = first[:3]
+    return np.concatenate(parts)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=seeds, batch=st.sampled_from([1, 7, 20, 333]), rate_hz=st.sampled_from([8.0, 30.0, 200.0, 1000.0])
+)
+def test_ticks_are_the_same_whatever_comes_at_once(seed, batch, rate_hz):
+    """One by one or a chunk of the log at once: bit for bit, with spikes, held poses, drops and gaps."""
+    rng = np.random.default_rng(seed)
+    poses, _ = spiked(rng, moving(rng, 1200 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
+    source = np.maximum.accumulate(np.where(rng.random(len(poses)) > 0.1, np.arange(len(poses)), 0))
+    late = rng.choice([0, 10**9, 10**10], p=[0.996, 0.002, 0.002], size=len(poses)).cumsum()
+    poses = Poses(poses.stamp_ns + late, poses.position_m[source], poses.quat_xyzw[source])
+    poses = poses[np.flatnonzero(rng.random(len(poses)) > 0.1)]
+    whole, portions = averaged(poses), averaged(poses, batch=batch)
+    assert sum(tick.count + tick.outliers for tick in whole) > 0.7 * len(poses)
+    for a, b in zip(whole, portions, strict=True):
+        assert (a.start_ns, a.stamp_ns, a.count, a.outliers) == (b.start_ns, b.stamp_ns, b.count, b.outliers)
+        assert a.excess == b.excess
+        np.testing.assert_array_equal(a.zeta, b.zeta)
+
+
+def test_a_tick_is_the_mean_of_its_frames():
+    poses = moving(np.random.default_rng(2), 3.0, 200.0, 3e-4, 2e-3)
+    found = averaged(poses)
+    assert len(found) == 30
+    zeta = lift(poses.rotation, poses.position_m - poses.position_m[0])
+    for k, tick in enumerate(found):
+        frames = slice(20 * k, 20 * k + 20)
+        assert (tick.start_ns, tick.stamp_ns) == tuple(poses.stamp_ns[frames][[0, -1]])
+        assert tick.count + tick.outliers == 20
+        if tick.count == 20:
+            np.testing.assert_allclose(tick.zeta, zeta[frames].mean(axis=0), atol=1e-12)
+        assert tick.zeta[ONE] == 1.0
+
+
+@pytest.mark.parametrize(("rate_hz", "most"), [(30.0, 3e-2), (200.0, 1e-3), (1000.0, 1e-3)])
+def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
+    poses = moving(np.random.default_rng(3), 30.0, rate_hz, 3e-4, 2.6e-3, rms_m=0.1, rms_rad=0.6)
+    found = averaged(poses)
+    assert sum(tick.outliers for tick in found) <= most * len(poses)
+
+
+@pytest.mark.parametrize(("rate_hz", "missed"), [(30.0, 0.03), (200.0, 0.001)])
+def test_spikes_are_left_out(rate_hz, missed):
+    """5 cm off in 2 % of the frames: nearly all are found, even where a tick has but three frames."""
+    off, dropped, spikes = [], 0, 0
+    for seed in range(4, 8):
+        rng = np.random.default_rng(seed)
+        clean = moving(rng, 40.0, rate_hz, 3e-4, 2.6e-3)
+        poses, wrong = spiked(rng, clean, 0.02)
+        found, late = averaged(poses), slice(10, None)
+        dropped += sum(tick.outliers for tick in found[late])
+        spikes += wrong[round(rate_hz) :].sum()
+        for tick in found[late]:
+            mine = (poses.stamp_ns >= tick.start_ns) & (poses.stamp_ns <= tick.stamp_ns) & ~wrong
+            mean_m = clean.position_m[mine].mean(axis=0)
+            off.append(np.linalg.norm(tick.zeta[T] - mean_m + poses.position_m[0]))
+    assert 0.9 * spikes <= dropped <= 1.3 * spikes
+    assert np.mean(np.array(off) > 0.005) < missed
+
+
+def test_outliers_do_not_raise_the_noise():
+    """Spikes in a tenth of the frames, and then a sensor that is ten times as noisy from one moment on."""
+    rng = np.random.default_rng(6)
+    clean = moving(rng, 20.0, 200.0, 3e-4, 2.6e-3)
+    poses, _ = spiked(rng, clean, 0.1)
+    alike = averaged(clean)[-1].noise
+    assert averaged(poses)[-1].noise.sigma_position_m == pytest.approx(alike.sigma_position_m, rel=0.1)
+    worse = moving(rng, 20.0, 200.0, 3e-3, 2.6e-2)
+    late = replace(worse, stamp_ns=worse.stamp_ns - worse.stamp_ns[0] + clean.stamp_ns[-1] + 5_000_000)
+    grown = averaged(Poses.join([clean, late]))[-1].noise
+    assert grown.sigma_position_m == pytest.approx(3e-3, rel=0.2)
+
+
+def test_noise_that_is_given_is_not_estimated():
+    given = replace(MODEL, noise=replace(MODEL.noise, estimated=False, sigma_position_m=1e-3))
+    poses = moving(np.random.default_rng(6), 5.0, 200.0, 3e-4, 2.6e-3)
+    noise = averaged(poses, given)[-1].noise
+    assert noise.sigma_position_m == pytest.approx(1e-3, rel=1e-12)
+    assert noise.sigma_rotation_rad == pytest.approx(MODEL.noise.sigma_rotation_rad, rel=1e-12)
+
+
+def test_spikes_of_a_camera_stand_out_of_three_frames():
+    """3 cm off at 30 Hz and 1.5 mm: what the motion may do between neighbours is less than in a tick."""
+    rng = np.random.default_rng(4)
+    clean = moving(rng, 60.0, 30.0, 1.5e-3, 1.2e-2)
+    poses, wrong = spiked(rng, clean, 0.02, size_m=0.03)
+    assert sum(tick.outliers for tick in averaged(poses)) >= 0.3 * wrong.sum()
+    assert sum(tick.outliers for tick in averaged(clean)) <= 0.005 * len(clean)
+
+
+@pytest.mark.parametrize("start", ["stream", "gap"])
+def test_spikes_are_left_out_from_the_beginning(start):
+    """The other frames of a tick tell an outlier as well as the motion does."""
+    clean = moving(np.random.default_rng(5), 6.0, 200.0, 3e-4, 2.6e-3)
+    if start == "gap":
+        clean = clean[np.abs(np.arange(1200) - 600) > 50]
+    row = 7 if start == "stream" else int(np.flatnonzero(np.diff(clean.stamp_ns) > 1e8)[0]) + 8
+    position = clean.position_m.copy()
+    position[row] += 0.05
+    found = averaged(replace(clean, position_m=position))
+    spoiled = next(tick for tick in found if tick.start_ns <= clean.stamp_ns[row] <= tick.stamp_ns)
+    assert spoiled.outliers == 1
+
+
+def test_an_object_that_jumps_is_followed():
+    """All frames of a tick are implausible: they are true, and nothing is lost after it."""
+    poses = moving(np.random.default_rng(6), 10.0, 200.0, 3e-4, 2e-3)
+    position = poses.position_m + np.where(np.arange(2000) >= 1000, 1.0, 0.0)[:, None]
+    found = averaged(replace(poses, position_m=position))
+    assert all(tick.count > 0 for tick in found)
+    np.testing.assert_allclose(found[-1].zeta[T], position[-20:].mean(axis=0) - position[0], atol=1e-3)
+
+
+def test_held_poses_are_counted_once():
+    poses = moving(np.random.default_rng(7), 2.0, 200.0, 3e-4, 2e-3)
+    source = np.arange(400) // 4 * 4  # each pose four times
+    held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
+    found = averaged(held)
+    assert len(found) == 20
+    for tick in found:
+        assert tick.count + tick.outliers == 5
+
+
+# --- the grid ---------------------------------------------------------------------------------------------
+
+
+def test_the_last_tick_may_be_short_and_the_first_may_be_all():
+    poses = moving(np.random.default_rng(8), 1.0, 200.0, 3e-4, 2e-3)
+    *_, last = averaged(poses[:23])
+    assert last.count == 3
+    assert last.stamp_ns == poses.stamp_ns[22]
+    (only,) = averaged(poses[:1])
+    assert only.count == 1
+    assert only.start_ns == only.stamp_ns == START_NS
+    np.testing.assert_allclose(only.zeta[R], poses.rotation[0].ravel())
+    np.testing.assert_array_equal(only.zeta[T], 0.0)
+
+
+def test_one_frame_per_tick_is_enough():
+    poses = moving(np.random.default_rng(9), 20.0, 10.0, 3e-4, 2e-3)
+    found = averaged(poses)
+    assert len(found) == 200
+    assert all(tick.count == 1 for tick in found)
+    assert any(tick.excess.position_m2 > 0 for tick in found)
+
+
+def test_a_gap_is_followed_tick_by_tick():
+    poses = moving(np.random.default_rng(10), 6.0, 200.0, 3e-4, 2e-3)
+    present = (poses.stamp_ns < START_NS + 2_030_000_000) | (poses.stamp_ns >= START_NS + 3_560_000_000)
+    found = averaged(poses[present])
+    assert len(found) == 60
+    empty = [k for k, tick in enumerate(found) if tick.count == 0]
+    assert empty == list(range(21, 35))
+    for k in empty:
+        assert (found[k].excess.position_m2, found[k].excess.rotation_rad2) == (0.0, 0.0)
+    assert found[20].count == 6
+    assert found[35].count == 8
+    # what the grid was before the gap it is after it
+    assert found[36].start_ns == START_NS + 36 * TICK_NS
+
+
+@pytest.mark.parametrize("seconds", [4.0, 60.0, 1e6])
+def test_a_long_gap_costs_no_more_than_a_short_one(seconds):
+    poses = moving(np.random.default_rng(11), 2.0, 200.0, 3e-4, 2e-3)
+    late = poses.stamp_ns + np.where(np.arange(400) >= 205, round(seconds * 1e9), 0)
+    found = averaged(replace(poses, stamp_ns=late))
+    missed = sum(tick.count == 0 for tick in found)
+    assert missed == pytest.approx(min(seconds, tick_grid.LONGEST_GAP_S) / MODEL.tick_s, abs=1)
+    assert sum(tick.count + tick.outliers for tick in found) == 400
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=seeds,
+    gaps=st.lists(
+        st.sampled_from([1_000_000, 5_000_000, 99_999_999, TICK_NS, 350_000_000, 10**11]), max_size=30
+    ),
+    tick_s=st.sampled_from([0.1, 1 / 30, 0.07, 0.5]),
+)
+def test_no_frame_is_lost_and_time_runs_forward_whatever_the_stamps(seed, gaps, tick_s):
+    rng = np.random.default_rng(seed)
+    stamp_ns = START_NS + np.cumsum([0, *gaps]).astype(np.int64)
+    poses = replace(moving(rng, len(stamp_ns) / 30.0, 30.0, 3e-4, 2e-3), stamp_ns=stamp_ns)
+    found = averaged(poses, replace(MODEL, tick_s=tick_s))
+    assert sum(tick.count + tick.outliers for tick in found) == len(poses)
+    assert found[0].start_ns == stamp_ns[0]
+    assert found[-1].stamp_ns == stamp_ns[-1]
+    for tick, after in pairwise(found):
+        assert tick.start_ns <= tick.stamp_ns < after.start_ns
+    assert all(np.isfinite(tick.zeta).all() for tick in found)
+    assert all(tick.stamp_ns - tick.start_ns <= tick_s * 1e9 for tick in found)
+
+
+@pytest.mark.parametrize("batch", [1, 7, None])
+@pytest.mark.parametrize("late", [(205, 100), (100, 120), (3, -20), (399, 0)], ids=str)
+def test_stamps_that_run_backward_close_no_tick_again(late, batch):
+    """The gate drops them; who calls the tracker with poses of one's own gets the ticks of the others."""
+    poses = moving(np.random.default_rng(13), 2.0, 200.0, 3e-4, 2e-3)
+    stamp_ns, (row, like) = poses.stamp_ns.copy(), late
+    stamp_ns[row] = START_NS + like * 5_000_000
+    found = averaged(replace(poses, stamp_ns=stamp_ns), batch=batch)
+    assert sum(tick.count + tick.outliers for tick in found) == len(poses)
+    assert 19 <= len(found) <= 21
+
+
+@pytest.mark.parametrize(("gap_s", "mute"), [(0.5, 1), (1.8, 1), (2.5, 5)])
+def test_after_a_gap_motion_goes_on_unless_it_was_long(gap_s, mute):
+    """The first ticks after it have no excess: errors of a long prediction do not count."""
+    poses = moving(np.random.default_rng(14), 6.0, 200.0, 3e-4, 2e-3)
+    at_s = (poses.stamp_ns - START_NS) * 1e-9
+    present = poses[(at_s < 2.0) | (at_s >= 2.0 + gap_s)]
+    found = [t for t in averaged(present) if t.start_ns - START_NS >= (2.0 + gap_s) * 1e9]
+    assert [tick.excess == NO_EXCESS for tick in found[: mute + 5]] == [True] * mute + [False] * 5
+    anew = averaged(poses[at_s >= 2.0 + gap_s])
+    if mute == 1:  # what is known of the motion is worth more than to begin anew
+        assert np.mean([t.excess for t in found[5:15]]) < np.mean([t.excess for t in anew[5:15]])
+
+
+def test_an_object_that_rests_through_a_gap_is_known_to_rest():
+    rest = moving(np.random.default_rng(15), 6.0, 200.0, 3e-4, 2e-3, rms_m=0.0, rms_rad=0.0)
+    at_s = (rest.stamp_ns - START_NS) * 1e-9
+    found = averaged(rest[(at_s < 2.0) | (at_s >= 3.0)])
+    assert np.mean([tick.excess == NO_EXCESS for tick in found]) > 0.95
+
+
+def test_turning_the_sign_of_quaternions_changes_nothing():
+    poses = moving(np.random.default_rng(12), 3.0, 200.0, 3e-4, 2e-3)
+    sign = np.random.default_rng(12).choice([-1.0, 1.0], size=(len(poses), 1))
+    for a, b in zip(averaged(poses), averaged(replace(poses, quat_xyzw=sign * poses.quat_xyzw)), strict=True):
+        np.testing.assert_allclose(a.zeta, b.zeta, atol=1e-12)
+
+
+def test_noise_of_means_falls_with_their_frames_to_the_floor():
+    state = tick_grid.begin(MODEL, moving(np.random.default_rng(0), 1.0, 30.0))
+    position, rotation = tick_variances(state.learnt.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
+    floor = MODEL.noise.floor_position_m**2
+    assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)
+    assert position[2] - floor == pytest.approx(MODEL.noise.sigma_position_m**2 / 100.0)
+    assert position[3] == pytest.approx(floor)
+    assert rotation[3] == pytest.approx(MODEL.noise.floor_rotation_rad**2)

@@ -1,0 +1,154 @@
+"""Beliefs and segments as text: read back where programs read them, in words where people do."""
+
+import csv
+import io
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_tracker.atomic_file import whole_file
+from contact_tracker.errors import printable
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, element_from_json
+from contact_tracker.outputs.tables import json_line, write_csv, write_jsonl
+from contact_tracker.outputs.text import change_line, describe, status_text, table
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Belief, Segment
+
+ORIGIN_NS = 1_700_000_000_123_456_789
+EDGE = Line(np.array([1.0, 0.0, 0.0]), np.array([0.0, -0.05, 0.1]), np.diag([0, 1e-4, 4e-4, 0, 1e-6, 9e-6]))
+FACE = Plane(np.array([0.0, 0.0, 1.0]), 0.25, np.diag([4e-6, 1e-6, 0, 1e-8]))
+ON_FACE = ContactGeometry(EDGE, FACE)
+
+
+def belief(contact: Contact, geometry: ContactGeometry | None) -> Belief:
+    probability = np.full(7, 0.01)
+    probability[contact.column] = 0.94
+    return Belief(
+        ORIGIN_NS + 2_500_000_000,
+        contact,
+        probability,
+        ORIGIN_NS + 1_000_000_000,
+        geometry,
+        np.full(6, np.nan),
+    )
+
+
+def test_a_json_line_reads_back_exactly() -> None:
+    found = json.loads(json_line(belief(Contact.EF, ON_FACE)))
+    assert found["stamp_ns"] == ORIGIN_NS + 2_500_000_000
+    assert found["onset_ns"] == ORIGIN_NS + 1_000_000_000
+    assert found["contact"] == "e-f"
+    assert found["probability"] == {s.value: 0.94 if s is Contact.EF else 0.01 for s in STATES}
+    edge, face = (element_from_json(found["geometry"][key]) for key in ("object", "environment"))
+    assert isinstance(edge, Line)
+    assert isinstance(face, Plane)
+    np.testing.assert_array_equal(edge.point_m, EDGE.point_m)
+    assert face.offset_m == 0.25
+    assert found["geometry"]["environment"]["plane"]["normal_sd"] == pytest.approx([2e-3, 1e-3, 0])
+
+
+def test_unknown_deviations_are_null_and_a_probability_that_is_none_is_refused() -> None:
+    unknown = ContactGeometry(Point(np.zeros(3)), FACE)
+    found = json.loads(json_line(belief(Contact.VF, unknown)))
+    assert found["geometry"]["object"]["point_sd_m"] == [None, None, None]
+    broken = belief(Contact.FREE, None)
+    broken.probability[0] = np.nan
+    with pytest.raises(ValueError, match="JSON"):
+        json_line(broken)
+
+
+def test_csv_reads_back_exactly() -> None:
+    segments = [
+        Segment(ORIGIN_NS, ORIGIN_NS + 99, Contact.FREE, 1 / 3, None),
+        Segment(ORIGIN_NS + 100, ORIGIN_NS + 200, Contact.EF, 0.5, ON_FACE),
+    ]
+    file = io.StringIO(newline="")
+    write_csv(segments, file)
+    free, edge = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
+    assert (int(free["start_ns"]), int(free["end_ns"])) == (ORIGIN_NS, ORIGIN_NS + 99)
+    assert (free["contact"], float(free["probability"]), free["geometry"]) == ("free", 1 / 3, "{}")
+    assert json.loads(edge["geometry"]) == ON_FACE.to_json()
+
+
+def test_jsonl_has_a_line_per_belief() -> None:
+    file = io.StringIO()
+    write_jsonl([belief(Contact.FREE, None), belief(Contact.EF, ON_FACE)], file)
+    assert [json.loads(line)["contact"] for line in file.getvalue().splitlines()] == ["free", "e-f"]
+
+
+def test_geometry_in_words_says_what_lies_where_and_how_surely() -> None:
+    assert describe(ON_FACE) == (
+        "edge along (1.00 0.00 0.00) +/- 1.1 deg through (0.000 -0.050 0.100) m +/- 3 mm"
+        " on face normal (0.00 0.00 1.00) +/- 0.11 deg at 0.250 m +/- 0.1 mm"
+    )
+    corner = ContactGeometry(Point(np.array([1e-9, -1e-9, 0.3]), np.eye(3) * 0.09), Plane(np.ones(3), -0.0))
+    assert describe(corner) == (
+        "vertex (0.000 0.000 0.300) m +/- 300 mm on face normal (1.00 1.00 1.00) at 0.000 m"
+    )
+    assert describe(None) == ""
+
+
+def test_lines_for_people_count_time_from_the_first_pose() -> None:
+    assert change_line(belief(Contact.FREE, None), ORIGIN_NS).split() == ["2.50", "free", "0.94", "1.00"]
+    assert status_text(belief(Contact.EF, ON_FACE), ORIGIN_NS).strip().startswith("2.50 s  e-f for 1.5 s ")
+    header, line = table([Segment(ORIGIN_NS, ORIGIN_NS + 10**9, Contact.EF, 0.5, ON_FACE)], ORIGIN_NS)
+    assert line.split()[:4] == ["0.00", "1.00", "e-f", "0.50"]
+    assert header.index("contact") == line.index("e-f")
+
+
+@pytest.mark.parametrize("text", ["two\nlines", "\x1b[2J", "bell\a", "\u202eright to left"])
+def test_printable_text_has_nothing_that_acts(text: str) -> None:
+    assert printable(text).isprintable()
+    assert printable("plain é 中") == "plain é 中"
+
+
+def test_a_whole_file_replaces_only_when_done(tmp_path: Path) -> None:
+    target = tmp_path / "out.csv"
+    target.write_text("old")
+    with pytest.raises(FileNotFoundError), whole_file(target) as temporary:
+        temporary.write_text((tmp_path / "absent").read_text())
+    assert target.read_text() == "old"
+    with whole_file(target) as temporary:
+        temporary.write_text("new")
+        assert target.read_text() == "old"
+        assert not list(tmp_path.glob("*.csv"))[1:], "what is unfinished does not look like a result"
+    assert target.read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
+
+
+def test_a_whole_file_goes_where_a_link_points(tmp_path: Path) -> None:
+    (tmp_path / "link.csv").symlink_to("real.csv")
+    with whole_file(tmp_path / "link.csv") as temporary:
+        temporary.write_text("data")
+    assert (tmp_path / "real.csv").read_text() == "data"
+    assert (tmp_path / "link.csv").is_symlink()
+
+
+def put_something_else(path: Path, kind: str) -> None:
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to(path.name)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize("linked", [False, True], ids=["itself", "linked"])
+@pytest.mark.parametrize("kind", ["folder", "pipe", "link in a circle"])
+def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, kind: str, linked: bool) -> None:
+    """A pipe stands for all devices: that of nothing would be gone for the whole machine."""
+    target = odd = tmp_path / "odd.csv"
+    put_something_else(odd, kind)
+    if linked:
+        target = tmp_path / "link.csv"
+        target.symlink_to("odd.csv")
+    before = (odd.lstat().st_mode, odd.lstat().st_ino)
+    with pytest.raises(OSError, match=r"it is (a folder|not a regular file)") as refused, whole_file(target):
+        pytest.fail("nothing is to be written that cannot go anywhere")
+    assert refused.value.filename == str(target)
+    assert (odd.lstat().st_mode, odd.lstat().st_ino) == before
+    assert {p.name for p in tmp_path.iterdir()} == {"odd.csv", target.name}

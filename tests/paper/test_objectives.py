@@ -1,0 +1,236 @@
+"""The paper's objectives: direct against Kronecker, both against true incidence, and the errata."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_motions import touching
+from contact_tracker.paper import direct, form, matrix, minimise_slsqp, motion, value
+from contact_tracker.paper.batched import minimise_batched, random_starts
+from contact_tracker.paper.kronecker import rows
+from contact_tracker.states import CONTACTS, Contact
+
+seeds = st.integers(0, 2**32 - 1)
+each_contact = pytest.mark.parametrize("contact", CONTACTS, ids=str)
+
+
+def random_motion(rng, frames=7):
+    return Rotation.random(frames, random_state=rng).as_matrix(), rng.normal(size=(frames, 3))
+
+
+def random_elements(contact, rng):
+    x, y = random_starts(contact, 1, rng, 1.0)
+    return form(contact).factors(x[0], y[0])
+
+
+def skew(rotation):
+    """Rows of (8) as printed: v x (R n) on v (x) n."""
+    r1, r2, r3 = rotation
+    o = np.zeros(3)
+    return np.block([[o, r3, -r2], [-r3, o, r1], [r2, -r1, o]])
+
+
+# --- direct form, Kronecker form, incidence -----------------------------------------------------------
+
+
+@each_contact
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_kronecker_form_is_the_direct_form(contact, seed):
+    rng = np.random.default_rng(seed)
+    rotation, p = random_motion(rng)
+    elements = random_elements(contact, rng)
+    expected = direct(contact, rotation, p, *elements)
+    assert value(contact, matrix(contact, rotation, p), *elements) == pytest.approx(expected, rel=1e-9)
+
+
+@each_contact
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_vanishes_where_the_elements_touch_and_only_there(contact, seed):
+    rng = np.random.default_rng(seed)
+    t = touching(contact, rng)
+    assert direct(contact, *motion(t.rotation, t.position_m), t.object, t.environment) < 1e-20
+    away = t.position_m + rng.normal(size=t.position_m.shape) * 0.01
+    assert direct(contact, *motion(t.rotation, away), t.object, t.environment) > 1e-6
+
+
+def test_motion_is_the_inverse_pose_and_its_own_inverse():
+    rng = np.random.default_rng(0)
+    rotation, t = random_motion(rng)
+    paper_rotation, p = motion(rotation, t)
+    x_body = rng.normal(size=(7, 3))
+    x_world = np.einsum("nij,nj->ni", rotation, x_body) + t
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", paper_rotation, x_world) + p, x_body, atol=1e-12)
+    for again, original in zip(motion(paper_rotation, p), (rotation, t), strict=True):
+        np.testing.assert_allclose(again, original, atol=1e-12)
+
+
+@each_contact
+def test_sums_of_windows_add(contact):
+    rotation, p = random_motion(np.random.default_rng(1), 12)
+    parts = matrix(contact, rotation.reshape(3, 4, 3, 3), p.reshape(3, 4, 3))
+    np.testing.assert_allclose(parts.sum(axis=0), matrix(contact, rotation, p), atol=1e-9)
+
+
+def test_free_motion_has_no_objective():
+    with pytest.raises(ValueError, match="free"):
+        direct(Contact.FREE, *random_motion(np.random.default_rng(0)), np.zeros(4), np.zeros(4))
+
+
+# --- errata: what is printed disagrees with incidence, what is corrected agrees ------------------------
+
+
+def printed_7(rotation, p):
+    """A_ff as printed: + p_sb = - R.T p."""
+    plane = np.append(-rotation.T @ p, 1.0)
+    a = np.zeros((3, 4, 4))
+    for k in range(3):
+        a[k, k] = plane
+    a[:, 3, :3] = -rotation
+    return a.reshape(3, 16)
+
+
+def printed_13(rotation):
+    """B_ef as printed, padded to m (x) Pi."""
+    b = np.zeros((3, 3, 4))
+    b[:, :, :3] = skew(rotation).reshape(3, 3, 3)
+    return b.reshape(3, 12)
+
+
+def printed_21(rotation, p):
+    """a_ee as printed: rows of R."""
+    blocks = [np.concatenate([np.cross(p, r), r]) for r in rotation]
+    blocks += [np.concatenate([r, np.zeros(3)]) for r in rotation]
+    return np.concatenate(blocks)
+
+
+def one_touching_pose(contact, seed=4):
+    t = touching(contact, np.random.default_rng(seed))
+    rotation, p = motion(t.rotation[:1], t.position_m[:1])
+    return rotation[0], p[0], t.object, t.environment
+
+
+def test_erratum_7_sign_of_p_sb():
+    rotation, p, o, e = one_touching_pose(Contact.FF)
+    v = np.kron(o, e)
+    assert np.abs(printed_7(rotation, p) @ v).max() > 1e-2
+    assert np.abs(rows(Contact.FF, rotation[None], p[None])[0] @ v).max() < 1e-12
+
+
+def test_8_holds_as_printed():
+    rotation, p, _, _ = one_touching_pose(Contact.FF)
+    corrected = rows(Contact.FF, rotation[None], p[None])[0, 3:].reshape(3, 4, 4)[:, :3, :3]
+    np.testing.assert_array_equal(corrected.reshape(3, 9), skew(rotation))
+
+
+def test_erratum_13_sign_of_b_ef():
+    rotation, p, o, e = one_touching_pose(Contact.EF)
+    corrected = rows(Contact.EF, rotation[None], p[None])[0]
+    printed = corrected[:3].copy()
+    printed[:, 12:] = printed_13(rotation)
+    v = np.kron(o, e)
+    assert np.abs(printed @ v).max() > 1e-2
+    assert np.abs(corrected @ v).max() < 1e-12
+    normal, moment = rotation @ e[:3], o[3:]
+    m_part = np.kron(o[3:], e)
+    np.testing.assert_allclose(printed_13(rotation) @ m_part, np.cross(moment, normal), atol=1e-12)
+    np.testing.assert_allclose(corrected[:3, 12:] @ m_part, np.cross(normal, moment), atol=1e-12)
+
+
+def test_erratum_15_sign_of_h():
+    rotation, p, o, e = one_touching_pose(Contact.VF)
+    normal = rotation @ e[:3]
+    assert abs(o[:3] @ normal - (normal @ p - e[3])) > 1e-2
+    assert abs(o[:3] @ normal - (normal @ p + e[3])) < 1e-12
+
+
+def test_erratum_21_columns_for_rows():
+    rotation, p, o, e = one_touching_pose(Contact.EE)
+    v = np.kron(e, o)
+    assert abs(printed_21(rotation, p) @ v) > 1e-2
+    assert abs(printed_21(rotation.T, p) @ v) < 1e-12
+    np.testing.assert_allclose(rows(Contact.EE, rotation[None], p[None])[0, 0], printed_21(rotation.T, p))
+
+
+# --- minimisation --------------------------------------------------------------------------------------
+
+
+def noisy_window(contact, rng, sigma_m=3e-4, sigma_rad=2e-3, frames=200):
+    t = touching(contact, rng, frames, swing=0.5)
+    turn = Rotation.from_rotvec(rng.normal(size=(frames, 3)) * sigma_rad).as_matrix()
+    position = t.position_m - t.position_m.mean(axis=0) + rng.normal(size=(frames, 3)) * sigma_m
+    return motion(turn @ t.rotation, position)
+
+
+@each_contact
+def test_slsqp_finds_the_contact(contact):
+    rng = np.random.default_rng(3)
+    t = touching(contact, rng, 200)
+    k = matrix(contact, *motion(t.rotation, t.position_m - t.position_m.mean(axis=0)))
+    found = minimise_slsqp(contact, k, rng, starts=6)
+    assert found.converged > 0
+    assert found.value < 1e-8
+    assert value(contact, k, found.object, found.environment) == pytest.approx(found.value, abs=1e-12)
+
+
+@each_contact
+def test_batched_minima_are_no_higher_than_slsqps(contact):
+    """On the paper's own objective, in and out of contact, from as many starts."""
+    rng = np.random.default_rng(5)
+    x, y = random_starts(contact, 8, rng, 0.3)
+    for kept in (contact, Contact.VF, Contact.EE):
+        k = matrix(contact, *noisy_window(kept, rng))
+        slsqp = minimise_slsqp(contact, k, rng, starts=4)
+        batch = minimise_batched(contact, np.broadcast_to(k, (8, *k.shape)), x, y)
+        assert batch.value.min() <= slsqp.value * (1 + 1e-4) + 1e-12
+        best = batch.value.argmin()
+        elements = form(contact).factors(batch.x[best], batch.y[best])
+        assert value(contact, k, *elements) == pytest.approx(batch.value[best], rel=1e-6)
+
+
+@each_contact
+def test_not_converged_is_a_status(contact):
+    rng = np.random.default_rng(6)
+    k = matrix(contact, *noisy_window(Contact.VF, rng))[None]
+    x, y = random_starts(contact, 1, rng, 0.3)
+    hurried = minimise_batched(contact, k, x, y, iterations=1)
+    patient = minimise_batched(contact, k, x, y, iterations=300)
+    assert not hurried.converged[0]
+    assert patient.converged[0]
+    assert patient.value[0] < hurried.value[0]
+
+
+@each_contact
+def test_batched_minima_keep_the_constraints(contact):
+    rng = np.random.default_rng(7)
+    k = matrix(contact, *noisy_window(Contact.VF, rng))
+    batch = minimise_batched(contact, np.broadcast_to(k, (5, *k.shape)), *random_starts(contact, 5, rng, 0.3))
+    f = form(contact)
+    for kind, e in ((f.x, batch.x), (f.y, batch.y)):
+        if kind == "point":
+            np.testing.assert_array_equal(e[:, 3], 1.0)
+        else:
+            np.testing.assert_allclose(np.linalg.norm(e[:, :3], axis=1), 1.0, atol=1e-12)
+        if kind == "line":
+            np.testing.assert_allclose(np.einsum("bi,bi->b", e[:, :3], e[:, 3:]), 0.0, atol=1e-12)
+
+
+@each_contact
+def test_which_minima_depend_on_the_origins(contact):
+    """Moving the world's origin matters to f-e only, the body's to e-f and, through its offset, to f-f."""
+    rng = np.random.default_rng(8)
+    paper_rotation, p = noisy_window(Contact.VF, rng)
+    rotation, t = motion(paper_rotation, p)
+    x, y = random_starts(contact, 24, rng, 0.3)
+
+    def lowest(position):
+        k = matrix(contact, *motion(rotation, position))
+        return minimise_batched(contact, np.broadcast_to(k, (24, *k.shape)), x, y, 1e-9, 300).value.min()
+
+    here = lowest(t)
+    world, body = lowest(t + np.array([0.4, -0.3, 0.5])), lowest(t + rotation @ np.array([0.4, -0.3, 0.5]))
+    assert (world == pytest.approx(here, rel=1e-3)) == (contact is not Contact.FE)
+    assert (body == pytest.approx(here, rel=1e-3)) == (contact not in (Contact.EF, Contact.FF))

@@ -1,0 +1,408 @@
+"""Recordings that are cut off, damaged, compressed, piped or still growing give all that is readable."""
+
+import os
+import struct
+import subprocess
+import sys
+import threading
+import time
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType
+
+from contact_tracker.errors import ContactTrackerError, NoTruth, UnreadableRecording
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import (
+    Follow,
+    list_sources,
+    need_truth,
+    open_log,
+    read_metadata,
+    read_truth,
+    summarise,
+    write_recording,
+)
+from contact_tracker.states import Contact
+from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
+
+SMALL = {"chunk_size": 700, "compression": CompressionType.ZSTD}
+INDEX_LESS = {"index_types": IndexType.NONE, "use_statistics": False, "repeat_channels": False}
+
+
+def read(path: Path | str) -> tuple[Poses, str | None]:
+    """All poses and the damage; no poses where the error says in one line that nothing can be used."""
+    try:
+        log = open_log(str(path))
+    except ContactTrackerError as error:
+        return Poses.collect([]), one_line(error)
+    poses = Poses.collect(log)
+    return poses, log.damage
+
+
+def one_line(error: Exception) -> str:
+    assert "\n" not in str(error)
+    return str(error)
+
+
+def chunk_offsets(path: Path) -> list[tuple[int, int]]:
+    """Offset and length of the chunk records of a file, found by walking along its records."""
+    data = path.read_bytes()
+    offset, chunks = 8, []
+    while offset < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, offset)
+        if opcode == Opcode.CHUNK:
+            chunks.append((offset, 9 + length))
+        offset += 9 + length
+    return chunks
+
+
+# --- cut off ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options", [SMALL, {"use_chunking": False}, SMALL | INDEX_LESS], ids=["chunks", "unchunked", "index-less"]
+)
+def test_a_recording_cut_anywhere_gives_what_is_before_the_cut(
+    tmp_path: Path, options: dict[str, Any]
+) -> None:
+    poses = smooth_poses(30)
+    whole = write_log(tmp_path / "whole.mcap", [poses_topic(poses)], **options).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    counts: list[int] = []
+    for length in [*range(0, len(whole), 10), len(whole) - 1]:
+        cut.write_bytes(whole[:length])
+        found, damage = read(cut)
+        counts.append(len(found))
+        assert damage is not None
+        np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns[: len(found)])
+        np.testing.assert_array_equal(found.position_m, poses.position_m[: len(found)])
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] == len(poses)
+    assert len(set(counts)) > 5
+
+
+def test_truth_and_metadata_of_a_cut_recording(tmp_path: Path) -> None:
+    poses, path = smooth_poses(4000), tmp_path / "a.mcap"
+    truth = Truth((TruthInterval(START_NS, int(poses.stamp_ns[-1]), Contact.FF),))
+    write_recording(str(path), poses, truth, {"object": "box"})
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    found, damage = read(path)
+    assert 1000 < len(found) < 3000
+    assert damage is not None
+    assert "cut off" in damage
+    assert read_truth(str(path)) == truth
+    assert read_metadata(str(path)) == {"recording": {"object": "box"}}
+
+
+@pytest.mark.parametrize("size", [100, 1500])
+def test_a_recording_cut_before_its_poses_is_not_said_to_lack_truth(tmp_path: Path, size: int) -> None:
+    whole = write_log(tmp_path / "whole.mcap", [poses_topic(smooth_poses(20))])
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:size])
+    with pytest.raises(UnreadableRecording, match="cut off"):
+        need_truth(str(cut))
+    with pytest.raises(NoTruth, match="no truth in it"):
+        need_truth(str(whole))
+
+
+def test_a_cut_recording_without_attachment_has_the_truth_of_its_messages(tmp_path: Path) -> None:
+    poses = smooth_poses(300)
+    changes = Topic("/contact/truth", "std_msgs/msg/String", [(START_NS, {"data": "v-f"})])
+    path = write_log(tmp_path / "a.mcap", [changes, poses_topic(poses)], **SMALL)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    found, _ = read(path)
+    truth = read_truth(str(path))
+    assert truth is not None
+    assert [(i.start_ns, i.end_ns, i.contact) for i in truth.intervals] == [
+        (START_NS, int(found.stamp_ns[-1]), Contact.VF)
+    ]
+
+
+# --- damaged ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [SMALL, SMALL | INDEX_LESS], ids=["indexed", "index-less"])
+def test_on_both_sides_of_a_damaged_chunk_all_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
+    poses = smooth_poses(100)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **options)
+    chunks = chunk_offsets(path)
+    start, length = chunks[len(chunks) // 2]
+    data = bytearray(path.read_bytes())
+    data[start + length - 20] ^= 0xFF
+    path.write_bytes(data)
+    found, damage = read(path)
+    lost = len(poses) - len(found)
+    assert 3 < lost < 15
+    assert found.stamp_ns[0] == poses.stamp_ns[0]
+    assert found.stamp_ns[-1] == poses.stamp_ns[-1]
+    assert np.isin(found.stamp_ns, poses.stamp_ns).all()
+    assert damage is not None
+    assert f"unreadable chunk at byte {start}" in damage
+    assert summarise(str(path)).damage == damage
+
+
+@pytest.mark.parametrize("byte", [0, 1, 3, 8], ids=["opcode", "length", "length, high", "length, highest"])
+def test_where_records_lose_their_frame_the_index_helps(tmp_path: Path, byte: int) -> None:
+    poses = smooth_poses(100)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
+    chunks = chunk_offsets(path)
+    data = bytearray(path.read_bytes())
+    data[chunks[4][0] + byte] = 0x00 if byte == 0 else 0xF5
+    path.write_bytes(data)
+    found, damage = read(path)
+    assert damage is not None
+    assert len(found) >= len(poses) - 2 * len(poses) // len(chunks) - 2
+    assert found.stamp_ns[-1] == poses.stamp_ns[-1]
+
+
+def test_a_damaged_first_chunk_does_not_hide_the_channels(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
+    start, length = chunk_offsets(path)[0]
+    data = bytearray(path.read_bytes())
+    data[start + length - 20] ^= 0xFF
+    path.write_bytes(data)
+    found, damage = read(path)
+    assert len(found) > 90
+    assert damage is not None
+
+
+def test_messages_of_a_channel_that_nothing_describes_are_counted(tmp_path: Path) -> None:
+    poses, late = smooth_poses(30), smooth_poses(40, start_ns=START_NS + 10**10)
+    topics = [poses_topic(poses), poses_topic(late, name="/other")]
+    path = write_log(
+        tmp_path / "a.mcap", topics, compression=CompressionType.NONE, enable_crcs=False, **INDEX_LESS
+    )
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<H", data, data.index(b"/other") - 8, 77)  # the number of another channel
+    path.write_bytes(data)
+    found, damage = read(path)
+    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
+    assert damage is not None
+    assert "40 messages of channels whose description is missing" in damage
+
+
+def test_a_chunk_that_promises_too_much_is_not_believed(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
+    chunks = chunk_offsets(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, chunks[3][0] + 9 + 16, 2**50)
+    path.write_bytes(data)
+    found, damage = read(path)
+    assert 85 < len(found) < 100
+    assert damage is not None
+    assert "chunk of 1125899906842624 bytes" in damage
+
+
+def test_any_number_of_damages_makes_one_line(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
+    data = bytearray(path.read_bytes())
+    chunks = chunk_offsets(path)
+    for start, length in chunks[1:]:
+        data[start + length - 20] ^= 0xFF
+    path.write_bytes(data)
+    _, damage = read(path)
+    assert damage is not None
+    assert damage.count("unreadable chunk") == 3
+    assert damage.endswith(f"; and {len(chunks) - 4} more")
+
+
+def test_what_follows_the_end_is_reported(tmp_path: Path) -> None:
+    poses = smooth_poses(30)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)])
+    path.write_bytes(path.read_bytes() * 2)
+    found, damage = read(path)
+    assert len(found) == len(poses)
+    assert damage == "what follows its end is ignored"
+
+
+@pytest.fixture(scope="module", params=["written by us", "small chunks", "unchunked"])
+def victim(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    poses, path = smooth_poses(40), tmp_path_factory.mktemp("victim") / "a.mcap"
+    if request.param == "written by us":
+        truth = Truth((TruthInterval(START_NS, int(poses.stamp_ns[-1]), Contact.EE),))
+        write_recording(str(path), poses, truth, {"object": "box"})
+        return path
+    changes = Topic("/contact/truth", "std_msgs/msg/String", [(START_NS, {"data": "v-f"})])
+    options: dict[str, Any] = SMALL if request.param == "small chunks" else {"use_chunking": False}
+    return write_log(path, [changes, poses_topic(poses)], **options)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=12)), min_size=1, max_size=4)
+)
+def test_no_damage_whatever_raises_the_unexpected(victim: Path, changes: list[tuple[float, bytes]]) -> None:
+    data = bytearray(victim.read_bytes())
+    for place, replacement in changes:
+        start = int(place * (len(data) - len(replacement)))
+        data[start : start + len(replacement)] = replacement
+    path = str(victim.parent / "b.mcap")
+    Path(path).write_bytes(data)
+    found, _ = read(path)
+    assert len(found) <= 40
+    for function in (list_sources, read_truth, read_metadata, summarise):
+        try:
+            function(path)  # type: ignore[operator]
+        except (UnreadableRecording, NoTruth) as error:
+            one_line(error)
+
+
+# --- compressed ------------------------------------------------------------------------------------------
+
+
+def test_a_compressed_file_reads_like_the_file(tmp_path: Path) -> None:
+    poses = smooth_poses(300)
+    plain = write_log(tmp_path / "a.mcap", [poses_topic(poses)]).read_bytes()
+    packed = tmp_path / "a.mcap.zstd"
+    packed.write_bytes(zstandard.compress(plain))
+    found, damage = read(packed)
+    np.testing.assert_array_equal(found.position_m, poses.position_m)
+    assert damage is None
+    (tmp_path / "a.mcap").unlink()
+    assert len(read(tmp_path)[0]) == len(poses)
+    packed.write_bytes(packed.read_bytes()[:-500])
+    found, damage = read(packed)
+    assert len(found) <= len(poses)
+    assert damage is not None
+
+
+def test_compressed_messages_are_inflated(tmp_path: Path) -> None:
+    poses = smooth_poses(50)
+    plain = write_log(tmp_path / "a.mcap", [poses_topic(poses)])
+    with plain.open("rb") as file:
+        messages = [(m.log_time, zstandard.compress(m.data)) for _, _, m in make_reader(file).iter_messages()]
+    packed = write_log(tmp_path / "b.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", messages)])
+    found, damage = read(packed)
+    np.testing.assert_array_equal(found.position_m, poses.position_m)
+    assert damage is None
+
+
+# --- piped and growing -----------------------------------------------------------------------------------
+
+
+def test_standard_input_is_read_from_a_pipe(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(500))], **SMALL)
+    code = (
+        "from contact_tracker.recording import open_log, read_metadata, read_truth\n"
+        "said = read_truth('-'), read_metadata('-')\n"  # takes nothing away from the poses
+        "log = open_log('-'); print(sum(1 for _ in log), log.source.topic, log.damage, *said)"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    for data, expected in (
+        (path.read_bytes(), "500 /object/pose None None {}"),
+        (path.read_bytes()[:20_000], "cut off"),
+    ):
+        run = subprocess.run(
+            [sys.executable, "-c", code], input=data, env=environment, capture_output=True, check=True
+        )
+        assert expected in run.stdout.decode()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_gives_poses_while_it_is_being_filled(tmp_path: Path) -> None:
+    poses = smooth_poses(800)
+    data = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL).read_bytes()
+    fifo = tmp_path / "pipe"
+    os.mkfifo(fifo)
+    half_read = threading.Event()
+
+    def fill() -> None:
+        with fifo.open("wb", buffering=0) as pipe:
+            pipe.write(data[: len(data) // 2])
+            assert half_read.wait(10)
+            pipe.write(data[len(data) // 2 :])
+
+    thread = threading.Thread(target=fill)
+    thread.start()
+    log = open_log(str(fifo))
+    stamps = []
+    for pose in log:
+        stamps.append(pose.stamp_ns)
+        if len(stamps) == 300:
+            half_read.set()
+    thread.join()
+    assert stamps == poses.stamp_ns.tolist()
+    assert log.damage is None
+
+
+def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
+    poses = smooth_poses(600)
+    data = write_log(tmp_path / "a.mcap", [poses_topic(poses)], use_chunking=False).read_bytes()
+    growing = tmp_path / "growing.mcap"
+    growing.touch()
+
+    def grow() -> None:
+        with growing.open("ab", buffering=0) as file:
+            for block in np.array_split(np.frombuffer(data, np.uint8), 40):
+                file.write(block.tobytes())
+                time.sleep(0.005)
+
+    thread = threading.Thread(target=grow)
+    thread.start()
+    log = open_log(str(growing), follow=Follow(poll_s=0.002))
+    found = Poses.collect(log)
+    thread.join()
+    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
+    assert log.damage is None
+
+
+def test_following_stops_when_the_caller_says_so(tmp_path: Path) -> None:
+    poses = smooth_poses(600)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], use_chunking=False)
+    path.write_bytes(path.read_bytes()[:-20_000])
+    follow = Follow(poll_s=0.002)
+    log = open_log(str(path), follow=follow)
+
+    stamps: list[int] = []
+    for pose in log:
+        stamps.append(pose.stamp_ns)
+        if len(stamps) == 300:
+            threading.Timer(0.05, follow.stop).start()
+    assert 300 < len(stamps) < 600
+    assert log.damage is None
+
+
+def test_a_growing_folder_is_followed_from_part_to_part(tmp_path: Path) -> None:
+    poses, folder = smooth_poses(600), tmp_path / "bag"
+    folder.mkdir()
+    write_log(folder / "bag_0.mcap", [poses_topic(poses[:400])])
+
+    def grow() -> None:
+        time.sleep(0.03)
+        write_log(tmp_path / "next.mcap", [poses_topic(poses[400:])]).rename(folder / "bag_1.mcap")
+        time.sleep(0.03)
+        (folder / "metadata.yaml").touch()
+
+    thread = threading.Thread(target=grow)
+    thread.start()
+    found = Poses.collect(open_log(str(folder), follow=Follow(poll_s=0.002)))
+    thread.join()
+    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
+
+
+def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path: Path) -> None:
+    path = write_log(
+        tmp_path / "a.mcap", [poses_topic(smooth_poses(20_000))], chunk_size=16_384, **INDEX_LESS
+    )
+    assert sum(1 for _ in open_log(str(path))) == 20_000  # caches of the libraries are filled
+    tracemalloc.start()
+    try:
+        assert sum(1 for _ in open_log(str(path))) == 20_000
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 600_000 < path.stat().st_size

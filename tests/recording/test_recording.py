@@ -1,0 +1,682 @@
+"""Recordings as others make them and as we write them: poses, sources, truth, summary."""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_ros2.decoder import DecoderFactory
+
+from contact_tracker.errors import AmbiguousSource, NoPoses, NoTruth, UnreadableRecording
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording import (
+    PoseLog,
+    list_sources,
+    open_log,
+    read_metadata,
+    read_truth,
+    summarise,
+    write_recording,
+)
+from contact_tracker.recording.bytestream import ByteStream
+from contact_tracker.recording.container import RecordLoop
+from contact_tracker.states import Contact
+from mcap_logs import (
+    START_NS,
+    Topic,
+    header,
+    pose_stamped,
+    poses_topic,
+    smooth_poses,
+    transform,
+    vector,
+    write_log,
+)
+
+TF = "tf2_msgs/msg/TFMessage"
+
+
+def assert_same(found: Poses, expected: Poses) -> None:
+    np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
+    np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-12)
+
+
+def labelled(poses: Poses) -> Truth:
+    middle, end = int(poses.stamp_ns[len(poses) // 2]), int(poses.stamp_ns[-1])
+    geometry = ContactGeometry(
+        Line(np.array([0.6, 0.0, 0.8]), np.array([0.1, 0.2, 0.3])), Plane(np.array([0.0, 0.6, 0.8]), 0.25)
+    )
+    return Truth(
+        (
+            TruthInterval(int(poses.stamp_ns[0]), middle - 1, Contact.EF, "rest", True, geometry),
+            TruthInterval(middle, end, None),
+        )
+    )
+
+
+# --- writing ---------------------------------------------------------------------------------------------
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    path, poses = str(tmp_path / "a.mcap"), smooth_poses(2000)
+    truth = labelled(poses)
+    write_recording(path, poses, truth, {"object": "box"})
+    log = open_log(path)
+    assert_same(Poses.collect(log), poses)
+    assert (log.counts, log.damage) == ({}, None)
+    assert (log.source.topic, log.source.frames) == ("/object/pose", "world")
+    found = read_truth(path)
+    assert found is not None
+    assert found.to_json() == truth.to_json()
+    assert read_metadata(path) == {"recording": {"object": "box"}}
+
+
+def test_the_reference_reader_agrees_with_what_we_write(tmp_path: Path) -> None:
+    path, poses = tmp_path / "a.mcap", smooth_poses(3000)
+    write_recording(str(path), poses, labelled(poses), {})
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        assert reader.get_header().profile == "ros2"
+        assert {c.compression for c in summary.chunk_indexes} == {"zstd"}
+        assert all(64e3 <= c.uncompressed_size <= 256e3 for c in summary.chunk_indexes[:-1])
+        assert all(c.message_index_offsets for c in summary.chunk_indexes)
+        rows = list(reader.iter_decoded_messages(["/object/pose"]))
+        texts = [m.decoded_message.data for m in reader.iter_decoded_messages(["/contact/truth"])]
+    assert texts == ["e-f", "?"]
+    for pose, (_, _, message, decoded) in zip(poses, rows, strict=True):
+        assert message.log_time == message.publish_time == pose.stamp_ns
+        assert decoded.header.frame_id == "world"
+        assert decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec == pose.stamp_ns
+        p, q = decoded.pose.position, decoded.pose.orientation
+        assert (p.x, p.y, p.z) == pose.position_m
+        assert (q.x, q.y, q.z, q.w) == pose.quat_xyzw
+
+
+@given(seed=st.integers(0, 2**32 - 1), chunk=st.sampled_from([1, 3_000, 200_000]))
+@settings(max_examples=20, deadline=None)
+def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> None:
+    """However many of one channel and size follow each other, with others between."""
+    rng, file = np.random.default_rng(seed), BytesIO()
+    writer = Writer(file, chunk_size=chunk)
+    writer.start()
+    channels = [writer.register_channel(f"/{i}", "cdr", 0) for i in range(3)]
+    for _ in range(rng.integers(1, 40)):
+        channel, size = rng.choice(channels), rng.choice([0, 7, 92])
+        for _ in range(rng.choice([1, 1, 2, 5, 300])):
+            times = int(rng.integers(2**63)), int(rng.integers(2**63))
+            writer.add_message(int(channel), times[0], rng.bytes(size), times[1], 0)
+    writer.finish()
+    file.seek(0)
+    wanted = {"/0", "/2"}
+    expected = [
+        (channel.topic, message.log_time, message.data)
+        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False)
+        if channel.topic in wanted
+    ]
+    file.seek(0)
+    loop = RecordLoop(ByteStream(file), lambda channel: channel.topic in wanted)
+    found = [(item.channel.topic, item.log_time_ns, item.data) for item in loop]
+    assert found == expected
+    assert not loop.damage.text
+
+
+def test_the_same_recording_has_the_same_bytes(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    for name in ("a.mcap", "b.mcap"):
+        write_recording(str(tmp_path / name), poses, labelled(poses), {"b": "1", "a": "2"})
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
+    path, poses = tmp_path / "a.mcap", smooth_poses()
+    write_recording(str(path), poses, None, {})
+    before = path.read_bytes()
+    with pytest.raises(AttributeError):
+        write_recording(str(path), poses, None, {"not text": 1})  # type: ignore[dict-item]
+    with pytest.raises(ValueError, match="stamps"):
+        write_recording(str(path), smooth_poses(start_ns=-5), None, {})
+    assert os.listdir(tmp_path) == ["a.mcap"]
+    assert path.read_bytes() == before
+
+
+def test_a_recording_goes_where_a_link_points_and_replaces_nothing_odd(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    (tmp_path / "link.mcap").symlink_to("real.mcap")
+    write_recording(str(tmp_path / "link.mcap"), poses, None, {})
+    assert (tmp_path / "link.mcap").is_symlink()
+    assert_same(Poses.collect(open_log(str(tmp_path / "real.mcap"))), poses)
+    (tmp_path / "folder.mcap").mkdir()
+    with pytest.raises(OSError, match="it is a folder"):
+        write_recording(str(tmp_path / "folder.mcap"), poses, None, {})
+    assert sorted(os.listdir(tmp_path)) == ["folder.mcap", "link.mcap", "real.mcap"]
+
+
+# --- files of others -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"use_chunking": False},
+        {"use_chunking": False, "index_types": IndexType.NONE, "use_statistics": False},
+        {"index_types": IndexType.NONE},
+        {"repeat_channels": False, "repeat_schemas": False},
+        {"chunk_size": 700, "compression": CompressionType.LZ4},
+        {"chunk_size": 700, "compression": CompressionType.NONE, "enable_crcs": False},
+        {"use_statistics": False, "use_summary_offsets": False},
+    ],
+    ids=str,
+)
+def test_every_kind_of_file_reads_the_same(tmp_path: Path, options: dict[str, Any]) -> None:
+    poses = smooth_poses(300)
+    wrench = Topic("/object/wrench", "geometry_msgs/msg/WrenchStamped", [(START_NS, b"not decoded")])
+    path = str(write_log(tmp_path / "a.mcap", [wrench, poses_topic(poses)], **options))
+    log = open_log(path)
+    assert_same(Poses.collect(log), poses)
+    assert (log.counts, log.damage) == ({}, None)
+
+
+def with_covariance(pose: Pose, child: str | None) -> Any:
+    body = {"position": vector(pose.position_m), "orientation": vector(pose.quat_xyzw)}
+    message = {"header": header(pose.stamp_ns), "pose": {"pose": body, "covariance": [0.5] * 36}}
+    return message | ({} if child is None else {"child_frame_id": child})
+
+
+@pytest.mark.parametrize(
+    ("kind", "frames", "message"),
+    [
+        ("geometry_msgs/msg/PoseStamped", "world", lambda p: pose_stamped(*p)),
+        ("geometry_msgs/msg/PoseWithCovarianceStamped", "world", lambda p: with_covariance(p, None)),
+        ("nav_msgs/msg/Odometry", "world->box", lambda p: with_covariance(p, "box")),
+        ("geometry_msgs/msg/TransformStamped", "world->box", lambda p: transform(*p, "world", "box")),
+        (TF, "world->box", lambda p: {"transforms": [transform(*p, "world", "box")]}),
+    ],
+)
+def test_every_type_of_pose_is_read(
+    tmp_path: Path, kind: str, frames: str, message: Callable[[Pose], Any]
+) -> None:
+    poses = smooth_poses()
+    topic = Topic("/p", kind, [(p.stamp_ns, message(p)) for p in poses])
+    log = open_log(str(write_log(tmp_path / "a.mcap", [topic])))
+    assert (log.source.type, log.source.frames) == (kind, frames)
+    assert_same(Poses.collect(log), poses)
+
+
+def test_the_header_stamp_is_the_time_however_far_the_log_time_is(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    path = str(write_log(tmp_path / "a.mcap", [poses_topic(poses, offset_ns=515_000 * 10**9)]))
+    assert_same(Poses.collect(open_log(path)), poses)
+    (source,) = summarise(path).sources
+    assert source.log_offset_s == pytest.approx(515_000)
+
+
+def test_without_any_header_stamp_the_log_time_stands_in(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    rows = [(p.stamp_ns, pose_stamped(0, *p[1:])) for p in poses]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+    log = open_log(path)
+    assert_same(Poses.collect(log), poses)
+    assert log.counts == {"log_time_as_stamp": len(poses)}
+    (source,) = summarise(path).sources
+    assert (source.poses, source.counts) == (len(poses), log.counts)
+    assert (source.first_ns, source.last_ns) == (poses.stamp_ns[0], poses.stamp_ns[-1])
+
+
+def stamped(path: Path, stamps_ns: Iterable[int], poses: Poses) -> str:
+    """The poses with these stamps in their headers, logged when they were."""
+    rows = [(p.stamp_ns, pose_stamped(int(ns), *p[1:])) for ns, p in zip(stamps_ns, poses, strict=True)]
+    return str(write_log(path, [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+
+
+def read_alike(path: str) -> tuple[Poses, dict[str, int]]:
+    """The poses of a log, which come one by one, in columns and to its summary with the same counts."""
+    log = open_log(path)
+    poses = Poses.collect(log)
+    columns, other = in_columns(path)
+    (source,) = summarise(path).sources
+    assert list(columns) == list(poses)
+    assert other.counts == log.counts == source.counts
+    assert source.poses == len(poses)
+    return poses, dict(log.counts)
+
+
+@pytest.mark.parametrize("resolution_ns", [10**18, 10**9, 10**8])
+@pytest.mark.parametrize("rate_hz", [30.0, 200.0, 1000.0])
+def test_stamps_too_coarse_to_tell_poses_apart_are_no_time(
+    tmp_path: Path, resolution_ns: int, rate_hz: float
+) -> None:
+    poses = smooth_poses(int(3 * rate_hz), rate_hz)
+    if rate_hz * resolution_ns < 4e9:
+        pytest.skip("three poses to a stamp")
+    path = stamped(tmp_path / "a.mcap", poses.stamp_ns // resolution_ns * resolution_ns, poses)
+    found, counts = read_alike(path)
+    assert_same(found, poses)
+    assert counts == {"log_time_as_stamp": len(poses)}
+
+
+def test_slow_poses_with_stamps_in_seconds_have_no_time(tmp_path: Path) -> None:
+    poses = smooth_poses(60, 5.0)
+    found, _ = read_alike(stamped(tmp_path / "a.mcap", poses.stamp_ns // 10**9 * 10**9, poses))
+    assert_same(found, poses)
+
+
+def test_two_poses_to_a_stamp_are_told_apart_by_stamps(tmp_path: Path) -> None:
+    poses = smooth_poses(600)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", poses.stamp_ns // 10**7 * 10**7, poses))
+    assert len(found) == 300
+    assert counts == {"repeated_stamp": 300}
+
+
+def test_the_same_pose_published_again_has_its_stamp(tmp_path: Path) -> None:
+    """The tracker measures at 20 Hz, and what it measured last is published at 200 Hz."""
+    poses = smooth_poses(600)
+    measured = poses[np.arange(600) // 10 * 10]
+    again = Poses(poses.stamp_ns, measured.position_m, measured.quat_xyzw)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", measured.stamp_ns, again))
+    assert_same(found, measured[::10])
+    assert counts == {"repeated_stamp": 540}
+
+
+@pytest.mark.parametrize(
+    "zeros", [[0], range(100), range(0, 600, 10), [300], [599], [0, 1, 7, 300, 301, 599]], ids=str
+)
+@pytest.mark.parametrize("delay_ns", [0, 3_000_000, -515_000 * 10**9])
+def test_stamps_that_are_zero_among_others_follow_from_log_time(
+    tmp_path: Path, zeros: Sequence[int], delay_ns: int
+) -> None:
+    poses = smooth_poses(600)
+    stamps = poses.stamp_ns - delay_ns
+    path = stamped(tmp_path / "a.mcap", [0 if i in zeros else ns for i, ns in enumerate(stamps)], poses)
+    found, counts = read_alike(path)
+    assert_same(found, replace(poses, stamp_ns=stamps))
+    assert counts == {"log_time_as_stamp": len(zeros)}
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 3.0])
+def test_a_clock_that_starts_at_zero_is_not_touched(tmp_path: Path, speed: float) -> None:
+    """That of a simulation, slower or faster than real time."""
+    poses = smooth_poses(900)
+    stamps = np.round((poses.stamp_ns - START_NS) * speed).astype(np.int64)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
+    assert_same(found, replace(poses, stamp_ns=stamps))
+    assert counts == {}
+
+
+@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), min_size=1, max_size=80))
+@settings(max_examples=40)
+def test_the_summary_counts_what_reading_counts(tmp_path_factory: Any, rows: list[tuple[int, int]]) -> None:
+    """Whatever the stamps: zero, coarse, leading, late, after a gap."""
+    moving = smooth_poses(len(rows), 20.0)
+    odd = {
+        0: lambda ns: 0,
+        1: lambda ns: ns + 10**10,
+        2: lambda ns: ns - 10**9,
+        3: lambda ns: ns // 10**9 * 10**9,
+    }
+    stamps = [odd.get(kind, int)(int(p.stamp_ns)) for (_, kind), p in zip(rows, moving, strict=True)]
+    origin = [
+        (0.0, 0.0, 0.0) if place < 4 else p.position_m for (place, _), p in zip(rows, moving, strict=True)
+    ]
+    poses = replace(moving, position_m=np.array(origin))
+    read_alike(stamped(tmp_path_factory.mktemp("log") / "a.mcap", stamps, poses))
+
+
+def test_the_last_poses_come_though_they_were_held(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    stamps = poses.stamp_ns + np.where(np.arange(100) < 95, 0, 10**10)
+    found, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
+    assert_same(found, replace(poses, stamp_ns=stamps))
+    assert counts == {"gap": 1}
+
+
+@pytest.mark.parametrize("stamps", [[0], [0, 10**7], [10**7, 0]])
+def test_one_stamp_is_enough_to_go_by_stamps(tmp_path: Path, stamps: list[int]) -> None:
+    rows = [(10**9 + i, pose_stamped(ns, [0.0] * 3, [0.0, 0.0, 0.0, 1.0])) for i, ns in enumerate(stamps)]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+    (source,) = summarise(path).sources
+    assert source.first_ns == stamps[0]
+    assert "log_time_as_stamp" not in source.counts
+    log = open_log(path)
+    assert source.poses == len(list(log))
+    assert source.counts == log.counts
+
+
+def test_a_log_time_that_is_no_time_is_noted(tmp_path: Path) -> None:
+    """In a file it has 64 bits without a sign; a stamp has a sign."""
+    rows = [(2**63 + p.stamp_ns, pose_stamped(0, *p[1:])) for p in smooth_poses()]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
+    for found, log in (in_columns(path), (Poses.collect(one := open_log(path)), one)):
+        assert not len(found)
+        assert log.counts["out_of_range"] == len(rows)
+
+
+def test_time_that_starts_at_zero_is_time(tmp_path: Path) -> None:
+    poses = smooth_poses(start_ns=0)
+    log = open_log(str(write_log(tmp_path / "a.mcap", [poses_topic(poses, offset_ns=10**15)])))
+    assert_same(Poses.collect(log), poses)
+
+
+def test_what_the_gate_drops_is_counted(tmp_path: Path) -> None:
+    poses = smooth_poses(50)
+    rows = list(poses)
+    rows[10] = rows[10]._replace(position_m=(float("nan"), 0.0, 0.0))
+    rows[20] = rows[20]._replace(stamp_ns=rows[19].stamp_ns)
+    rows[30] = rows[30]._replace(stamp_ns=rows[25].stamp_ns + 1)
+    messages = [(START_NS + i, pose_stamped(*p)) for i, p in enumerate(rows)]
+    messages += [(START_NS + 60, b"\x00\x01\x00\x00too short"), (START_NS + 61, b"")]
+    encoded = write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", messages[:50])])
+    with encoded.open("rb") as file:
+        data: list[tuple[int, Any]] = [(m.log_time, m.data) for _, _, m in make_reader(file).iter_messages()]
+    topic = Topic("/p", "geometry_msgs/msg/PoseStamped", data + messages[50:])
+    log = open_log(str(write_log(tmp_path / "b.mcap", [topic])))
+    assert_same(Poses.collect(log), poses[np.delete(np.arange(50), [10, 20, 30])])
+    assert log.counts == {"nonfinite": 1, "repeated_stamp": 1, "backward_stamp": 1, "undecodable": 2}
+
+
+def in_columns(path: str, **options: Any) -> tuple[Poses, PoseLog]:
+    log = open_log(path, **options)
+    return Poses.join([Poses.collect(()), *log.batches()]), log
+
+
+@pytest.mark.parametrize("batch", [1, 3, 16, 500])
+@pytest.mark.parametrize("mixed", [False, True])
+def test_columns_are_what_comes_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int, mixed: bool
+) -> None:
+    """Whatever is wrong with some of the messages, of either source."""
+    poses = smooth_poses(300)
+    sign = np.where(np.arange(300) % 50 > 40, -1.0, 1.0)[:, None]
+    rows = list(Poses(poses.stamp_ns, poses.position_m, sign * poses.quat_xyzw))
+    rows[20:23] = [rows[20]._replace(stamp_ns=row.stamp_ns) for row in rows[20:23]]  # held
+    rows[100] = rows[100]._replace(position_m=(float("nan"), 0.0, 0.0))
+    rows[120] = rows[120]._replace(stamp_ns=rows[119].stamp_ns)
+    rows[200:] = [row._replace(stamp_ns=row.stamp_ns - 10**9) for row in rows[200:]]  # the clock is set back
+    kind, start = "geometry_msgs/msg/PoseStamped", START_NS
+    mine = [(start + i, pose_stamped(*p, frame="map")) for i, p in enumerate(rows)]
+    others = [(start + 60 + i, pose_stamped(*p, frame="odom")) for i, p in enumerate(poses[:5])]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", kind, mine + mixed * others)]))
+    monkeypatch.setattr("contact_tracker.recording.log.BATCH", batch)
+    log = open_log(path, frame="map")
+    expected = Poses.collect(log)
+    found, other = in_columns(path, frame="map")
+    assert len(expected) > 250
+    assert list(found) == list(expected)
+    assert other.counts == log.counts
+    assert log.counts["clock_reset"] == 1
+
+
+def test_columns_are_never_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = smooth_poses(60)
+    lost = np.where(np.arange(60)[:, None] < 40, np.nan, poses.position_m)
+    path = write_log(tmp_path / "a.mcap", [poses_topic(replace(poses, position_m=lost))])
+    monkeypatch.setattr("contact_tracker.recording.log.BATCH", 16)
+    assert [len(columns) for columns in open_log(str(path)).batches()] == [8, 12]
+
+
+def test_real_recordings_in_columns(shared_recordings: Path) -> None:
+    for name in ("physics/hard/hard_00", "cube_tosses/toss_010"):
+        path = str(shared_recordings / f"{name}.mcap")
+        log = open_log(path)
+        expected, (found, other) = Poses.collect(log), in_columns(path)
+        assert list(found) == list(expected)
+        assert other.counts == log.counts
+
+
+# --- several sources -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+def test_of_several_topics_one_has_to_be_chosen(tmp_path: Path, indexed: bool) -> None:
+    a, b = smooth_poses(seed=1), smooth_poses(seed=2)
+    options = (
+        {} if indexed else {"use_chunking": False, "index_types": IndexType.NONE, "use_statistics": False}
+    )
+    topics = [poses_topic(a, "/a", "map"), poses_topic(b, "/b", "odom")]
+    path = str(write_log(tmp_path / "x.mcap", topics, **options))
+    with pytest.raises(AmbiguousSource, match=r"--topic.*--frame.*/a map.*/b odom") as caught:
+        open_log(path)
+    assert "\n" not in str(caught.value)
+    assert [(s.topic, s.frames) for s in list_sources(path)] == [("/a", "map"), ("/b", "odom")]
+    assert [s.messages for s in list_sources(path)] == ([60, 60] if indexed else [None, None])
+    for chosen in (open_log(path, topic="/b"), open_log(path, frame="odom"), open_log(path, "/b", "odom")):
+        assert_same(Poses.collect(chosen), b)
+        assert chosen.counts == {}
+
+
+def tf_log(path: Path, pairs: dict[tuple[str, str], Poses]) -> str:
+    columns = [[transform(*p, *pair) for p in poses] for pair, poses in pairs.items()]
+    rows = [
+        (START_NS + i, {"transforms": list(transforms)})
+        for i, transforms in enumerate(zip(*columns, strict=True))
+    ]
+    fixed = [(START_NS, {"transforms": [transform(START_NS, (1, 2, 3), (0, 0, 0, 1), "box", "lid")]})]
+    return str(write_log(path, [Topic("/tf_static", TF, fixed), Topic("/tf", TF, rows)]))
+
+
+def test_of_several_objects_on_one_topic_one_has_to_be_chosen(tmp_path: Path) -> None:
+    a, b = smooth_poses(seed=1), smooth_poses(seed=2)
+    path = tf_log(tmp_path / "x.mcap", {("world", "box"): a, ("world", "hand"): b})
+    with pytest.raises(AmbiguousSource, match=r"/tf world->box .*; /tf world->hand"):
+        open_log(path)
+    assert_same(Poses.collect(open_log(path, frame="box")), a)
+    assert_same(Poses.collect(open_log(path, frame="world->hand")), b)
+    assert open_log(path, topic="/tf_static").source.frames == "box->lid"
+    with pytest.raises(NoPoses, match=r"cup.*/tf world->box"):
+        open_log(path, frame="cup")
+
+
+def test_static_transforms_are_no_rivals(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    log = open_log(tf_log(tmp_path / "x.mcap", {("world", "box"): poses}))
+    assert log.source.topic == "/tf"
+    assert_same(Poses.collect(log), poses)
+
+
+def test_a_child_of_two_parents_has_to_be_named_with_its_parent(tmp_path: Path) -> None:
+    a, b = smooth_poses(seed=1), smooth_poses(seed=2)
+    path = tf_log(tmp_path / "x.mcap", {("camera", "box"): a, ("world", "box"): b})
+    with pytest.raises(AmbiguousSource, match="camera->box"):
+        open_log(path, frame="box")
+    assert_same(Poses.collect(open_log(path, frame="world->box")), b)
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+def test_a_source_that_comes_late_is_counted_or_found_by_its_frame(tmp_path: Path, indexed: bool) -> None:
+    early, late = smooth_poses(900), smooth_poses(50, start_ns=START_NS + 4 * 10**9)
+    rows = [*poses_topic(early, frame="a").messages, *poses_topic(late, frame="b").messages]
+    topic = Topic("/p", "geometry_msgs/msg/PoseStamped", rows)
+    options = {} if indexed else {"index_types": IndexType.NONE, "use_statistics": False}
+    path = str(write_log(tmp_path / "x.mcap", [topic], chunk_size=4096, **options))
+    log = open_log(path)
+    assert_same(Poses.collect(log), early)
+    assert log.counts == {"other_source": 50}
+    log = open_log(path, frame="b")
+    assert_same(Poses.collect(log), late)
+    assert log.counts == {}
+
+
+def test_sources_of_a_long_file_are_found_by_its_index(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = smooth_poses(200, start_ns=START_NS + 20 * 10**9)
+    topics = [poses_topic(smooth_poses(4000), "/a"), poses_topic(late, "/b")]
+    path = str(write_log(tmp_path / "x.mcap", topics, chunk_size=4096))
+    read: list[int] = []
+    from contact_tracker.recording import bytestream
+
+    original = bytestream.ByteStream.read
+    monkeypatch.setattr(bytestream.ByteStream, "read", lambda s, n: (read.append(n), original(s, n))[1])
+    with pytest.raises(AmbiguousSource):
+        open_log(path)
+    assert sum(read) < os.path.getsize(path) / 4
+
+
+# --- what cannot be used ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        (Topic("/p", "geometry_msgs/PoseStamped", [(1, b"x")], "ros1", "ros1msg"), "ros1 with ros1msg"),
+        (Topic("/p", "foxglove.PoseInFrame", [(1, b"{}")], "json", "jsonschema"), "json with jsonschema"),
+        (Topic("/p", "foxglove.PoseInFrame", [(1, b"x")], "protobuf", "protobuf"), "protobuf"),
+        (Topic("/p", "geometry_msgs/msg/PoseStamped", [(1, b"x")], "cdr", "ros2idl"), "cdr with ros2idl"),
+        (Topic("/p", "geometry_msgs/msg/PoseStamped", [(1, b"x")]), "no pose on /p can be read"),
+        (Topic("/s", "std_msgs/msg/String", [(1, {"data": "f-f"})]), "no pose topic among /s"),
+    ],
+)
+def test_poses_that_cannot_be_decoded_are_named(tmp_path: Path, topic: Topic, message: str) -> None:
+    path = str(write_log(tmp_path / "a.mcap", [topic]))
+    with pytest.raises(NoPoses, match=message) as caught:
+        open_log(path)
+    assert "\n" not in str(caught.value)
+    assert list_sources(path) == []
+
+
+def test_a_topic_that_is_not_there_or_no_pose_is_named(tmp_path: Path) -> None:
+    string = Topic("/s", "std_msgs/msg/String", [(START_NS, {"data": "f-f"})])
+    path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses()), string]))
+    with pytest.raises(NoPoses, match=r"no topic /pose; there is /object/pose$"):
+        open_log(path, topic="/pose")
+    with pytest.raises(NoPoses, match=r"/s is std_msgs/msg/String, which is no pose"):
+        open_log(path, topic="/s")
+
+
+def test_what_is_no_recording_is_said_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "empty.mcap").touch()
+    (tmp_path / "text.mcap").write_text("stamp,x,y,z\n" * 100)
+    (tmp_path / "folder").mkdir()
+    cases = {"empty.mcap": "empty", "text.mcap": "not an MCAP", "folder": "no .mcap", "missing": "no such"}
+    for name, reason in cases.items():
+        for read in (open_log, list_sources, read_truth, read_metadata, summarise):
+            with pytest.raises(UnreadableRecording, match=rf"{name}: .*{reason}") as caught:
+                read(str(tmp_path / name))  # type: ignore[operator]
+            assert "\n" not in str(caught.value)
+
+
+# --- truth, metadata, summary ----------------------------------------------------------------------------
+
+
+def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    changes = [
+        (START_NS, {"data": "e-f"}),
+        (START_NS + 10**8, {"data": "?"}),
+        (START_NS + 2 * 10**8, {"data": "free"}),
+    ]
+    topics = [poses_topic(poses), Topic("/contact/truth", "std_msgs/msg/String", changes)]
+    truth = read_truth(str(write_log(tmp_path / "a.mcap", topics)))
+    assert truth is not None
+    rows = [(i.start_ns - START_NS, i.end_ns - START_NS, i.contact) for i in truth.intervals]
+    end = int(poses.stamp_ns[-1]) - START_NS
+    assert rows == [(0, 10**8 - 1, Contact.EF), (10**8, 2 * 10**8 - 1, None), (2 * 10**8, end, Contact.FREE)]
+    topics[1].messages = [(START_NS, {"data": "sliding"})]
+    with pytest.raises(NoTruth, match="sliding"):
+        read_truth(str(write_log(tmp_path / "b.mcap", topics)))
+    assert read_truth(str(write_log(tmp_path / "c.mcap", topics[:1]))) is None
+
+
+def test_truth_may_be_a_list_or_an_object_with_intervals() -> None:
+    rows = [{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]
+    assert Truth.from_json(json.dumps(rows)) == Truth.from_json(json.dumps({"intervals": rows}))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "7",
+        "[" * 100_000,
+        '{"segments": []}',
+        '[{"start_ns": 0, "end_ns": 5}]',
+        '[{"start_ns": 0, "end_ns": Infinity, "contact": "v-f"}]',
+        '[{"start_ns": 0, "end_ns": 5, "contact": "sliding"}]',
+        '[{"start_ns": 6, "end_ns": 9, "contact": "v-f"}, {"start_ns": 0, "end_ns": 5, "contact": "e-f"}]',
+    ],
+)
+def test_a_truth_in_another_form_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_attachment(0, 0, "truth.json", "application/json", text.encode())
+        writer.finish()
+    with pytest.raises(NoTruth, match=r"^truth\.json") as caught:
+        read_truth(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_of_parts_is_one_recording_in_natural_order(tmp_path: Path) -> None:
+    poses, folder = smooth_poses(120), tmp_path / "bag"
+    folder.mkdir()
+    for i in range(12):
+        write_log(folder / f"bag_{i}.mcap", [poses_topic(poses[slice(10 * i, 10 * i + 10)])])
+    (folder / "metadata.yaml").touch()
+    log = open_log(str(folder))
+    assert_same(Poses.collect(log), poses)
+    assert (log.counts, log.damage) == ({}, None)
+    assert list_sources(str(folder))[0].messages == 120
+    (folder / "bag_12.mcap").touch()  # what a crash leaves
+    log = open_log(str(folder))
+    assert_same(Poses.collect(log), poses)
+    assert log.damage is not None
+    assert "bag_12.mcap: it is empty" in log.damage
+
+
+def test_the_summary_tells_what_is_in_a_recording(tmp_path: Path) -> None:
+    poses = smooth_poses(401, rate_hz=100.0)
+    gone = poses[np.r_[0:150, 250:401]]
+    write_recording(str(tmp_path / "a.mcap"), gone, labelled(gone), {"object": "box"})
+    found = summarise(str(tmp_path / "a.mcap"))
+    (source,) = found.sources
+    assert (source.poses, source.observed, source.counts) == (301, 301, {"gap": 1})
+    assert (source.first_ns, source.last_ns) == (START_NS, int(poses.stamp_ns[-1]))
+    assert source.duration_s == pytest.approx(4.0)
+    assert source.median_rate_hz == pytest.approx(100.0)
+    assert source.jitter_s == pytest.approx(0.0, abs=1e-6)
+    steps = np.linalg.norm(np.diff(gone.position_m, axis=0), axis=1)
+    assert source.path_m == pytest.approx(steps.sum())
+    np.testing.assert_allclose(source.extent_m, np.ptp(gone.position_m, axis=0))
+    assert found.topics[("/object/pose", "geometry_msgs/msg/PoseStamped", "cdr")] == 301
+    assert found.metadata == {"recording": {"object": "box"}}
+    assert (found.attachments, found.undecodable, found.damage) == (("truth.json",), 0, None)
+
+
+def test_the_summary_of_irregular_poses_has_their_jitter(tmp_path: Path) -> None:
+    poses = smooth_poses(3000)
+    noise = np.random.default_rng(0).normal(0, 2e5, 3000).astype(np.int64)
+    shaken = Poses(poses.stamp_ns + noise, poses.position_m, poses.quat_xyzw)
+    (source,) = summarise(str(write_log(tmp_path / "a.mcap", [poses_topic(shaken)]))).sources
+    assert source.median_rate_hz == pytest.approx(200.0, rel=0.01)
+    assert source.jitter_s == pytest.approx(np.sqrt(2) * 2e-4, rel=0.1)
+
+
+def test_a_shared_recording_is_read_whole(shared_recordings: Path) -> None:
+    path = shared_recordings / "physics" / "robot" / "robot_01.mcap"
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        rows = [m.decoded_message for m in reader.iter_decoded_messages(["/object/pose"])]
+    stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in rows]
+    positions = [[m.pose.position.x, m.pose.position.y, m.pose.position.z] for m in rows]
+    log = open_log(str(path))
+    found = Poses.collect(log)
+    np.testing.assert_array_equal(found.stamp_ns, stamps)
+    np.testing.assert_array_equal(found.position_m, positions)
+    truth = read_truth(str(path))
+    assert truth is not None
+    assert (truth.at(found.stamp_ns) >= 0).all()
+    assert log.damage is None

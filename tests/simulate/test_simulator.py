@@ -1,0 +1,364 @@
+"""The simulator against geometry that knows nothing of how it moves the object."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.errors import UsageError
+from contact_tracker.geometry.elements import Element, Line, Plane, Point
+from contact_tracker.ground_truth import TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.simulate import SCENARIOS, Phase, Scenario, Simulated, named_scenario, simulate
+from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
+from contact_tracker.states import CONTACTS, STATES, Contact
+
+Array = NDArray[np.float64]
+QUIET = {
+    "sigma_position_m": 0.0,
+    "sigma_rotation_rad": 0.0,
+    "outlier_probability": 0.0,
+    "drop_probability": 0.0,
+}
+RANDOM_SEEDS = range(8)
+
+
+@cache
+def quiet(name: str, seed: int) -> Simulated:
+    return simulate(replace(named_scenario(name, seed), **QUIET), seed)
+
+
+@cache
+def each_contact(contact: Contact, motion: str, seed: int = 3) -> Simulated:
+    """Every contact, for 4 s of one kind of motion after a contact of another kind."""
+    before = Contact.VF if contact is Contact.FF else Contact.FF
+    phases = (Phase(before, 2.0), Phase(contact, 4.0, motion), Phase(before, 2.0))
+    return simulate(Scenario(phases, **QUIET), seed)
+
+
+def stays(simulated: Simulated) -> Iterator[tuple[TruthInterval, Poses]]:
+    for interval in simulated.truth.intervals:
+        stamps = simulated.poses.stamp_ns
+        yield interval, simulated.poses[(stamps >= interval.start_ns) & (stamps <= interval.end_ns)]
+
+
+def all_quiet() -> list[Simulated]:
+    named = [quiet(name, 0) for name in SCENARIOS if name != "random"]
+    return named + [quiet("random", seed) for seed in RANDOM_SEEDS]
+
+
+def to_world(element: Element, poses: Poses) -> list[Array]:
+    """The object's element in the world: its directions or normals and its points, (N, 3) each."""
+    if isinstance(element, Plane):
+        element = Line(element.normal, element.normal * element.offset_m)
+    moved = [poses.rotation @ element.point_m + poses.position_m]
+    return moved if isinstance(element, Point) else [poses.rotation @ element.direction, *moved]
+
+
+def incidence(interval: TruthInterval, poses: Poses) -> Array:
+    """Residuals (N, k), in m or of unit vectors: zero where the elements touch as the contact says."""
+    assert interval.geometry
+    thing, world = interval.geometry.object, interval.geometry.environment
+    moved = to_world(thing, poses)
+    match interval.contact:
+        case Contact.VF:
+            return moved[0] @ world.normal[:, None] - world.offset_m
+        case Contact.EF:
+            return np.stack([moved[0] @ world.normal, moved[1] @ world.normal - world.offset_m], axis=1)
+        case Contact.FF:
+            opposite = np.linalg.norm(moved[0] + world.normal, axis=1)
+            return np.stack([opposite, moved[1] @ world.normal - world.offset_m], axis=1)
+        case Contact.FV:
+            return np.einsum("ni,ni->n", moved[0], world.point_m - moved[1])[:, None]
+        case Contact.FE:
+            level = np.einsum("ni,ni->n", moved[0], world.point_m - moved[1])
+            return np.stack([moved[0] @ world.direction, level], axis=1)
+        case Contact.EE:
+            across = np.cross(moved[0], world.direction)
+            across /= np.linalg.norm(across, axis=1, keepdims=True)
+            return np.einsum("ni,ni->n", across, moved[1] - world.point_m)[:, None]
+    raise AssertionError(interval.contact)
+
+
+def directions(vertices: Array) -> tuple[Array, Array]:
+    """Face normals and edge directions of the convex hull."""
+    hull = ConvexHull(vertices)
+    lines = {tuple(sorted(map(int, pair))) for simplex in hull.simplices for pair in combinations(simplex, 2)}
+    edges = np.array([vertices[b] - vertices[a] for a, b in lines])
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    return np.unique(hull.equations[:, :3].round(12), axis=0), edges
+
+
+def separation(simulated: Simulated, poses: Poses) -> Array:
+    """Widest gap (N,) in m along any axis that can separate two convex bodies: negative if they overlap,
+    zero if they touch (the separating axis theorem)."""
+    body = np.array(json.loads(simulated.metadata["object_vertices_m"]))
+    fixed = np.array(json.loads(simulated.metadata["surroundings_vertices_m"]))
+    (body_normals, body_edges), (fixed_normals, fixed_edges) = directions(body), directions(fixed)
+    gaps = []
+    for rotation, position in zip(poses.rotation, poses.position_m, strict=True):
+        crossed = np.cross((body_edges @ rotation.T)[:, None], fixed_edges[None]).reshape(-1, 3)
+        length = np.linalg.norm(crossed, axis=1)
+        crossed = crossed[length > 1e-3] / length[length > 1e-3, None]
+        axes = np.vstack([body_normals @ rotation.T, fixed_normals, crossed])
+        a, b = axes @ (body @ rotation.T + position).T, axes @ fixed.T
+        gaps.append(np.maximum(a.min(axis=1) - b.max(axis=1), b.min(axis=1) - a.max(axis=1)).max())
+    return np.array(gaps)
+
+
+def twist(poses: Poses, point_m: Array) -> Array:
+    """Velocity (N - 1, 6): rotation in rad/s and translation in m/s of a point of the body."""
+    seconds = np.diff(poses.stamp_ns)[:, None] / 1e9
+    turn = Rotation.from_quat(poses.quat_xyzw)
+    spin = (turn[1:] * turn[:-1].inv()).as_rotvec()
+    travel = np.diff(poses.position_m + poses.rotation @ point_m, axis=0)
+    return np.hstack([spin, travel]) / seconds
+
+
+def middle(simulated: Simulated) -> Array:
+    return np.mean(json.loads(simulated.metadata["object_vertices_m"]), axis=0)
+
+
+def test_contact_holds_exactly_before_noise() -> None:
+    seen = set()
+    for simulated in all_quiet():
+        for interval, poses in stays(simulated):
+            if interval.contact is not Contact.FREE:
+                seen.add(interval.contact)
+                assert np.abs(incidence(interval, poses)).max() < 1e-9
+    assert seen == set(CONTACTS)
+
+
+def test_bodies_touch_within_their_extents_and_never_overlap() -> None:
+    for simulated in all_quiet():
+        for interval, poses in stays(simulated):
+            gap = separation(simulated, poses[:: max(1, len(poses) // 25)])
+            assert gap.min() > -1e-9
+            if interval.contact is not Contact.FREE:
+                assert gap.max() < 1e-9
+            elif len(poses) > 100:
+                assert gap.max() > 0.01
+
+
+def test_elements_are_the_bodies_own_features() -> None:
+    """A face holds three vertices or more of its body, an edge two, a vertex one; all others lie behind."""
+    for simulated in all_quiet():
+        for interval, _ in stays(simulated):
+            if interval.geometry is None:
+                continue
+            assert interval.contact
+            for kind, element, key in (
+                (interval.contact.value[0], interval.geometry.object, "object_vertices_m"),
+                (interval.contact.value[2], interval.geometry.environment, "surroundings_vertices_m"),
+            ):
+                vertices = np.array(json.loads(simulated.metadata[key]))
+                if isinstance(element, Plane):
+                    away = element.offset_m - vertices @ element.normal
+                    assert away.min() > -1e-9
+                elif isinstance(element, Line):
+                    away = np.linalg.norm(np.cross(vertices - element.point_m, element.direction), axis=1)
+                else:
+                    away = np.linalg.norm(vertices - element.point_m, axis=1)
+                on = int((np.abs(away) < 1e-9).sum())
+                assert on >= 3 if kind == "f" else on == {"e": 2, "v": 1}[kind]
+
+
+def test_nothing_jumps_and_a_hand_could_do_it() -> None:
+    for simulated in all_quiet():
+        seconds = np.diff(simulated.poses.stamp_ns)[1:, None] / 1e9
+        velocity = twist(simulated.poses, middle(simulated))
+        speed = np.linalg.norm(velocity.reshape(-1, 2, 3), axis=2)
+        acceleration = np.linalg.norm((np.diff(velocity, axis=0) / seconds).reshape(-1, 2, 3), axis=2)
+        assert speed[:, 0].max() < np.radians(500.0)
+        assert speed[:, 1].max() < 2.0
+        assert acceleration[:, 0].max() < np.radians(4000.0)
+        assert acceleration[:, 1].max() < 12.0
+
+
+def test_acceleration_is_continuous_where_contacts_change() -> None:
+    """Twice the rate halves the step of acceleration from frame to frame: a kink's would stay."""
+    steps = []
+    for rate in (1000.0, 2000.0):
+        scenario = replace(named_scenario("all_states", 0), rate_hz=rate, **QUIET)
+        simulated = simulate(scenario, 5)
+        acceleration = np.diff(twist(simulated.poses, middle(simulated))[:, 3:], axis=0) * rate
+        steps.append(np.linalg.norm(np.diff(acceleration, axis=0), axis=1).max())
+    assert steps[1] < 0.6 * steps[0]
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_motion_excites_every_free_direction(contact: Contact) -> None:
+    """The object turns about every axis that the contact leaves, and slides in both directions."""
+    interval, poses = next(s for s in stays(each_contact(contact, "normal")) if s[0].contact is contact)
+    assert interval.geometry
+    thing, fixed = interval.geometry.object, interval.geometry.environment
+    body = np.swapaxes(poses.rotation, 1, 2)
+    turning = twist(poses, np.zeros(3))[:, :3]
+    if contact in (Contact.FE, Contact.FV):
+        turning = np.einsum("nij,nj->ni", body[1:], turning)
+    axes = {Contact.FF: 1, Contact.EF: 2, Contact.FE: 2}.get(contact, 3)
+    power = np.linalg.svd(turning, compute_uv=False) / np.sqrt(len(turning))
+    assert power[axes - 1] > np.radians(5.0)
+    if isinstance(fixed, Plane):
+        touch = to_world(thing, poses)[-1] @ np.linalg.svd(fixed.normal[None])[2][1:].T
+    elif isinstance(thing, Plane):
+        touch = np.einsum("nij,nj->ni", body, fixed.point_m - poses.position_m)
+        touch = touch @ np.linalg.svd(thing.normal[None])[2][1:].T
+    else:
+        touch = np.array(
+            [crossing(line, point, fixed) for line, point in zip(*to_world(thing, poses), strict=True)]
+        )
+    assert np.sqrt(np.linalg.eigvalsh(np.cov(touch.T))[0]) > 0.005
+
+
+def crossing(direction: Array, point: Array, fixed: Element) -> Array:
+    """Where two lines cross: how far along either (m)."""
+    assert isinstance(fixed, Line)
+    along = np.stack([-direction, fixed.direction], axis=1)
+    return np.linalg.lstsq(along, point - fixed.point_m)[0]
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("motion", ["rest", "translation", "one-axis"])
+def test_singular_motion_is_what_its_name_says(contact: Contact, motion: str) -> None:
+    if motion == "rest":
+        phases = (Phase(contact, 2.0, "rest"), Phase(contact, 2.0))
+        simulated = simulate(Scenario(phases, **QUIET), 0)
+    else:
+        simulated = each_contact(contact, motion)
+    interval, poses = next(s for s in stays(simulated) if s[0].motion == motion)
+    assert interval.singular
+    assert interval.contact is contact
+    velocity = twist(poses, middle(simulated))
+    turning = np.linalg.svd(velocity[:, :3], compute_uv=False) / np.sqrt(len(velocity))
+    travel = np.linalg.norm(velocity[:, 3:], axis=1)
+    if motion == "one-axis":
+        assert turning[0] > 0.05
+        assert turning[1] < 1e-6
+    else:
+        assert turning[0] < 1e-6
+        assert (travel.max() < 1e-9) == (motion == "rest")
+    assert np.abs(incidence(interval, poses)).max() < 1e-9
+
+
+def test_phases_last_as_asked_and_neighbours_follow_neighbours() -> None:
+    for simulated in all_quiet():
+        intervals = simulated.truth.intervals
+        for before, after in pairwise(intervals):
+            assert before.contact
+            assert after.contact
+            assert before.contact.contains(after.contact) or after.contact.contains(before.contact)
+            assert before.end_ns < after.start_ns
+    played = [i.contact for i in quiet("paper_experiment", 0).truth.intervals]
+    assert played == ["f-f", "f-f", "e-f", "v-f", "free", "e-e"]
+    assert {i.contact for i in quiet("all_states", 0).truth.intervals} == set(STATES)
+    asked = [phase.duration_s for phase in named_scenario("paper_experiment", 0).phases]
+    lasted = [
+        (i.end_ns - i.start_ns) / 1e9
+        for i in quiet("paper_experiment", 0).truth.intervals
+        if i.contact != "free"
+    ]
+    np.testing.assert_allclose(lasted, asked, atol=0.02)
+
+
+def test_noise_is_as_asked() -> None:
+    scenario = replace(
+        named_scenario("random", 2), sigma_position_m=0.0012, sigma_rotation_rad=0.004, rate_hz=200.0
+    )
+    noisy, clean = simulate(scenario, 2), quiet("random", 2)
+    shift = noisy.poses.position_m - clean.poses.position_m
+    turn = Rotation.from_quat(clean.poses.quat_xyzw).inv() * Rotation.from_quat(noisy.poses.quat_xyzw)
+    np.testing.assert_allclose(shift.std(axis=0), 0.0012, rtol=0.05)
+    np.testing.assert_allclose(turn.as_rotvec().std(axis=0), 0.004, rtol=0.05)
+    white = np.einsum("ni,ni->i", shift[1:], shift[:-1]) / np.einsum("ni,ni->i", shift, shift)
+    assert np.abs(white).max() < 0.05
+
+
+def test_outliers_drops_held_poses_and_jitter_are_as_asked() -> None:
+    asked = {"outlier_probability": 0.02, "drop_probability": 0.1, "hold_probability": 0.05}
+    base = replace(named_scenario("all_states", 4), **QUIET)
+    poses, clean = simulate(replace(base, **asked, jitter_s=0.0005), 4).poses, simulate(base, 4).poses
+    period = 5_000_000
+    slot = np.rint((poses.stamp_ns - clean.stamp_ns[0]) / period).astype(int)
+    assert np.all(np.diff(poses.stamp_ns) > 0)
+    assert abs(1.0 - len(poses) / len(clean) - 0.1) < 0.02
+    late = poses.stamp_ns - clean.stamp_ns[0] - slot * period
+    assert abs(late.std() - 500_000) < 25_000
+    held = np.all(np.diff(poses.position_m, axis=0) == 0.0, axis=1).mean()
+    assert abs(held - 0.05 * 0.9) < 0.015
+    off = np.linalg.norm(poses.position_m - clean.position_m[slot], axis=1)
+    assert abs((off > 0.0099).mean() - 0.02) < 0.015
+    assert off.max() < 0.07
+
+
+def test_one_seed_is_one_recording() -> None:
+    first, second, other = simulate("vision_30hz", 6), simulate("vision_30hz", 6), simulate("vision_30hz", 7)
+    assert first.metadata == second.metadata
+    assert first.truth.to_json() == second.truth.to_json()
+    np.testing.assert_array_equal(first.poses.position_m, second.poses.position_m)
+    np.testing.assert_array_equal(first.poses.quat_xyzw, second.poses.quat_xyzw)
+    assert first.metadata["object_vertices_m"] != other.metadata["object_vertices_m"]
+    assert simulate("random", 0).metadata["scenario"] == "random"
+
+
+def test_body_frame_is_rigid_and_random() -> None:
+    """The object's shape is the named one, turned and shifted: distances between vertices stay."""
+    for seed in (0, 1):
+        vertices = np.array(json.loads(quiet("paper_experiment", seed).metadata["object_vertices_m"]))
+        distances = np.linalg.norm(vertices[:, None] - vertices[None], axis=2)
+        shape = OBJECTS["cube"]
+        np.testing.assert_allclose(
+            distances, np.linalg.norm(shape[:, None] - shape[None], axis=2), atol=1e-12
+        )
+        assert np.abs(vertices - shape).max() > 0.02
+    assert named_scenario("paper_experiment", 0).object == "cube"
+    np.testing.assert_allclose(np.ptp(OBJECTS["cube"], axis=0), 0.2)
+
+
+@pytest.mark.parametrize("object_name", OBJECTS)
+@pytest.mark.parametrize("surroundings", SURROUNDINGS)
+def test_every_shape_can_do_every_contact(object_name: str, surroundings: str) -> None:
+    order = (Contact.FF, Contact.FE, Contact.FV, Contact.FE, Contact.EE, Contact.EF, Contact.VF, Contact.FF)
+    phases = tuple(Phase(contact, 1.5) for contact in order)
+    simulated = simulate(Scenario(phases, 100.0, object=object_name, surroundings=surroundings, **QUIET), 1)
+    assert [i.contact for i in simulated.truth.intervals] == list(order)
+    for interval, poses in stays(simulated):
+        assert np.abs(incidence(interval, poses)).max() < 1e-9
+        gap = separation(simulated, poses[::15])
+        assert np.abs(gap).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"phases": ()}, "at least one phase"),
+        ({"rate_hz": 0.0}, "rate_hz"),
+        ({"rate_hz": float("nan")}, "rate_hz"),
+        ({"sigma_position_m": -1.0}, "sigma_position_m"),
+        ({"drop_probability": 1.0}, "drop_probability"),
+        ({"jitter_s": 1.0}, "jitter_s"),
+        ({"object": "banana"}, "object must be one of cube"),
+        ({"surroundings": "sea"}, "surroundings must be one of desk"),
+        ({"phases": (Phase(Contact.FF, 0.1),)}, "must last"),
+        ({"phases": (Phase(Contact.FF, 5.0, "dance"),)}, "motion must be one of"),
+        ({"phases": (Phase(Contact.FREE, 5.0, "rest"),)}, "free motion"),
+        ({"phases": (Phase(Contact.FF, 5.0), Phase(Contact.EF, 5.0, "rest"))}, "rest must"),
+    ],
+)
+def test_impossible_scenarios_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        replace(named_scenario("all_states", 0), **change)  # type: ignore[arg-type]
+
+
+def test_unknown_names_and_negative_seeds_are_refused() -> None:
+    with pytest.raises(UsageError, match="choose from paper_experiment"):
+        simulate("nothing", 0)
+    with pytest.raises(UsageError, match="seed"):
+        simulate("all_states", -1)

@@ -1,0 +1,74 @@
+"""Parts of the kernels, called as the functions are that they stand for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contact_tracker.hypotheses import compiled, gauss_newton
+from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.compiled.calls import model_of, ticks_of
+from contact_tracker.hypotheses.compiled.kernels import parts
+from contact_tracker.hypotheses.row_layout import entries
+
+
+def both(function, *args, **options):
+    """What a function gives in numpy, and what it gives compiled."""
+    results = []
+    for in_use in (False, True):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(compiled, "in_use", lambda now=in_use: now)
+            results.append(function(*args, **options))
+    return results
+
+
+def minimise(model, moments, row_weight, prior, anchors, x, iterations):
+    """Windows that take as many steps are fitted together."""
+    steps, found = np.broadcast_to(iterations, len(x)), {}
+    for count in np.unique(steps):
+        rows = np.flatnonzero(steps == count)
+        part = _problem(model, moments[rows], row_weight[rows], prior.pick(rows), anchors[rows])
+        x_, cost, upper, converged = parts.minimised(*part, count, x[rows])
+        hessian = upper[..., entries(model.family.PARAMETERS)]
+        found |= zip(rows, zip(x_, cost, hessian, x_, converged, strict=True), strict=True)
+    return gauss_newton.Fit(*map(np.array, zip(*(found[row] for row in range(len(x))), strict=True)))
+
+
+def complete(model, moments, row_weight, prior, anchors, x):
+    return parts.completed(*_problem(model, moments, row_weight, prior, anchors), x)
+
+
+def _problem(model, moments, row_weight, prior, anchors):
+    bank = blank(model, len(moments)).having(row_weight=row_weight).seeing(moments=moments)
+    return *_bank(model, 1.0, bank), prior.precision, prior.information, prior.constant, anchors
+
+
+def _bank(model, reach_m, bank):
+    return model_of(model, reach_m), bank.words, bank.onsets.words
+
+
+def grow(bank, model, window, log_stay):
+    """As ``refit.grow``."""
+    grown = replace(bank.copy(), onsets=bank.onsets.copy())
+    parts.grown(*_bank(model, 1.0, grown), ticks_of(window), log_stay)
+    return grown
+
+
+def givers(bank, model, reach_m):
+    """Whose geometry each hypothesis takes in ``global_search.adopted``."""
+    return parts.offered(*_bank(model, reach_m, bank))
+
+
+def lost(bank, model):
+    """As ``global_search.lost``."""
+    return parts.searching(*_bank(model, 1.0, bank))
+
+
+def starts(model, moments):
+    """As ``Family.starts`` of moments (B, C, C), and how many there are (B,)."""
+    return parts.relaxed(model_of(model, 1.0), moments)
+
+
+def dropped(bank, model, now, best, margin):
+    """As ``pruning.prune``: rows, words, those of onsets, the log of their sum, residual, best row."""
+    return parts.dropped(*_bank(model, 1.0, bank), now, best, margin)

@@ -1,0 +1,127 @@
+"""MCAP files for tests, written with the reference libraries: any type, any chunking, any topic."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_ros2.writer import Writer as RosWriter
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.motion.poses import Poses
+
+START_NS = 1_700_000_000_000_000_000
+
+_HEADER = "std_msgs/Header header\n"
+_PARTS = {
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    "geometry_msgs/TransformStamped": f"{_HEADER}string child_frame_id\ngeometry_msgs/Transform transform\n",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+}
+_MAIN = {
+    "geometry_msgs/msg/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
+    "geometry_msgs/msg/PoseWithCovarianceStamped": f"{_HEADER}geometry_msgs/PoseWithCovariance pose\n",
+    "geometry_msgs/msg/TransformStamped": _PARTS["geometry_msgs/TransformStamped"],
+    "nav_msgs/msg/Odometry": f"{_HEADER}string child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
+    "geometry_msgs/TwistWithCovariance twist\n",
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+    "std_msgs/msg/String": "string data\n",
+}
+SCHEMAS = {
+    name: text + "".join(f"{'=' * 80}\nMSG: {part}\n{body}" for part, body in _PARTS.items())
+    for name, text in _MAIN.items()
+}
+
+
+@dataclass
+class Topic:
+    """Messages of one topic: (log time, dict to be encoded by the type's schema, or bytes as they are)."""
+
+    name: str
+    type: str
+    messages: Sequence[tuple[int, Any]]
+    encoding: str = "cdr"
+    schema_encoding: str = "ros2msg"
+
+
+def write_log(path: Path, topics: Sequence[Topic], **options: Any) -> Path:
+    """Write the messages of all topics in the order of log time."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start(profile="ros2", library="test")
+        rows: list[tuple[int, int, bytes]] = []
+        for topic in topics:
+            schema = writer.register_schema(
+                topic.type, topic.schema_encoding, SCHEMAS.get(topic.type, "").encode()
+            )
+            channel = writer.register_channel(topic.name, topic.encoding, schema)
+            times = [log_time for log_time, _ in topic.messages]
+            rows += [(t, channel, data) for t, data in zip(times, _encode(topic), strict=True)]
+        for log_time, channel, data in sorted(rows, key=lambda row: row[0]):
+            writer.add_message(channel, log_time, data, log_time)
+        writer.finish()
+    return path
+
+
+def header(stamp_ns: int, frame: str = "world") -> dict[str, Any]:
+    return {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}, "frame_id": frame}
+
+
+def vector(values: Sequence[float]) -> dict[str, float]:
+    return dict(zip("xyzw", map(float, values), strict=False))
+
+
+def pose_stamped(
+    stamp_ns: int, position: Sequence[float], quat: Sequence[float], frame: str = "world"
+) -> Any:
+    return {
+        "header": header(stamp_ns, frame),
+        "pose": {"position": vector(position), "orientation": vector(quat)},
+    }
+
+
+def transform(stamp_ns: int, position: Sequence[float], quat: Sequence[float], frame: str, child: str) -> Any:
+    return {
+        "header": header(stamp_ns, frame),
+        "child_frame_id": child,
+        "transform": {"translation": vector(position), "rotation": vector(quat)},
+    }
+
+
+def poses_topic(poses: Poses, name: str = "/object/pose", frame: str = "world", offset_ns: int = 0) -> Topic:
+    """The poses as PoseStamped, logged ``offset_ns`` after their header stamps."""
+    messages = [(p.stamp_ns + offset_ns, pose_stamped(*p, frame=frame)) for p in poses]
+    return Topic(name, "geometry_msgs/msg/PoseStamped", messages)
+
+
+def smooth_poses(count: int = 60, rate_hz: float = 200.0, seed: int = 0, start_ns: int = START_NS) -> Poses:
+    """A smooth motion with generic numbers in every field, signs of quaternions continuous."""
+    phase = np.random.default_rng(seed).uniform(0, 6, (2, 3))
+    t = np.arange(count) / rate_hz
+    quat = Rotation.from_rotvec(0.8 * np.sin(t[:, None] + phase[0])).as_quat(canonical=True)
+    stamps = start_ns + np.round(t * 1e9).astype(np.int64)
+    return Poses(stamps, 0.3 * np.cos(1.3 * t[:, None] + phase[1]), quat)
+
+
+def _encode(topic: Topic) -> list[bytes]:
+    if topic.type not in SCHEMAS or all(isinstance(body, bytes) for _, body in topic.messages):
+        return [body for _, body in topic.messages]
+    buffer = BytesIO()
+    with RosWriter(buffer) as writer:
+        schema = writer.register_msgdef(topic.type, SCHEMAS[topic.type])
+        for sequence, (_, body) in enumerate(topic.messages):
+            writer.write_message(topic.name, schema, body, log_time=sequence)
+    buffer.seek(0)
+    return [message.data for _, _, message in make_reader(buffer).iter_messages()]

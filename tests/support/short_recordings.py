@@ -1,0 +1,43 @@
+"""Short simulated recordings and what the segmenter makes of them, each computed once."""
+
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Model
+from contact_tracker.simulate import Scenario, Simulated, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import Contact
+from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.segmentation import Segmentation
+
+MODEL: Final[Model] = load_model()
+FACE_TO_EDGE: Final = "f-f e-f"
+EDGE_TO_EDGES: Final = "f-e e-e"
+_SECONDS: Final = {"f-f": 3.5, "e-f": 4.0, "f-e": 3.5, "e-e": 4.5}
+
+
+@cache
+def recorded(contacts: str) -> Simulated:
+    """A recording at 200 Hz of the contacts one after the other."""
+    phases = tuple(Phase(Contact(name), _SECONDS[name]) for name in contacts.split())
+    return simulate(Scenario(phases), 2)
+
+
+@cache
+def segmented(contacts: str) -> Segmentation:
+    return segment(recorded(contacts).poses, MODEL)
+
+
+def true_contacts(simulated: Simulated, stamp_ns: NDArray[np.int64]) -> list[Contact | None]:
+    """What held at each stamp."""
+    return [simulated.truth.intervals[i].contact for i in simulated.truth.at(stamp_ns)]
+
+
+def age_s(simulated: Simulated, stamp_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """For how long it had held by then."""
+    starts = np.array([interval.start_ns for interval in simulated.truth.intervals])
+    return np.asarray((stamp_ns - starts[simulated.truth.at(stamp_ns)]) / 1e9)

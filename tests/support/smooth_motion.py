@@ -1,0 +1,37 @@
+"""Smooth random motion as a sensor sees it: what noise, free motion and ticks are measured on."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.motion.poses import Poses
+
+Array = NDArray[np.float64]
+START_NS = 1_700_000_000_123_456_789
+
+
+def smooth(rng: np.random.Generator, time_s: Array, rms: float, bandwidth_hz: float = 1.0) -> Array:
+    """Three independent smooth signals (N, 3) of root mean square ``rms``: sums of slow sinusoids."""
+    waves = 12
+    frequency = rng.uniform(0.1, bandwidth_hz, (waves, 3))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (waves, 3))
+    signal = np.sin(2.0 * np.pi * frequency * time_s[:, None, None] + phase).sum(axis=1)
+    return np.asarray(signal * rms / np.sqrt(waves / 2.0))
+
+
+def moving(
+    rng: np.random.Generator,
+    seconds: float,
+    rate_hz: float,
+    sigma_m: float | Array = 0.0,
+    sigma_rad: float | Array = 0.0,
+    rms_m: float = 0.05,
+    rms_rad: float = 0.4,
+) -> Poses:
+    """Free motion by hand, with white noise per axis (rotation in the body frame)."""
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    position = smooth(rng, time_s, rms_m) + rng.normal(size=(len(time_s), 3)) * sigma_m
+    turn = Rotation.random(random_state=rng) * Rotation.from_rotvec(smooth(rng, time_s, rms_rad))
+    noise = Rotation.from_rotvec(rng.normal(size=(len(time_s), 3)) * sigma_rad)
+    stamp_ns = START_NS + np.rint(time_s * 1e9).astype(np.int64)
+    return Poses(stamp_ns, position, (turn * noise).as_quat())

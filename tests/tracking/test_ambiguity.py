@@ -1,0 +1,341 @@
+"""What motion cannot tell is said: contacts it does not separate, directions of geometry it does not show."""
+
+import csv
+import io
+import json
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
+
+from contact_motions import touching
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
+from contact_tracker.hypotheses import bank_update, observability, refit
+from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.contact_geometry import geometry_of
+from contact_tracker.motion import lifted_pose
+from contact_tracker.motion.window import Window
+from contact_tracker.outputs.tables import json_line, write_csv
+from contact_tracker.outputs.text import describe, table
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking import ambiguity, tracker
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.offline_smoother import segment
+from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, segmented
+
+SCALES = tracker.scales_of(MODEL)
+SIGMA_M, SIGMA_RAD = 1e-4, 1e-3
+TICKS = 60
+each_contact = pytest.mark.parametrize("contact", CONTACTS)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def untold(label, judged, window, older):
+    return ambiguity.inseparable(label, judged, ambiguity.is_idle(label, window, older))
+
+
+def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):
+    """Ticks of exact poses as a good sensor sees them; all of them in motion."""
+    rng = np.random.default_rng(seed)
+    count = len(position)
+    jitter = Rotation.from_rotvec(rng.normal(size=(count, 3)) * np.sqrt(variance[1])).as_matrix()
+    shaken = position - position[0] + rng.normal(size=(count, 3)) * np.sqrt(variance[0])
+    rows = np.tile(variance, (count, 1))
+    return Window(np.arange(count), lifted_pose.lift(rotation @ jitter, shaken), rows, 1e4 * rows)
+
+
+def waves(number, seed=1):
+    """Smooth independent signals (TICKS, number)."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(TICKS)[:, None, None] * 0.1
+    phase = rng.uniform(0.0, 6.0, (5, number))
+    return np.sin(2.0 * np.pi * rng.uniform(0.2, 0.8, (5, number)) * time_s + phase).mean(axis=1)
+
+
+def test_an_object_that_whirls_about_within_a_tick_moves_in_all_directions():
+    """The mean of its orientations is no rotation, and may be a mirror or nothing at all."""
+    rng = np.random.default_rng(0)
+    rotation = Rotation.random(20 * TICKS, random_state=rng).as_matrix()
+    position = rng.normal(size=(20 * TICKS, 3))
+    zeta = lifted_pose.lift(rotation, position).reshape(TICKS, 20, -1).mean(axis=1)
+    zeta[3, lifted_pose.R] = 0.0
+    rows = np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1))
+    assert ambiguity.used_directions(Window(np.arange(TICKS), zeta, rows, 1e4 * rows)) == 6
+
+
+def turning(axis, angle):
+    return Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
+
+
+def found(contact, window):
+    """Geometry of one contact fitted to all ticks."""
+    model = CONTACT_MODELS[contact.column]
+    return geometry_of(bank_update.fit_stretch(model, window, SCALES), 0, model, SCALES, window, np.zeros(3))
+
+
+def ways(element, how):
+    return np.array([way.direction for way in element.unobserved if way.how == how])
+
+
+# --- directions of the geometry ----------------------------------------------------------------------------
+
+
+@given(seeds)
+@settings(max_examples=20, deadline=None)
+def test_a_little_off_the_lift_changes_linearly(seed):
+    rng = np.random.default_rng(seed)
+    rotation, position = Rotation.random(random_state=rng), rng.normal(size=3)
+    off = rng.normal(size=6)
+    zeta = lifted_pose.lift(rotation.as_matrix(), position)
+    a_little = 1e-6
+    moved = lifted_pose.lift(
+        (rotation * Rotation.from_rotvec(a_little * off[:3])).as_matrix(), position + a_little * off[3:]
+    )
+    change = np.einsum("i,ijk,k->j", off, lifted_pose.perturbations(), zeta)
+    np.testing.assert_allclose((moved - zeta) / a_little, change, atol=1e-4)
+
+
+@each_contact
+def test_noise_feigns_as_much_as_is_said(contact):
+    """An object at rest, its sensor jitters: but for what rest shows, information is that of the noise."""
+    model = CONTACT_MODELS[contact.column]
+    rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
+    window = ticks(rest, np.zeros((1000, 3)))
+    bank = bank_update.fit_stretch(model, window, SCALES)
+    anchors = model.anchors(bank.place_sum / bank.weight[:, None])
+    tangent = model.family.tangent(bank.x, anchors)[0]
+    information = refit.information(bank, model, SCALES)[0]
+    feigned = observability.feigned_information(bank, model, tangent, window.variance[0])
+    some = 1e-6 * np.trace(feigned) * np.eye(len(feigned))
+    told = eigh(information, feigned + some, eigvals_only=True)
+    jittering = told[: -model.family.ROWS]
+    assert (jittering < 1.5).all()
+    assert jittering.max() > 0.6
+    if contact is not Contact.EE:  # which at rest has no constant part: two lines through the origin
+        assert told[-model.family.ROWS :].min() > 100.0
+
+
+@each_contact
+@pytest.mark.parametrize("seed", [1, 2])
+def test_motion_in_all_directions_shows_everything(contact, seed):
+    true = touching(contact, np.random.default_rng(seed))
+    geometry = found(contact, ticks(true.rotation, true.position_m))
+    assert geometry.object.unobserved == geometry.environment.unobserved == ()
+
+
+def test_translation_shows_the_plane_s_normal_and_nothing_of_the_edge():
+    turn = Rotation.random(random_state=np.random.default_rng(3))
+    normal = np.array([0.0, 0.0, 1.0])
+    position = np.column_stack([0.1 * waves(2), np.zeros(TICKS)])
+    geometry = found(Contact.EF, ticks(np.tile(turn.as_matrix(), (TICKS, 1, 1)), position))
+    edge, face = geometry.object, geometry.environment
+    assert abs(face.normal @ normal) > 0.999
+    assert not len(ways(face, "turns_about"))
+    np.testing.assert_allclose(np.abs(ways(face, "shifts_along") @ normal), 1.0, atol=1e-3)
+    # within the plane the edge points anywhere, and lies anywhere
+    np.testing.assert_allclose(np.abs(ways(edge, "turns_about") @ turn.inv().apply(normal)), 1.0, atol=0.01)
+    assert len(ways(edge, "shifts_along")) == 2
+    np.testing.assert_allclose(ways(edge, "shifts_along") @ edge.direction, 0.0, atol=1e-5)
+    assert edge.covariance[3:, 3:].max() > 0.1**2
+
+
+def test_faces_that_slide_along_one_line_may_be_tilted_about_it():
+    turn = Rotation.random(random_state=np.random.default_rng(4))
+    along = np.array([0.6, 0.8, 0.0])
+    window = ticks(np.tile(turn.as_matrix(), (TICKS, 1, 1)), 0.1 * waves(1) * along)
+    geometry = found(Contact.FF, window)
+    for element, axis in ((geometry.environment, along), (geometry.object, turn.inv().apply(along))):
+        assert [way.how for way in element.unobserved] == ["turns_about"]
+        assert abs(element.unobserved[0].direction @ axis) > 0.999
+    both = ticks(np.tile(turn.as_matrix(), (TICKS, 1, 1)), np.column_stack([0.1 * waves(2), np.zeros(TICKS)]))
+    geometry = found(Contact.FF, both)
+    assert geometry.object.unobserved == geometry.environment.unobserved == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_hinge_shows_the_vertex_but_for_where_it_lies_along_the_axis(seed):
+    """The found vertex is right apart from what it is said not to be known; the plane may tilt about it."""
+    rng = np.random.default_rng(seed)
+    axis, vertex = Rotation.random(random_state=rng).apply([1.0, 0.0, 0.0]), rng.normal(size=3) * 0.1
+    rotation = turning(axis, 0.6 * waves(1, seed)[:, 0])
+    geometry = found(Contact.VF, ticks(rotation, -rotation @ vertex))
+    shifts = ways(geometry.object, "shifts_along")
+    off = geometry.object.point_m - vertex
+    np.testing.assert_allclose(off - shifts.T @ (shifts @ off), 0.0, atol=0.01)
+    assert np.linalg.norm(shifts @ axis) > 0.99
+    assert len(ways(geometry.environment, "turns_about")) >= 1
+
+
+def test_at_rest_nothing_is_shown_of_vertex_and_face():
+    geometry = found(Contact.VF, ticks(np.tile(np.eye(3), (TICKS, 1, 1)), np.zeros((TICKS, 3))))
+    assert len(geometry.object.unobserved) == len(geometry.environment.unobserved) == 3
+
+
+# --- contacts ----------------------------------------------------------------------------------------------
+
+
+def kinds_of_motion():
+    eye, axis = np.tile(np.eye(3), (TICKS, 1, 1)), np.array([0.0, 0.6, 0.8])
+    four = waves(6, 5)
+    hinge = turning(axis, 0.7 * four[:, 0])
+    arm = np.array([0.1, 0.05, -0.2])
+    plane = 0.1 * four[:, 1:3] @ np.linalg.svd(axis[None])[2][1:]
+    return {
+        "rest": (0, eye, np.zeros((TICKS, 3))),
+        "line": (1, eye, 0.1 * four[:, :1] * axis),
+        "hinge": (1, hinge, -hinge @ arm),
+        "screw": (1, hinge, -hinge @ arm + 0.05 * four[:, :1] * axis),
+        "plane": (2, eye, plane),
+        "cylinder": (2, hinge, -hinge @ arm + 0.1 * four[:, 1:2] * axis),
+        "faces": (3, hinge, plane),
+        "all": (6, Rotation.from_rotvec(0.4 * four[:, :3]).as_matrix(), 0.1 * four[:, 3:]),
+    }
+
+
+@pytest.mark.parametrize("kind", kinds_of_motion())
+@given(seed=seeds)
+@settings(max_examples=5, deadline=None)
+def test_the_directions_that_a_motion_uses_are_counted_in_any_frame(kind, seed):
+    used, rotation, position = kinds_of_motion()[kind]
+    rng = np.random.default_rng(seed)
+    world, body = Rotation.random(2, random_state=rng).as_matrix()
+    position = (position + rotation @ rng.normal(size=3) * 0.2) @ world.T
+    assert ambiguity.used_directions(ticks(world @ rotation @ body, position, seed)) == used
+
+
+def rivals(**nats):
+    """Evidence by state; the others are hopeless and fit badly, but for free motion."""
+    names = [state.value.replace("-", "") for state in STATES]
+    evidence = np.array([nats.get(name, -100.0) for name in names])
+    return ambiguity.Rivals(evidence, np.array([1.0 if n in nats or n == "free" else 9.0 for n in names]))
+
+
+def test_evidence_of_twenty_to_one_separates():
+    window = ticks(*kinds_of_motion()["all"][1:])
+    judged = rivals(ff=50.0, ef=50.0 - 2.9, vf=50.0 - 3.1, ee=51.0)
+    assert untold(Contact.FF, judged, window, older=False) == (Contact.EF, Contact.EE)
+
+
+def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
+    """Of an onset the best, and none that is hopeless, though it began when the rival did."""
+    onsets = np.array([0, 0, 1, 2, 2])
+    banks = [blank(model, 0) for model in CONTACT_MODELS]
+    edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]
+    evidence = [5.0, 2.0, -300.0, -1.0, 4.0]
+    banks[Contact.EF.column] = blank(edge, 5).having(onset=onsets, log_likelihood=evidence)
+    banks[Contact.VF.column] = blank(vertex, 1).having(onset=1, log_likelihood=3.0)
+    judged = ambiguity.rivals_since(banks, Contact.EF, 0, 20)
+    assert judged.evidence[Contact.VF.column] == pytest.approx(3.0 - 0.5 * (5.0 + 4.0))
+    assert judged.evidence[-1] == pytest.approx(-5.0)
+    assert judged.evidence[Contact.FF.column] == -np.inf
+
+
+def test_freedom_that_is_not_used_separates_nothing_that_the_label_contains():
+    judged = rivals(ef=50.0, fe=49.0)
+    for kind, told in (("all", "f-e"), ("faces", "f-e v-f f-v e-e free"), ("hinge", "f-e v-f f-v e-e free")):
+        window = ticks(*kinds_of_motion()[kind][1:])
+        assert " ".join(untold(Contact.EF, judged, window, older=False)) == told
+    faces = ticks(*kinds_of_motion()["faces"][1:])
+    assert untold(Contact.FF, rivals(ff=50.0), faces, older=False) == ()
+
+
+def test_freedom_that_is_not_used_separates_nothing_that_fits():
+    """However well f-v explains it: an object that only slides may as well have an edge on a face."""
+    judged = rivals(fv=50.0, ef=20.0)
+    window = ticks(*kinds_of_motion()["plane"][1:])
+    told = untold(Contact.FV, judged, window, older=False)
+    assert " ".join(told) == "e-f v-f e-e free"
+    window = ticks(*kinds_of_motion()["all"][1:])
+    assert untold(Contact.FV, judged, window, older=False) == ()
+
+
+def test_rest_does_not_take_back_what_earlier_motion_has_told():
+    rest = ticks(*kinds_of_motion()["rest"][1:])
+    rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.excess)
+    judged = rivals(vf=50.0)
+    assert untold(Contact.VF, judged, rest, older=True) == ()
+    assert untold(Contact.VF, judged, rest, older=False) == (Contact.FREE,)
+
+
+@pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
+def test_what_all_directions_have_shown_is_not_in_doubt(contacts):
+    done = segmented(contacts)
+    for believed in (*done.segments, done.filtered[-1]):
+        assert believed.inseparable == ()
+        assert believed.geometry.object.unobserved == believed.geometry.environment.unobserved == ()
+
+
+@pytest.mark.parametrize(("contact", "motion"), [(Contact.EF, "one-axis"), (Contact.FE, "translation")])
+def test_where_motion_cannot_tell_the_true_contact_is_among_those_named(contact, motion):
+    simulated = simulate(Scenario((Phase(contact, 4.0, motion),)), 1)
+    done = segment(simulated.poses, MODEL)
+    for believed in (*(s for s in done.segments if s.end_ns - s.start_ns > 2e9), *done.filtered[-10:]):
+        assert contact in (believed.contact, *believed.inseparable)
+        assert len(believed.inseparable) >= 4
+    assert json.loads(json_line(done.filtered[-1]))["inseparable"] == list(done.filtered[-1].inseparable)
+
+
+# --- in words and rows -------------------------------------------------------------------------------------
+
+UP = np.array([0.0, 0.0, 1.0])
+SHIFTS, TURNS = Unobserved("shifts_along", UP), Unobserved("turns_about", UP)
+PARTLY = ContactGeometry(Point(np.zeros(3), None, (SHIFTS,)), Plane(UP, 0.25, None, (TURNS,)))
+
+
+def test_people_read_what_is_open():
+    assert describe(PARTLY, (Contact.FREE,)) == (
+        "vertex (0.000 0.000 0.000) m (unobserved: shift along (0.00 0.00 1.00)) on "
+        "face normal (0.00 0.00 1.00) at 0.250 m (unobserved: turn about (0.00 0.00 1.00)); or free"
+    )
+    nothing = ContactGeometry(Line(UP, np.zeros(3), None, (TURNS, TURNS, SHIFTS, SHIFTS)), Plane(UP, 0.0))
+    assert describe(nothing).startswith("edge (unobserved) on face normal")
+    assert describe(None, CONTACTS) == "or any other"
+    segments = [Segment(0, 2 * 10**9, Contact.VF, 0.4, PARTLY, (Contact.EF,))]
+    segments += [Segment(2 * 10**9, 6 * 10**9, Contact.FREE, 0.4, None)]
+    assert list(table(segments, 0))[-1] == "The motion leaves the contact open for 2.00 of 6.00 s."
+    assert len(list(table(segments[1:], 0))) == 2
+
+
+def test_programs_read_what_is_open():
+    assert PARTLY.to_json()["object"]["unobserved"] == [{"shifts_along": [0.0, 0.0, 1.0]}]
+    assert PARTLY.to_json()["environment"]["unobserved"] == [{"turns_about": [0.0, 0.0, 1.0]}]
+    file = io.StringIO(newline="")
+    write_csv([Segment(0, 1, Contact.VF, 0.4, PARTLY, (Contact.EF, Contact.FREE))], file)
+    (row,) = csv.DictReader(io.StringIO(file.getvalue(), newline=""))
+    assert row["inseparable"].split() == ["e-f", "free"]
+    assert json.loads(row["geometry"]) == PARTLY.to_json()
+
+
+def exact_inverse(matrix):
+    """Of a matrix of fractions, by Gauss and Jordan."""
+    size = len(matrix)
+    rows = [[*row, *(Fraction(int(i == k)) for i in range(size))] for k, row in enumerate(matrix)]
+    for k in range(size):
+        pivot = next(i for i in range(k, size) if rows[i][k])
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [value / rows[k][k] for value in rows[k]]
+        for i in set(range(size)) - {k}:
+            rows[i] = [a - rows[i][k] * b for a, b in zip(rows[i], rows[k], strict=True)]
+    return np.array([row[size:] for row in rows])
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.lists(st.floats(-3.0, 18.0), min_size=5, max_size=5))
+def test_what_is_known_all_too_well_hides_nothing_of_the_rest(seed, digits):
+    """Against the inverse of the sum, in as many digits as it takes."""
+    rng = np.random.default_rng(seed)
+    ways, root = (rng.normal(size=(5, 5)) + 3.0 * np.eye(5) for _ in range(2))
+    told, prior = 1.0 + 10.0 ** np.array(digits), root @ root.T
+    found = observability.posterior_covariance(told, ways, prior)
+    exact = np.vectorize(Fraction, otypes=[object])
+    dual = exact_inverse(exact(ways))
+    true = exact_inverse(dual.T @ np.diag(exact(told - 1.0)) @ dual + exact(prior)).astype(float)
+    sd = np.sqrt(true.diagonal())
+    np.testing.assert_allclose(found / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)

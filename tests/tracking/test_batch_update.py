@@ -1,0 +1,200 @@
+"""Ticks that are taken in some at a time lead to what they lead to one by one."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.bank_update import MOST, Until
+from contact_tracker.landmarks.landmark_memory import LONGER, SURE, Memory, Met
+from contact_tracker.landmarks.prior_map import NOTHING
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
+from contact_tracker.tracking import batch_update as strides_
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.batch_update import strides
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.forward_pass import forward, glimpses
+from contact_tracker.tracking.measurement_update import coming, slid_on
+from contact_tracker.tracking.state import scales_of
+from cube_on_table import CUBE_ON_TABLE
+from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
+
+pytest.importorskip("contact_tracker.hypotheses.compiled.kernels")
+SECOND = 1_000_000_000
+
+
+def with_a_rest():
+    """Motion, rest long enough to say nothing, a gap, and motion again."""
+    poses = recorded(FACE_TO_EDGE).poses[:900]
+    held = np.concatenate([np.arange(450), np.full(400, 449), np.arange(450, 900)])
+    gap = np.repeat([0, 2 * SECOND], [850, len(held) - 850])
+    stamp_ns = poses.stamp_ns[0] + np.arange(len(held)) * (SECOND // 200) + gap
+    return Poses(stamp_ns, poses.position_m[held], poses.quat_xyzw[held])
+
+
+RECORDINGS = {
+    "contacts": (recorded(FACE_TO_EDGE).poses[:1200], NOTHING),
+    "edges": (recorded(EDGE_TO_EDGES).poses[:900], NOTHING),
+    "rest and gap": (with_a_rest(), NOTHING),
+    "known elements": (recorded(FACE_TO_EDGE).poses[:300], CUBE_ON_TABLE),
+}
+
+
+@cache
+def one_by_one(name):
+    poses, knowledge = RECORDINGS[name]
+    return list(forward(poses, MODEL, knowledge=knowledge, detail=Detail.WEIGHTS))
+
+
+@cache
+def some_at_a_time(name):
+    poses, knowledge = RECORDINGS[name]
+    return list(glimpses(poses, MODEL, knowledge=knowledge))
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
+    expected, found = one_by_one(name), some_at_a_time(name)
+    seen = [glimpse for _, some in found for glimpse in some]
+    assert [one.tick.stamp_ns for one in seen] == [one.tick.stamp_ns for one in expected]
+    for glimpse, one in zip(seen, expected, strict=True):
+        for name_ in ("entry", "change", "residual"):
+            np.testing.assert_array_equal(getattr(glimpse, name_), getattr(one.glimpse, name_))
+        for a, b in zip(glimpse.alive, one.state.alive, strict=True):
+            np.testing.assert_array_equal(a, b)
+    many = np.cumsum([len(some) for _, some in found])
+    for end, (state, _) in zip(many, found, strict=True):  # the states in between are the same as well
+        then = expected[end - 1].state
+        for ours, theirs in zip(state.banks, then.banks, strict=True):
+            np.testing.assert_array_equal(ours.words, theirs.words)
+            np.testing.assert_array_equal(ours.onsets.words, theirs.onsets.words)
+        for field in (
+            "ticks",
+            "numbers",
+            "outliers",
+            "label",
+            "free_since",
+            "free_since_ns",
+            "withheld",
+            "exposure",
+        ):
+            assert getattr(state, field) == getattr(then, field), field
+        for field in ("log_left", "leaders"):
+            np.testing.assert_array_equal(getattr(state, field), getattr(then, field))
+        assert (state.belief.stamp_ns, state.belief.onset_ns) == (then.belief.stamp_ns, then.belief.onset_ns)
+        for ours, theirs in zip(state.reminded, then.reminded, strict=True):
+            np.testing.assert_array_equal(ours.begins.rows.words, theirs.begins.rows.words)
+        assert state.memory.due_ns == then.memory.due_ns
+        np.testing.assert_array_equal(state.window.variance, then.window.variance)
+
+
+def test_the_recordings_have_what_strides_stop_at():
+    """Else they would say little: things learnt, ticks that say nothing, and all states but one or two."""
+    resting = one_by_one("rest and gap")
+    assert sum(seen.state.withheld > 0.0 for seen in resting) > 10
+    assert sum(seen.tick.count == 0 for seen in resting) >= 5
+    for name in ("contacts", "edges", "rest and gap"):
+        assert len({tuple(seen.state.memory.due_ns.items()) for seen in one_by_one(name)}) > 3
+    assert {seen.state.label for seen in one_by_one("contacts")} >= {Contact.FF, Contact.EF}
+
+
+def test_many_ticks_are_taken_at_once():
+    sizes = [len(some) for _, some in some_at_a_time("contacts")]
+    assert max(sizes) == MOST
+    assert np.mean(sizes) > 3.0
+
+
+def moments(k, count):
+    """A state, and so many ticks after it as hypotheses meet them."""
+    seen = one_by_one("contacts")
+    state, ahead = seen[k].state, []
+    for later in seen[k + 1 : k + 1 + count]:
+        ahead.append(coming(state, later.tick, slid_on(state, later.tick)).moment)
+        state = later.state
+    return seen[k].state, ahead
+
+
+@pytest.mark.parametrize("k", [1, 9, 24])
+def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
+    """That is for whoever looks at what is believed to say; none that teaches may be passed."""
+    state, ahead = moments(k, 20)
+    seen = one_by_one("contacts")[k + 1 : k + 21]
+    weights = [np.exp(one.state.log_left - one.state.log_left.max()) for one in seen]
+    sureness = MODEL.certainty.sureness
+    sure = [(w**sureness).max() / (w**sureness).sum() for w in weights]
+    given = state.banks, ahead, MODEL.noise.beyond_floor, scales_of(MODEL), MODEL.search.margin_nats
+    for probability in (0.5, 0.8, SURE, 0.99):
+        for due in ({}, {seen[10].belief.onset_ns: seen[10].tick.stamp_ns}):
+            teaches = [
+                one.state.label is not Contact.FREE
+                and p >= probability
+                and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
+                for one, p in zip(seen, sure, strict=True)
+            ]
+            living = bank_update.update(*given, Until(probability, sureness, due))
+            assert len(living.weighed) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
+    assert len(bank_update.update(*given).weighed) == 20
+
+
+def averaged(poses, state):
+    """All ticks, as ``strides`` takes them; and the state in which averaging begins."""
+    state, ticks = tracker.gather_some(state, poses)
+    return state, ticks
+
+
+def test_where_answers_lag_ticks_are_taken_one_by_one():
+    """Hypotheses have pasts, which kernels do not see."""
+    poses = recorded(FACE_TO_EDGE).poses[:400]
+    start, ticks = averaged(poses, tracker.start(MODEL, lag_s=0.5))
+    taken = list(strides(start, ticks))
+    assert [len(seen) for _, seen in taken] == [1] * len(ticks)
+    for tick, (state, _) in zip(ticks, taken, strict=True):
+        start, _ = tracker.observe(start, tick, Detail.WEIGHTS)
+        np.testing.assert_array_equal(state.past, start.past)
+        assert state.past.any()
+
+
+def test_windows_are_worked_out_for_a_few_ticks_ahead_only(monkeypatch):
+    """However many a batch of poses closes: of sparse ones each closes many."""
+    poses = recorded(FACE_TO_EDGE).poses[:400:40]
+    stamp_ns = poses.stamp_ns[0] + 5 * SECOND * np.arange(len(poses))
+    start, ticks = averaged(replace(poses, stamp_ns=stamp_ns), tracker.start(MODEL))
+    assert len(ticks) > 400
+    most, slidings = [], strides_._slidings
+
+    def counted(*args):
+        found = slidings(*args)
+        most.append(len(found))
+        return found
+
+    monkeypatch.setattr(strides_, "_slidings", counted)
+    assert sum(len(seen) for _, seen in strides(start, ticks)) == len(ticks)
+    assert max(most) == MOST
+
+
+def test_weights_that_are_no_numbers_end_a_stride():
+    """With nothing of the contact that would be the first of those that weigh most."""
+    state, ahead = moments(9, 3)
+    begins = (ahead[0].births.begins[0].pick([]), *ahead[0].births.begins[1:])
+    births = ahead[0].births._replace(begins=begins, entry=np.full(7, np.nan))
+    banks = (blank(CONTACT_MODELS[0], 0), *state.banks[1:])
+    given = MODEL.noise.beyond_floor, scales_of(MODEL), MODEL.search.margin_nats
+    living = bank_update.update(
+        banks, [ahead[0]._replace(births=births), *ahead[1:]], *given, Until(SURE, 0.5, {})
+    )
+    assert len(living.weighed) == 1
+
+
+def test_what_has_taught_is_due_when_it_has_lasted_longer_by_half():
+    met = [Met(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))]
+    memory = Memory((met[0],), tuple(met[1:]))
+    assert memory.due_ns == {0: 152, 500: 500}
+    assert LONGER * 101 == 151.5
+    assert not memory.is_due(0, 151)
+    assert memory.is_due(0, 152)
+    assert memory.is_due(7, 8)

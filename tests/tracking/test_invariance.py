@@ -1,0 +1,209 @@
+"""What the tracker says does not depend on how the same motion is written down."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.motion.poses import Poses
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import Contact
+from contact_tracker.tracking.offline_smoother import segment
+
+MODEL = load_model()
+TICK_NS = MODEL.tick_ns
+NEAR_A_CHANGE_NS = 3 * TICK_NS
+"""So near to a change of contact the probabilities may differ: the change may fall a tick later."""
+FIRST_TICKS = 8
+once = settings(max_examples=1, deadline=None, derandomize=True)
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def recorded():
+    """Face on face, then edge on face; 200 Hz, the noise of motion capture."""
+    return simulate(Scenario((Phase(Contact.FF, 2.2), Phase(Contact.EF, 3.0))), 2).poses
+
+
+@cache
+def expected():
+    return segment(recorded(), MODEL)
+
+
+def moved_world(poses, rotation, shift):
+    turn = rotation * Rotation.from_quat(poses.quat_xyzw)
+    return Poses(poses.stamp_ns, rotation.apply(poses.position_m) + shift, turn.as_quat())
+
+
+def moved_body(poses, rotation, shift):
+    """The same object with another body frame: x_body = rotation x_new + shift."""
+    turn = Rotation.from_quat(poses.quat_xyzw)
+    return Poses(poses.stamp_ns, poses.position_m + turn.apply(shift), (turn * rotation).as_quat())
+
+
+def smoothed(done):
+    return np.array([b.probability for b in done.beliefs])
+
+
+def filtered(done):
+    return np.array([b.probability for b in done.filtered])
+
+
+def same_segments(done, ticks=0.0, onsets_ns=None):
+    """The same contacts one after the other, beginning within ``ticks`` of each other."""
+    assert [s.contact for s in done.segments] == [s.contact for s in expected().segments]
+    onsets_ns = [s.start_ns for s in expected().segments] if onsets_ns is None else onsets_ns
+    off_ns = [s.start_ns - onset for s, onset in zip(done.segments, onsets_ns, strict=True)]
+    assert np.abs(off_ns[1:]).max() <= ticks * TICK_NS
+
+
+def difference(done, of=smoothed, stamp_ns=None):
+    """Greatest difference (T,) of probabilities, tick by tick at nearest stamps; away from changes."""
+    stamp_ns = done.stamp_ns if stamp_ns is None else stamp_ns
+    nearest = np.abs(stamp_ns[:, None] - expected().stamp_ns).argmin(axis=1)
+    changes = np.array([s.start_ns for s in expected().segments[1:]])
+    away = np.abs(stamp_ns[:, None] - changes).min(axis=1) > NEAR_A_CHANGE_NS
+    return np.abs(of(done) - of(expected())[nearest]).max(axis=1)[away]
+
+
+def same_geometry(done, world=None, world_shift=None, body=None, body_shift=None, within_m=0.004):
+    """Of the edge on the face: within 1 deg, and so far."""
+    world, body = world or Rotation.identity(), body or Rotation.identity()
+    world_shift, body_shift = (np.zeros(3) if s is None else s for s in (world_shift, body_shift))
+    before, after = expected().segments[1].geometry, done.segments[1].geometry
+    normal = world.apply(before.environment.normal)
+    sign = np.sign(normal @ after.environment.normal)
+    assert degrees(normal, after.environment.normal) < 1.0
+    at = recorded().position_m[-400:].mean(axis=0)
+    height = before.environment.normal @ at - before.environment.offset_m
+    moved = after.environment.normal @ (world.apply(at) + world_shift) - after.environment.offset_m
+    assert moved * sign == pytest.approx(height, abs=within_m)
+    edge, again = before.object, after.object
+    assert degrees(edge.direction, body.apply(again.direction)) < 1.0
+    off = body.apply(again.point_m) + body_shift - edge.point_m
+    assert np.linalg.norm(off - edge.direction * (edge.direction @ off)) < within_m
+
+
+def degrees(a, b):
+    return np.degrees(np.arccos(min(abs(a @ b), 1.0)))
+
+
+# --- frames ------------------------------------------------------------------------------------------------
+
+
+@given(seeds)
+@once
+def test_the_world_frame(seed):
+    rng = np.random.default_rng(seed)
+    world, shift = Rotation.random(random_state=rng), rng.uniform(-100.0, 100.0, 3)
+    done = segment(moved_world(recorded(), world, shift), MODEL)
+    same_segments(done)
+    assert difference(done).max() < 0.01
+    assert difference(done, filtered).mean() < 0.05
+    same_geometry(done, world, shift)
+
+
+def test_the_world_frame_while_nothing_is_settled():
+    """Young hypotheses too: a turn of the world only turns their geometry.
+
+    In the first ticks of a contact many geometries fit equally well: rounding decides which of them is found.
+    """
+    world = Rotation.random(random_state=np.random.default_rng(3))
+    done = segment(moved_world(recorded(), world, np.zeros(3)), MODEL)
+    assert difference(done, filtered)[FIRST_TICKS:].max() < 0.01
+
+
+@pytest.mark.parametrize("beside_m", [0.1, 0.5])
+@given(seed=seeds)
+@once
+def test_the_body_frame(beside_m, seed):
+    """Markers are glued on anyhow, or half a metre beside the object."""
+    rng = np.random.default_rng(seed)
+    body, aside = Rotation.random(random_state=rng), rng.normal(size=3)
+    shift = aside / np.linalg.norm(aside) * beside_m
+    done = segment(moved_body(recorded(), body, shift), MODEL)
+    same_segments(done, ticks=1.0)
+    assert difference(done).max() < 0.12
+    assert difference(done, filtered).mean() < 0.1
+    same_geometry(done, body=body, body_shift=shift)
+
+
+# --- time --------------------------------------------------------------------------------------------------
+
+
+def test_the_clock():
+    """To the last bit: stamps are whole nanoseconds, and only their differences become seconds."""
+    shift_ns = 1_700_000_000_123_456_789
+    done = segment(replace(recorded(), stamp_ns=recorded().stamp_ns + shift_ns), MODEL)
+    np.testing.assert_array_equal(smoothed(done), smoothed(expected()))
+    np.testing.assert_array_equal(filtered(done), filtered(expected()))
+    assert [b.onset_ns - shift_ns for b in done.filtered] == [b.onset_ns for b in expected().filtered]
+
+
+def test_the_frame_rate():
+    """200 Hz thinned to 50 Hz: twice the noise, so that offsets of 2 and 3 mm standard deviation differ."""
+    done = segment(recorded()[::4], MODEL)
+    same_segments(done, ticks=1.0)
+    assert difference(done).max() < 0.1
+    same_geometry(done, within_m=0.02)
+
+
+def test_the_direction_of_time():
+    """Offline, a contact is what it is: the same segments in reverse order."""
+    poses, stamps = recorded(), recorded().stamp_ns
+    back = Poses(stamps[0] + stamps[-1] - stamps[::-1], poses.position_m[::-1], poses.quat_xyzw[::-1])
+    done = segment(back, MODEL)
+    assert [s.contact for s in done.segments] == [s.contact for s in expected().segments][::-1]
+    change_ns = stamps[0] + stamps[-1] - expected().segments[1].start_ns
+    assert abs(done.segments[1].start_ns - change_ns) <= 3 * TICK_NS
+    off = difference(done, lambda d: smoothed(d)[::-1] if d is done else smoothed(d), expected().stamp_ns)
+    assert np.mean(off) < 0.15
+
+
+@pytest.mark.parametrize("dropped", [7, 13])
+def test_the_phase_of_the_ticks(dropped):
+    done = segment(recorded()[dropped:], MODEL)
+    same_segments(done, ticks=1.0)
+    assert difference(done).max() < 0.1
+    same_geometry(done)
+
+
+# --- poses -------------------------------------------------------------------------------------------------
+
+
+def test_the_sign_of_quaternions():
+    sign = np.random.default_rng(3).choice([-1.0, 1.0], size=(len(recorded()), 1))
+    done = segment(replace(recorded(), quat_xyzw=recorded().quat_xyzw * sign), MODEL)
+    same_segments(done)
+    assert difference(done).max() < 1e-3
+    assert difference(done, filtered).mean() < 0.01
+
+
+def test_poses_that_are_held():
+    """A source that repeats each pose at twice the rate says nothing more."""
+    twice = np.repeat(np.arange(len(recorded())), 2)
+    stamp_ns = recorded().stamp_ns[twice] + np.tile([0, 2_500_000], len(recorded()))
+    done = segment(replace(recorded()[twice], stamp_ns=stamp_ns), MODEL)
+    same_segments(done)
+    assert difference(done, stamp_ns=expected().stamp_ns).max() < 0.01
+    same_geometry(done)
+
+
+def test_outliers():
+    """One pose of a hundred is 5 cm and 15 degrees off, from the start."""
+    rng, poses = np.random.default_rng(5), recorded()
+    wrong = (rng.random(len(poses)) < 0.01)[:, None]
+    away = Rotation.from_rotvec(np.where(wrong, rng.normal(size=(len(poses), 3)) * 0.15, 0.0))
+    turn = Rotation.from_quat(poses.quat_xyzw) * away
+    position = poses.position_m + np.where(wrong, rng.normal(size=(len(poses), 3)) * 0.03, 0.0)
+    done = segment(Poses(poses.stamp_ns, position, turn.as_quat()), MODEL)
+    assert done.outliers - expected().outliers == pytest.approx(wrong.sum(), abs=2)
+    same_segments(done, ticks=1.0)
+    assert difference(done).max() < 0.1
+    same_geometry(done, within_m=0.01)

@@ -1,0 +1,258 @@
+"""Offline: segments, onsets and geometry against the truth."""
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from contact_tracker.evaluation.geometry_errors import geometry_errors
+from contact_tracker.geometry.elements import numbers
+from contact_tracker.landmarks.prior_map import NOTHING
+from contact_tracker.motion.poses import BATCH
+from contact_tracker.motion.window import Window
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.forward_pass import Pass, Seen, forward
+from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
+from contact_tracker.tracking.segment_fit import Stretch, tell
+from contact_tracker.tracking.segmentation import Segmentation
+from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
+
+each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
+
+
+def names(segmentation):
+    return " ".join(s.contact.value for s in segmentation.segments)
+
+
+@each_recording
+def test_segments_are_the_true_ones(contacts):
+    found, truth = segmented(contacts), recorded(contacts).truth
+    assert names(found) == contacts
+    for segment_, interval in zip(found.segments, truth.intervals, strict=True):
+        assert abs(segment_.start_ns - interval.start_ns) < 0.3e9
+        assert segment_.probability > 0.9
+    held = true_contacts(recorded(contacts), found.stamp_ns)
+    assert np.mean([b.contact is c for b, c in zip(found.beliefs, held, strict=True)]) > 0.95
+
+
+@each_recording
+def test_segments_cover_the_recording_once(contacts):
+    found, stamps = segmented(contacts), recorded(contacts).poses.stamp_ns
+    assert found.segments[0].start_ns == stamps[0]
+    assert found.segments[-1].end_ns == stamps[-1]
+    for before, after in pairwise(found.segments):
+        assert before.end_ns + 1 == after.start_ns
+        assert before.contact is not after.contact or before.geometry is not after.geometry
+    for belief in found.beliefs:
+        (mine,) = (s for s in found.segments if s.start_ns <= belief.stamp_ns <= s.end_ns)
+        assert (belief.contact, belief.onset_ns) == (mine.contact, mine.start_ns)
+        assert belief.probability.sum() == pytest.approx(1.0)
+
+
+@each_recording
+def test_geometry_lies_within_its_standard_deviations(contacts):
+    simulated = recorded(contacts)
+    errors = geometry_errors(simulated.poses, simulated.truth, segmented(contacts).segments)
+    assert errors.found_segments == errors.true_segments == 2
+    assert all(row.deviation.sd < 3.5 for row in errors.rows)
+    assert errors.within_3_sd >= 0.75
+    assert np.median(errors.angle_deg) < 3.0
+    assert np.median(errors.distance_mm) < 10.0
+
+
+def test_every_tick_has_the_noise_that_is_known_at_the_end():
+    """What the model expects at the start, 0.5 mm, is not what its first ticks are weighed by."""
+    ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
+    seen, state = Pass.over(ticks), ticks[-1].state
+    deviation_m, _ = np.sqrt(seen.window(state).variance).T
+    frames = np.sqrt(seen.frames)
+    per_tick = np.hypot(state.averaging.learnt.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
+    np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
+    assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick[0]
+
+
+@each_recording
+def test_the_future_helps(contacts):
+    """Smoothing is nowhere much worse than the filter, and at the end they agree: there is no future left."""
+    found = segmented(contacts)
+    held = true_contacts(recorded(contacts), found.stamp_ns)
+    smoothed, filtered = (
+        np.mean([np.log(b.probability[c.column] + 1e-12) for b, c in zip(beliefs, held, strict=True)])
+        for beliefs in (found.beliefs, found.filtered)
+    )
+    assert smoothed > filtered
+    np.testing.assert_allclose(found.beliefs[-1].probability, found.filtered[-1].probability, atol=0.02)
+
+
+# --- edges -------------------------------------------------------------------------------------------------
+
+
+def test_nothing_has_no_segments():
+    nothing = segment([], MODEL)
+    assert len(nothing.segments) == len(nothing.beliefs) == len(nothing.filtered) == 0
+
+
+@pytest.mark.parametrize("count", [1, 2, 20, 21])
+def test_a_moment_is_one_segment(count):
+    poses = recorded(FACE_TO_EDGE).poses[:count]
+    found = segment(poses, MODEL)
+    assert len(found.segments) == 1
+    assert (found.segments[0].start_ns, found.segments[0].end_ns) == tuple(poses.stamp_ns[[0, -1]])
+    assert len(found.beliefs) == len(found.filtered) == 1 + (count > 20)
+
+
+def test_progress_is_the_number_of_poses_read():
+    told = []
+    segment(recorded(FACE_TO_EDGE).poses[: 2 * BATCH + 1], MODEL, told.append)
+    assert told == [BATCH, 2 * BATCH, 2 * BATCH + 1]
+
+
+# --- in pieces ---------------------------------------------------------------------------------------------
+
+
+@cache
+def ticks_seen():
+    """The forward pass of a recording, tick by tick."""
+    return tuple(forward(recorded(FACE_TO_EDGE).poses, MODEL))
+
+
+def again_and_again(times):
+    """The same pass one time after the other, as far as the segmenter looks at it."""
+    ticks = len(ticks_seen())
+    for number in range(times):
+        for seen in ticks_seen():
+            before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
+            alive, tick, change = seen.state.alive, seen.tick, seen.state.change
+            if number:  # nothing lasts from one to the next
+                change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.change
+            yield Seen(
+                state=seen.state._replace(
+                    change=change, outliers=0, alive=alive._replace(onset=alive.onset + before)
+                ),
+                tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),
+                belief=replace(seen.belief, stamp_ns=seen.belief.stamp_ns + before_ns),
+            )
+
+
+def in_pieces(executor=None, times=1):
+    segmenter, found, most = Segmenter(executor), [], 0
+    for seen in again_and_again(times):
+        segmenter.note(seen.state, seen.glimpse, seen.belief)
+        if segmenter.due:
+            found.append(segmenter.conclude())
+            most = max(most, segmenter.open_ticks)
+    return [*found, segmenter.finish()], most
+
+
+def test_pieces_together_are_the_whole(monkeypatch):
+    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 10)
+    some, most = in_pieces(times=6)
+    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 10_000)
+    (expected,), _ = in_pieces(times=6)
+    found = Segmentation.join(some)
+    assert sum(len(piece.segments) > 0 for piece in some) >= 3
+    assert most < 200
+    assert [(s.contact, s.start_ns, s.end_ns) for s in found.segments] == [
+        (s.contact, s.start_ns, s.end_ns) for s in expected.segments
+    ]
+    np.testing.assert_array_equal(found.filtered.rows["probability"], expected.filtered.probability)
+    np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
+    np.testing.assert_allclose(found.beliefs.probability, expected.beliefs.probability, atol=1e-5)
+    for a, b in zip(found.segments, expected.segments, strict=True):  # the noise was not known as well then
+        assert a.geometry.environment.normal @ b.geometry.environment.normal > np.cos(2e-3)
+    assert len(found.segments) == 12
+
+
+def test_segments_are_the_same_whoever_watches(monkeypatch):
+    """Who looks at each tick has them taken in one by one; what is concluded on the way is the same."""
+    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
+    poses, watched = recorded("f-e e-e f-e e-f e-e f-f e-e").poses, []
+    found = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
+    expected = list(pieces(poses, MODEL, watch=watched.append, online=Detail.WEIGHTS))
+    assert len(watched) > 100
+    assert sum(len(piece.segments) > 0 for piece in found) >= 2
+    for ours, theirs in zip(found, expected, strict=True):
+        assert ours.outliers == theirs.outliers
+        np.testing.assert_array_equal(ours.beliefs.probability, theirs.beliefs.probability)
+        for a, b in zip(ours.segments, theirs.segments, strict=True):
+            assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
+            assert (a.geometry is None) == (b.geometry is None)
+            if a.geometry is not None and b.geometry is not None:
+                np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
+
+
+def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
+    """What is concluded on the way knows the noise of the ticks so far, not of those that wait."""
+    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
+    some = {}
+    for batch in (20, 500, 10_000):
+        monkeypatch.setattr("contact_tracker.motion.poses.BATCH", batch)
+        poses = recorded("f-e e-e f-e e-f e-e f-f e-e").poses
+        some[batch] = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
+    assert sum(len(piece.segments) > 0 for piece in some[20]) >= 2
+    expected = Segmentation.join(some.pop(20))
+    for found in map(Segmentation.join, some.values()):
+        for a, b in zip(found.segments, expected.segments, strict=True):
+            assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
+            if a.geometry is not None and b.geometry is not None:
+                np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
+
+
+def test_progress_is_told_where_nobody_watches_as_well():
+    told = []
+    list(pieces(recorded(FACE_TO_EDGE).poses[:1101], MODEL, told.append, online=Detail.WEIGHTS))
+    assert told == [500, 1000, 1101]
+
+
+def test_segments_are_the_same_however_much_is_told_online():
+    """What hypotheses learn of elements does not hang on what is told."""
+    poses = recorded(FACE_TO_EDGE).poses
+    found = Segmentation.join(list(pieces(poses, MODEL, online=Detail.WEIGHTS)))
+    expected = segmented(FACE_TO_EDGE)
+    assert [b.to_json() for b in found.beliefs] == [b.to_json() for b in expected.beliefs]
+    assert [s.start_ns for s in found.segments] == [s.start_ns for s in expected.segments]
+    assert len(found.filtered) == 0
+    assert len(expected.filtered) > 30
+
+
+def test_where_there_is_no_room_the_older_half_is_told(monkeypatch):
+    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.ROOM_BYTES", 30_000)
+    some, most = in_pieces()
+    found = Segmentation.join(some)
+    assert len(some) > 3
+    assert most < 30
+    np.testing.assert_array_equal(found.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
+    assert names(found) == FACE_TO_EDGE  # the path is what it would be anyway
+
+
+def test_other_processes_find_the_same(monkeypatch):
+    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 20)
+    alone, _ = in_pieces(times=2)
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        together, _ = in_pieces(executor, times=2)
+    ours, theirs = Segmentation.join(alone), Segmentation.join(together)
+    assert [b.to_json() for b in ours.beliefs] == [b.to_json() for b in theirs.beliefs]
+    assert [s.geometry.to_json() for s in ours.segments] == [s.geometry.to_json() for s in theirs.segments]
+
+
+def test_of_a_very_long_segment_the_moving_parts_are_looked_at(monkeypatch):
+    seen = Pass.over(ticks_seen())
+    window = seen.window(ticks_seen()[-1].state).cut(0, 35)
+    rest = replace(window, excess=np.full_like(window.excess, 1e-12))
+    long = Window.join([rest, window, rest])
+    long = replace(long, index=np.arange(len(long)))
+    stretch = Stretch(long, Contact.FF, MODEL, NOTHING, np.zeros(3))
+    monkeypatch.setattr("contact_tracker.tracking.segment_fit.PIECE_TICKS", 5)
+    monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 35)
+    some = tell(stretch)
+    monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 1000)
+    everything = tell(stretch)
+    for a, b in ((some, everything),):
+        # either side of a plane may be called its front
+        assert abs(a.geometry.environment.normal @ b.geometry.environment.normal) > np.cos(5e-3)
+        assert a.inseparable == b.inseparable

@@ -1,0 +1,63 @@
+"""Poses that are looked at while they pass."""
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.tracking.pose_buffer import BLOCK, Waiting, watched
+from contact_tracker.tracking.segmentation import Segmentation
+
+
+def numbered(first: int, count: int) -> Poses:
+    stamp_ns = np.arange(first, first + count, dtype=np.int64)
+    return Poses(stamp_ns, np.zeros((count, 3)), np.zeros((count, 4)))
+
+
+def test_a_piece_comes_after_the_poses_that_were_read_for_it() -> None:
+    counts, noted, passed = (1, BLOCK, 2 * BLOCK + 7, 0, 5), list[int](), list[int]()
+
+    def pieces(poses: Iterable[Pose]) -> Iterator[Segmentation]:
+        stream = iter(poses)
+        for count in counts:
+            passed.extend(pose.stamp_ns for pose in islice(stream, count))
+            yield Segmentation(outliers=count)
+
+    def note(poses: Poses) -> None:
+        assert 0 < len(poses) <= BLOCK
+        noted.extend(poses.stamp_ns.tolist())
+
+    found = []
+    for piece in watched(numbered(0, 10_000), pieces, note):
+        found.append(piece.outliers)
+        assert noted == passed == list(range(sum(found)))
+    assert found == list(counts)
+
+
+@settings(deadline=None)
+@given(st.lists(st.integers(0, 40), max_size=30), st.integers(2, 30))
+def test_what_waits_is_evenly_thinned_and_never_more_than_the_limit(blocks: list[int], limit: int) -> None:
+    waiting, count = Waiting(limit), 0
+    for size in blocks:
+        waiting.extend(numbered(count, size))
+        count += size
+        kept = waiting.poses.stamp_ns
+        assert len(kept) <= limit
+        every = 1
+        while -(-count // every) > limit:
+            every *= 2
+        assert kept.tolist() == list(range(0, count, every))
+
+
+def test_what_is_dropped_is_the_oldest_and_then_all_are_kept_again() -> None:
+    waiting = Waiting(limit=100)
+    waiting.extend(numbered(0, 400))
+    waiting.drop(99)
+    assert waiting.poses.stamp_ns.tolist() == [396]
+    waiting.extend(numbered(400, 3))
+    assert waiting.poses.stamp_ns.tolist() == [396, 400, 401, 402]
+    waiting.drop(1)
+    assert waiting.poses.stamp_ns.tolist() == [400, 401, 402]

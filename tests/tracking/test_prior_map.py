@@ -1,0 +1,218 @@
+"""What is known is used: contacts are found at once, what touches is named, and errors show."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from contact_tracker.cli.main import run
+from contact_tracker.config.loading import load_model
+from contact_tracker.geometry.elements import Line, Plane, Point
+from contact_tracker.geometry.polyhedron import convex
+from contact_tracker.hypotheses import compiled
+from contact_tracker.landmarks.prior_map import (
+    NOTHING,
+    Accuracy,
+    Knowledge,
+    Known,
+    Up,
+    elements_of,
+    known_to,
+    number_name,
+)
+from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.recording import write_recording
+from contact_tracker.simulate import Scenario, simulate
+from contact_tracker.simulate.scenarios import Phase
+from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.offline_smoother import segment
+from short_recordings import true_contacts
+
+MODEL = load_model()
+ACCURACY = Accuracy(1e-3, float(np.radians(0.3)))
+PHASES = (Phase(Contact.EF, 1.5), Phase(Contact.VF, 1.5), Phase(Contact.FREE, 1.0))
+
+
+@cache
+def recorded():
+    return simulate(Scenario(PHASES, rate_hz=100.0), 4)
+
+
+@cache
+def surfaces():
+    """Object and table as the simulation has them: all elements of the one, the touched face of the other."""
+    simulated = recorded()
+    body = convex(np.array(json.loads(simulated.metadata["object_vertices_m"])), 1e-6)
+    elements = elements_of(body, number_name, ACCURACY, np.eye(3), np.zeros(3))
+    plane = simulated.truth.intervals[0].geometry.environment
+    return elements, known_to(plane, ACCURACY, simulated.poses.position_m.mean(axis=0))
+
+
+def known(table=None, **changes):
+    elements, plane = surfaces()
+    all_of_it = Knowledge((Known("table", table or plane),), elements, None, True, True)
+    return replace(all_of_it, **changes)
+
+
+@cache
+def with_everything():
+    return segment(recorded().poses, MODEL, knowledge=known())
+
+
+def accuracy(beliefs):
+    truth = true_contacts(recorded(), np.array([b.stamp_ns for b in beliefs]))
+    return np.mean([b.contact is t for b, t in zip(beliefs, truth, strict=True)])
+
+
+def true_name(interval):
+    """What the touching element of the object is called: the known one that it is."""
+    element = interval.geometry.object
+    same = [
+        k.name for k in surfaces()[0] if k.kind == interval.contact.value[0] and alike(k.element, element)
+    ]
+    (name,) = same
+    return name
+
+
+def alike(a, b):
+    match a, b:
+        case Point(), Point():
+            return np.linalg.norm(a.point_m - b.point_m) < 1e-6
+        case Line(), Line():
+            apart = np.cross(a.direction, b.point_m - a.point_m)
+            return abs(a.direction @ b.direction) > 1 - 1e-9 and np.linalg.norm(apart) < 1e-6
+        case Plane(), Plane():
+            return a.normal @ b.normal > 1 - 1e-9
+    return False
+
+
+def test_labels_are_right_at_once():
+    found = with_everything()
+    assert accuracy(found.beliefs) > 0.95
+    assert accuracy(found.filtered) > 0.85  # a change is known one or two ticks later
+    assert [s.contact for s in found.segments] == [phase.contact for phase in PHASES]
+
+
+def test_the_touching_elements_are_named():
+    found, intervals = with_everything(), recorded().truth.intervals
+    for segment_found, interval in zip(found.segments, intervals, strict=True):
+        wanted = (true_name(interval), "table") if interval.geometry else (None, None)
+        assert segment_found.touching == wanted
+    named = [b.touching for b in found.filtered if b.contact is Contact.VF][-1]
+    assert named == (true_name(intervals[1]), "table")
+    written = json.loads(json.dumps(found.filtered[5].to_json(), allow_nan=False))
+    assert written["geometry"]["environment"]["name"] == "table"
+
+
+def test_what_was_known_is_known_better_afterwards():
+    """A prior, not a dogma: the motion shows the table more exactly than the user knew it."""
+    table = with_everything().segments[0].geometry.environment
+    truth = recorded().truth.intervals[0].geometry.environment
+    place = recorded().poses.position_m[:150].mean(axis=0)
+    assert abs(table.normal @ place - table.offset_m - (truth.normal @ place - truth.offset_m)) < 1e-3
+    assert np.trace(table.covariance[:3, :3]) < np.trace(surfaces()[1].covariance[:3, :3])
+
+
+def test_what_is_not_listed_cannot_touch():
+    for belief in with_everything().filtered:
+        assert not belief.probability[[Contact.FE.column, Contact.FV.column, Contact.EE.column]].any()
+
+
+@pytest.mark.parametrize("in_use", [True, False])
+def test_contacts_that_nothing_listed_can_make_have_no_hypotheses(in_use, monkeypatch):
+    """Of an object that is one face: compiled or not."""
+    in_use = in_use and compiled.in_use()
+    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
+    face = next(k for k in surfaces()[0] if k.kind == "f")
+    knowledge = Knowledge(object=(face,), object_complete=True)
+    for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge).filtered:
+        assert belief.probability.sum() == pytest.approx(1.0)
+        assert not belief.probability[[Contact.EF.column, Contact.VF.column, Contact.EE.column]].any()
+
+
+@pytest.mark.parametrize("complete", [True, False])
+def test_a_table_in_the_wrong_place_is_not_believed(complete):
+    """Three centimetres and eight degrees off, and sure of it: nothing that touches is named "table"."""
+    plane = surfaces()[1]
+    tilted = plane.normal + 0.14 * np.linalg.svd(plane.normal[None])[2][1]
+    normal = tilted / np.linalg.norm(tilted)
+    place = recorded().poses.position_m.mean(axis=0)
+    wrong = known_to(
+        Plane(normal, float(normal @ place) + plane.offset_m - plane.normal @ place - 0.03), ACCURACY
+    )
+    knowledge = known(wrong, object=(), object_complete=False, environment_complete=complete)
+    found = segment(recorded().poses[:150], MODEL, knowledge=knowledge)
+    for belief in found.filtered:
+        assert np.isfinite(belief.probability).all()
+        assert belief.probability.sum() == pytest.approx(1.0)
+    if not complete:
+        last = found.filtered[-1]
+        assert last.touching[1] is None
+
+
+def test_up_helps_where_little_has_moved():
+    """The face's normal is known from the start; without it, it is anywhere for a while."""
+    up = Up(surfaces()[1].normal, 0.02)
+    poses = recorded().poses[:60]
+    beliefs = segment(poses, MODEL, knowledge=Knowledge(up=up)).filtered
+    faces = [b.geometry.environment for b in beliefs if b.contact.value.endswith("f")]
+    assert faces
+    assert all(abs(face.normal @ up.direction) > np.cos(0.1) for face in faces)
+
+
+def test_nothing_known_is_what_it_was():
+    poses = recorded().poses[:120]
+    ours, theirs = segment(poses, MODEL, knowledge=NOTHING), segment(poses, MODEL)
+    for a, b in zip(ours.filtered, theirs.filtered, strict=True):
+        assert a.to_json() == b.to_json()
+        assert a.touching == (None, None)
+
+
+def test_the_tracker_knows_it_too():
+    state = tracker.start(MODEL, knowledge=known())
+    beliefs = []
+    for pose in recorded().poses[:60]:
+        state, belief = tracker.step(state, pose)
+        beliefs += [] if belief is None else [belief]
+    offline = with_everything().filtered
+    assert [b.to_json() for b in beliefs] == [b.to_json() for b in offline[: len(beliefs)]]
+    assert len(state.banks) == len(CONTACTS)
+
+
+def test_arguments_say_what_is_known(tmp_path, capsys):
+    path = str(tmp_path / "short.mcap")
+    write_recording(path, recorded().poses[:60], None, {})
+    normal, offset_m = surfaces()[1].normal, surfaces()[1].offset_m
+    (tmp_path / "only.toml").write_text("[environment]\ncomplete = true\n")
+    plane = "--plane=" + ",".join(map(str, [*normal, offset_m]))
+    assert run(["segment", path, "--known", str(tmp_path / "only.toml"), plane]) == 0
+    assert "face plane 1 normal" in capsys.readouterr().out
+    (tmp_path / "known.toml").write_text('[[environment.plane]]\nname = "desk"\nnormal = [0, 0, 1]\n')
+    for arguments, wanted in (
+        (["--known", str(tmp_path / "known.toml")], "environment.plane[1].offset_m"),
+        (["--known", str(tmp_path / "gone.toml")], "gone.toml"),
+        (["--up", "0,0"], "--up"),
+        (["--up", "0,0,3"], "up.direction"),
+        (["--box", "1,1,-1"], "object.box.size_m"),
+        (["--plane", "0,0,1,nan"], "--plane"),
+    ):
+        assert run(["live", path, *arguments]) == 2
+        error = capsys.readouterr().err
+        assert wanted in error
+        assert error.count("\n") == 1
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "table",
+    [{"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}, {"up": {"direction": [0.0, 0.0, 1.0]}}],
+    ids=["box", "up"],
+)
+def test_what_is_known_by_half_and_wrong_does_no_harm(table):
+    """Directions along axes, of elements that are not there: beliefs are probabilities all the same."""
+    for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge_from(table)).filtered:
+        assert np.isfinite(belief.probability).all()
+        assert belief.probability.sum() == pytest.approx(1.0)

@@ -1,0 +1,132 @@
+"""An object at rest: nothing is learned, nothing is lost, and it takes next to no time."""
+
+import numpy as np
+import pytest
+
+from contact_tracker import hmm
+from contact_tracker.config.loading import load_model
+from contact_tracker.hypotheses.bank_update import Alive
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import STATES
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.forward_pass import Pass, Seen, forward
+from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.transition_model import FREE, chances, exposure, log_initial
+from short_recordings import FACE_TO_EDGE, recorded
+
+MODEL = load_model()
+RATE_HZ = 200.0
+MOVED = 1200
+"""Frames of motion before the rest."""
+
+
+def paused(seconds: float) -> Poses:
+    """Motion with a rest of some seconds in the middle of it, seen through the same noise."""
+    made = recorded(FACE_TO_EDGE).poses
+    rng, rest, around = np.random.default_rng(0), int(seconds * RATE_HZ), slice(MOVED - 15, MOVED + 15)
+    # where the object is just then, without the noise of one frame
+    place, turn = (
+        np.polynomial.polynomial.polyfit(np.linspace(-1.0, 1.0, 30), values[around], 3)[0]
+        for values in (made.position_m, made.quat_xyzw)
+    )
+    position_m = place + rng.normal(size=(rest, 3)) * 3e-4
+    quat_xyzw = turn + rng.normal(size=(rest, 4)) * 1e-3
+    quat_xyzw /= np.linalg.norm(quat_xyzw, axis=1, keepdims=True)
+    count = len(made) + rest
+    return Poses(
+        made.stamp_ns[0] + (np.arange(count) * 1e9 / RATE_HZ).astype(np.int64),
+        np.concatenate([made.position_m[:MOVED], position_m, made.position_m[MOVED:]]),
+        np.concatenate([made.quat_xyzw[:MOVED], quat_xyzw, made.quat_xyzw[MOVED:]]),
+    )
+
+
+def seen(seconds: float) -> list[Seen]:
+    return list(forward(paused(seconds), MODEL))
+
+
+def still(ticks: list[Seen]) -> list[int]:
+    """Those in which the tracker waited."""
+    return [i for i, one in enumerate(ticks) if not one.state.exposure and i]
+
+
+def test_what_rests_is_waited_for():
+    """Of a rest only the first ticks, in which that is not yet known, are looked at; beliefs stay."""
+    ticks = seen(5.0)
+    waited = still(ticks)
+    assert len(waited) > 40
+    for i in waited:
+        before, now = ticks[i - 1], ticks[i]
+        for old, new in zip(before.state.banks, now.state.banks, strict=True):
+            assert new.words is old.words
+        np.testing.assert_array_equal(now.belief.probability, before.belief.probability)
+        assert now.belief.contact is before.belief.contact
+        assert now.belief.stamp_ns == now.tick.stamp_ns
+
+
+def test_time_at_rest_counts_once_the_object_moves_on():
+    ticks = seen(5.0)
+    activity = [float(one.state.window.activity[-1]) for one in ticks]
+    exposed = Pass.over(ticks).exposure
+    waited = still(ticks)
+    assert exposed[waited[-1] + 1] > len(waited) * exposure(0.0)
+    assert exposed.sum() == pytest.approx(sum(map(exposure, activity)))
+    assert ticks[-1].state.withheld == 0.0
+
+
+def test_after_rest_the_belief_is_what_it_was_loosened_with_time():
+    ticks = seen(5.0)
+    last = still(ticks)[-1]
+    rested, next_tick, contact = ticks[last].state, ticks[last + 1].tick, ticks[last].belief.contact
+
+    def after(rest_s: float) -> float:
+        state = rested._replace(withheld=rest_s / MODEL.tick_s * exposure(0.0))
+        return float(tracker.observe(state, next_tick)[1].probability[contact.column])
+
+    assert after(5.0) > 0.9 * ticks[last].belief.probability[contact.column] > 0.5
+    assert after(5.0) > after(60.0) > after(600.0)
+
+
+@pytest.mark.parametrize("rest_s", [2.0, 40.0])
+def test_a_rest_in_the_middle_changes_no_segment(rest_s):
+    """Not one longer than the window, either."""
+    without, with_rest = (segment(paused(s), MODEL).segments for s in (0.0, rest_s))
+    assert [one.contact for one in with_rest] == [one.contact for one in without]
+    for a, b in zip(without, with_rest, strict=True):
+        longer = (b.end_ns - b.start_ns) - (a.end_ns - a.start_ns)
+        assert longer < 0.3e9 or longer == pytest.approx(rest_s * 1e9, abs=0.3e9)
+
+
+def test_what_is_withheld_at_the_end_says_nothing_of_what_was_before():
+    """Spent at the last boundary, even that of an hour: the same posterior before, and the same evidence."""
+    ticks = seen(5.0)
+    met = Pass.over(ticks[: still(ticks)[-1] + 1])
+    trellis, steps, initial = met.trellis, np.array(met.change), log_initial(MODEL)
+    posterior, _, evidence = hmm.expect(trellis, initial, steps)
+    withheld = 3600.0 / MODEL.tick_s * exposure(0.0)
+    steps[-1] = chances(MODEL, withheld).change
+    # contacts may have lasted, all states may begin anew, and no data tell them apart
+    *alive, last = trellis.alive
+    *log_likelihood, known = trellis.log_likelihood
+    contact = trellis.state[last] != FREE
+    lasted = (known + chances(MODEL, withheld).stay[trellis.state[last]])[contact]
+    states, count = np.arange(len(STATES)), len(trellis.state)
+    spent = hmm.Trellis(
+        np.append(trellis.state, states),
+        np.append(trellis.onset, np.full_like(states, len(steps) - 1)),
+        [*alive, np.append(last[contact], count + states)],
+        [*log_likelihood, np.append(lasted, np.zeros(len(STATES)))],
+    )
+    loosened, _, same = hmm.expect(spent, initial, steps)
+    assert same == pytest.approx(evidence, abs=1e-9)
+    np.testing.assert_allclose(loosened[:-1], posterior[:-1], atol=1e-9)
+    assert np.abs(loosened[-1] - posterior[-1]).max() > 0.1
+
+
+def test_it_is_known_after_every_tick_what_lives_and_leads():
+    ticks = seen(5.0)
+    assert still(ticks)
+    for one in ticks:
+        state = one.state
+        for told, expected in zip(state.alive, Alive.of(state.banks, state.ticks - 1), strict=True):
+            np.testing.assert_array_equal(told, expected)
+        np.testing.assert_array_equal(state.leaders, [bank.leader for bank in state.banks])

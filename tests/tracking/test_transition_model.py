@@ -1,0 +1,177 @@
+"""The Markov chain of the states, against the containment lattice written out by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contact_tracker import hmm
+from contact_tracker.config.loading import load_model
+from contact_tracker.config.parameters import Seen
+from contact_tracker.config.shipped import preset_names
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.transition_model import (
+    AT_REST,
+    chances,
+    exposure,
+    initial,
+    leave_per_s,
+    log_initial,
+    split,
+)
+
+NOTHING = Seen((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)
+MODEL = replace(load_model(), transitions=replace(load_model().transitions, seen=NOTHING))
+FREE = Contact.FREE.column
+# f-f > e-f > {v-f, e-e}, f-f > f-e > {f-v, e-e}; everything meets and leaves the surface
+LIKELY = {
+    "f-f": {"e-f", "f-e", "free"},
+    "e-f": {"f-f", "v-f", "e-e", "free"},
+    "f-e": {"f-f", "f-v", "e-e", "free"},
+    "v-f": {"e-f", "free"},
+    "f-v": {"f-e", "free"},
+    "e-e": {"e-f", "f-e", "free"},
+    "free": {"f-f", "e-f", "f-e", "v-f", "f-v", "e-e"},
+}
+
+each_preset = pytest.mark.parametrize("name", preset_names())
+
+
+@each_preset
+@pytest.mark.parametrize("activity", [0.0, 0.3, 1.0])
+def test_nothing_is_impossible_and_everything_is_a_probability(name, activity):
+    model = load_model(name)
+    exposed = exposure(activity)
+    leave = np.exp(chances(model, exposed).change)
+    assert np.isfinite(chances(model, exposed).change).all()
+    assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
+    assert np.isfinite(log_initial(model)).all()
+    stay = np.exp(chances(model, exposed).stay)
+    np.testing.assert_allclose(stay, np.exp(-leave_per_s(model.transitions) * model.tick_s * exposed))
+    contacts = np.arange(len(STATES)) != FREE
+    np.testing.assert_allclose(leave[contacts].sum(axis=1), 1.0 - stay[contacts])
+    assert leave[FREE, FREE] == pytest.approx(stay[FREE])
+    assert leave[FREE].sum() == pytest.approx(1.0)
+
+
+def test_one_step_of_the_lattice_is_likely_and_a_skip_is_rarer():
+    leave = np.exp(chances(MODEL, 1.0).change)
+    for a in STATES:
+        likely = {b.value for b in STATES if b is not a and leave[a.column, b.column] > 0.9 * _most(leave, a)}
+        assert likely == LIKELY[a.value]
+        for b in STATES:
+            share = leave[a.column, b.column] / _most(leave, a)
+            if b.value in LIKELY[a.value]:
+                assert share == pytest.approx(1.0)
+            elif b is not a:
+                assert share == pytest.approx(MODEL.transitions.skip)
+            elif a is not Contact.FREE:  # the same contact with other elements
+                assert share == pytest.approx(MODEL.transitions.skip**2)
+
+
+def _most(leave, a):
+    return max(leave[a.column, b.column] for b in STATES if b is not a)
+
+
+def test_recordings_begin_as_the_model_says():
+    first = np.exp(log_initial(MODEL))
+    assert first[Contact.FF.column] == pytest.approx(MODEL.transitions.initial_f_f)
+    np.testing.assert_allclose(first[1:], (1.0 - MODEL.transitions.initial_f_f) / 6)
+
+
+def seen(rng, much=100.0):
+    """Random counts of everything."""
+    changes = rng.gamma(0.3, much, (7, 7))
+    changes[FREE, FREE] = 0.0
+    return Seen(
+        tuple(rng.gamma(0.3, much, 7)), tuple(rng.gamma(1.0, much, 7)), tuple(map(tuple, changes.tolist()))
+    )
+
+
+def test_what_was_seen_outweighs_the_lattice_by_as_many_changes_as_the_model_says():
+    """Against the posterior means of gamma and Dirichlet distributions, by their integrals."""
+    changes = np.zeros((7, 7))
+    changes[0, 1], changes[0, 6] = 30.0, 10.0
+    counted = Seen((0.0,) * 6 + (60.0,), (50.0, *(0.0,) * 6), tuple(map(tuple, changes.tolist())))
+    prior = replace(MODEL.transitions, prior_changes=20.0)
+    learned = replace(prior, seen=counted)
+    before, after = split(prior), split(learned)
+    np.testing.assert_allclose(after[1:], before[1:])
+    np.testing.assert_allclose(after[0], (before[0] * 20.0 + changes[0]) / 60.0)
+    np.testing.assert_allclose(initial(learned), (initial(prior) * 20.0 + counted.begins) / 80.0)
+    rate = leave_per_s(learned)
+    grid = np.linspace(1e-6, 3.0, 200_001)
+    log_weight = (20.0 + 40.0 - 1.0) * np.log(grid) - (20.0 / prior.leave_per_s + 50.0) * grid
+    weight = np.exp(log_weight - log_weight.max())
+    assert rate[0] == pytest.approx(float(grid @ weight / weight.sum()), rel=1e-6)
+    np.testing.assert_allclose(rate[1:], prior.leave_per_s)
+
+
+@pytest.mark.parametrize("prior_changes", [1e-3, 1.0, 1e6])
+def test_whatever_was_seen_nothing_becomes_impossible(prior_changes):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        learned = replace(MODEL.transitions, prior_changes=prior_changes, seen=seen(rng))
+        model = replace(MODEL, transitions=learned)
+        assert np.isfinite(chances(model, AT_REST).change).all()
+        leave, stay = np.exp(chances(model, 0.7).change), np.exp(chances(model, 0.7).stay)
+        stay[FREE] = 0.0
+        np.testing.assert_allclose(leave.sum(axis=1) + stay, 1.0)
+        assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
+    if prior_changes == 1e6:
+        np.testing.assert_allclose(split(learned), split(MODEL.transitions), atol=2e-3)
+
+
+@pytest.mark.parametrize("tick_s", [0.05, 0.1, 0.4])
+def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick_s):
+    """Nothing speaks for or against any hypothesis: staying is paid for in each tick but the first."""
+    rng = np.random.default_rng(0)
+    model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, seen=seen(rng)))
+    ticks, states = 12, len(STATES)
+    exposures = rng.choice([0.0, AT_REST, 0.5, 1.0], ticks)
+    stay = np.array([chances(model, e).stay for e in exposures])
+    change = np.array([chances(model, e).change for e in exposures])
+    state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
+    alive = [np.flatnonzero((onset < b) & ((state != FREE) | (onset == b - 1))) for b in range(1, ticks + 1)]
+    stays = [
+        np.array([stay[onset[h] + 1 : b, state[h]].sum() for h in a]) for b, a in enumerate(alive, start=1)
+    ]
+    trellis = hmm.Trellis(state, onset, alive, stays)
+    posterior, log_evidence = hmm.smooth(trellis, log_initial(model), change)
+    assert log_evidence == pytest.approx(0.0, abs=1e-12)
+    expected = [np.exp(log_initial(model))]
+    for t in range(1, ticks):
+        keep = np.where(np.arange(states) == FREE, 0.0, np.exp(stay[t]))
+        expected.append(expected[-1] @ (np.exp(change[t]) + np.diag(keep)))
+    np.testing.assert_allclose(posterior, expected, atol=1e-12)
+
+
+def test_time_scales_do_not_depend_on_the_tick():
+    """Leaving within a second is as probable with ten ticks as with one."""
+    fine, coarse = replace(MODEL, tick_s=0.1), replace(MODEL, tick_s=1.0)
+    np.testing.assert_allclose(10 * chances(fine, 1.0).stay, chances(coarse, 1.0).stay)
+
+
+def test_at_rest_contacts_hardly_change():
+    np.testing.assert_allclose(
+        chances(MODEL, exposure(0.0)).stay, AT_REST * chances(MODEL, exposure(1.0)).stay
+    )
+    assert AT_REST < 0.1
+
+
+def test_without_exposure_nothing_changes():
+    leave = np.exp(chances(MODEL, 0.0).change)
+    assert leave[FREE, FREE] == 1.0
+    assert leave.sum() == 1.0
+    assert not chances(MODEL, 0.0).stay.any()
+
+
+@pytest.mark.parametrize("exposed", [1.5, 30.0, 600.0])
+def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
+    """Against as many small steps of the chain."""
+    contacts = np.arange(len(STATES)) != FREE
+    step = np.exp(chances(MODEL, 1e-3).change) + np.diag(contacts * np.exp(chances(MODEL, 1e-3).stay))
+    chain = np.linalg.matrix_power(step, round(exposed / 1e-3))
+    jump = np.exp(chances(MODEL, exposed).change) + np.diag(contacts * np.exp(chances(MODEL, exposed).stay))
+    np.testing.assert_allclose(jump, chain, atol=1e-3)
+    np.testing.assert_allclose(jump.sum(axis=1), 1.0)

@@ -1,0 +1,492 @@
+"""The viewer's recordings read back: what is in them, when it appears and when it goes."""
+
+import json
+import socket
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rerun.chunk import Chunk, RrdReader
+
+from contact_tracker.errors import ViewerError
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.ground_truth import Truth
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.pose_buffer import Pieces
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.viewer import canvas, shapes
+from contact_tracker.viewer.hull import hull, vertices_from_metadata
+from contact_tracker.viewer.live import LiveViewer
+from contact_tracker.viewer.null_viewer import LiveView, NoViewer
+from contact_tracker.viewer.offline import write_rrd
+from contact_tracker.viewer.palette import COLOUR
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Ground, draw, viewpoint
+from contact_tracker.viewer.sinks import to_file, to_viewer
+
+ORIGIN_NS = 1_700_000_000_000_000_000
+TICK_NS = 100_000_000
+POSES = 2400
+TICKS = 120
+CUBE_M = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.0, 0.2)])
+Z = np.array([0.0, 0.0, 1.0])
+X = np.array([1.0, 0.0, 0.0])
+FLOOR = Plane(Z, 0.0, np.diag([1e-4, 1e-4, 0.0, 1e-6]))
+GEOMETRY = {
+    Contact.FF: ContactGeometry(Plane(-Z, 0.0), FLOOR),
+    Contact.EF: ContactGeometry(Line(X, np.array([0.0, -0.1, 0.0]), 1e-6 * np.eye(6)), FLOOR),
+    Contact.VF: ContactGeometry(Point(np.array([-0.1, -0.1, 0.0]), 1e-6 * np.eye(3)), FLOOR),
+    Contact.FREE: None,
+}
+PHASES = ((Contact.FF, 0, 30), (Contact.FREE, 30, 60), (Contact.EF, 60, 90), (Contact.VF, 90, 120))
+STARTS_NS = [ORIGIN_NS + first * TICK_NS for _, first, _ in PHASES]
+
+
+@pytest.fixture(autouse=True)
+def strict_rerun() -> Iterator[None]:
+    """Data that rerun would drop with a warning fail the test."""
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+@pytest.fixture(scope="module")
+def poses() -> Poses:
+    """A body that slides along x, upright, at 200 Hz."""
+    position = np.zeros((POSES, 3))
+    position[:, 0] = np.linspace(0.0, 0.3, POSES)
+    stamp_ns = ORIGIN_NS + 5_000_000 * np.arange(POSES, dtype=np.int64)
+    return Poses(stamp_ns, position, np.tile([0.0, 0.0, 0.0, 1.0], (POSES, 1)))
+
+
+@pytest.fixture(scope="module")
+def segmentation() -> Segmentation:
+    segments, beliefs = [], []
+    for contact, first, last in PHASES:
+        start_ns, end_ns = ORIGIN_NS + first * TICK_NS, ORIGIN_NS + last * TICK_NS - 5_000_000
+        segments.append(Segment(start_ns, end_ns, contact, 0.9, GEOMETRY[contact]))
+        for tick in range(first, last):
+            probability = np.full(7, 0.2 / 6.0)
+            probability[contact.column] = 0.8
+            residual = np.where([contact is c for c in CONTACTS], 1.0, np.nan)
+            stamp_ns = ORIGIN_NS + (tick + 1) * TICK_NS - 5_000_000
+            beliefs.append(Belief(stamp_ns, contact, probability, start_ns, GEOMETRY[contact], residual))
+    return Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs))
+
+
+@pytest.fixture(scope="module")
+def truth() -> Truth:
+    return Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
+
+
+def told(*pieces: Segmentation) -> Pieces:
+    """Reads all poses and finds what is known beforehand."""
+
+    def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
+        deque(poses, maxlen=0)
+        yield from pieces
+
+    return found
+
+
+@pytest.fixture(scope="module")
+def written(
+    tmp_path_factory: pytest.TempPathFactory,
+    poses: Poses,
+    segmentation: Segmentation,
+    truth: Truth,
+) -> Path:
+    path = tmp_path_factory.mktemp("viewer") / "all.rrd"
+    write_rrd(path, poses, told(segmentation), truth, CUBE_M, paper=True)
+    return path
+
+
+def chunks(path: Path, entity: str, static: bool = False) -> list[Chunk]:
+    found = RrdReader(path).stream().filter(content=f"/{entity}").to_chunks()
+    return [c for c in found if c.is_static == static]
+
+
+def rows(path: Path, entity: str, component: str) -> list[tuple[int, Any]]:
+    """(time since the first pose in ns, values) of each row that has the component, in order of time."""
+    found = []
+    for batch in (c.to_record_batch() for c in chunks(path, entity)):
+        if component in batch.schema.names:
+            since = batch.column(canvas.TIMELINE).to_numpy(zero_copy_only=False).astype(np.int64)
+            found += zip(since.tolist(), batch.column(component).to_pylist(), strict=True)
+    return sorted(found, key=lambda row: row[0])
+
+
+def total(path: Path, entity: str) -> int:
+    return sum(chunk.num_rows for chunk in chunks(path, entity))
+
+
+def test_every_view_has_its_rows(written: Path) -> None:
+    expected = {
+        canvas.BODY: POSES,
+        canvas.TRAIL: TICKS,
+        canvas.P_SMOOTHED: TICKS,
+        canvas.P_FILTERED: TICKS,
+        canvas.RESIDUAL: TICKS,
+        canvas.PAPER: len(range(500, POSES + 1, 10)),
+        canvas.SMOOTHED: len(PHASES),
+        canvas.FILTERED: len(PHASES),
+        canvas.TRUTH: 3,  # f-f, unknown, e-f: the second e-f is no change
+        canvas.EVENTS: len(PHASES),
+    }
+    assert {entity: total(written, entity) for entity in expected} == expected
+
+
+def test_poses_are_columns_on_both_timelines(written: Path, poses: Poses) -> None:
+    parts = chunks(written, canvas.BODY)
+    assert max(c.num_rows for c in parts) == 1000
+    batch = parts[0].to_record_batch()
+    since, stamp = (batch.column(name).to_numpy(zero_copy_only=False) for name in ("t", "stamp"))
+    assert since.dtype == "timedelta64[ns]"
+    assert np.array_equal(since.astype(np.int64) + ORIGIN_NS, stamp.astype(np.int64))
+    translation = rows(written, canvas.BODY, "Transform3D:translation")
+    assert [t + ORIGIN_NS for t, _ in translation] == poses.stamp_ns.tolist()
+    assert np.allclose([value[0] for _, value in translation], poses.position_m, atol=1e-6)
+
+
+def test_geometry_appears_with_its_segment_and_is_cleared_after_it(written: Path) -> None:
+    for entity in canvas.MESHES:
+        counts = [(t, len(v)) for t, v in rows(written, entity, "Mesh3D:vertex_positions")]
+        assert [t + ORIGIN_NS for t, _ in counts] == STARTS_NS
+        assert counts[1][1] == 0, "free motion shows no geometry"
+        triangles = rows(written, entity, "Mesh3D:triangle_indices")
+        for (_, vertices), (_, corners) in zip(counts, triangles, strict=True):
+            assert (vertices == 0) == (corners == [])
+            assert all(max(corner) < vertices for corner in corners)
+    assert len(rows(written, canvas.MESHES[2], "Mesh3D:vertex_positions")[0][1]) > 0
+    unknown = rows(written, canvas.MESHES[1], "Mesh3D:vertex_positions")[0][1]
+    assert unknown == [], "a plane without covariance has no uncertainty to draw"
+
+
+def test_what_is_drawn_fades_with_its_probability(written: Path) -> None:
+    for entity, opacity in zip(canvas.MESHES, canvas.OPACITY, strict=True):
+        factors = rows(written, entity, "Mesh3D:albedo_factor")
+        assert len(factors) == TICKS + len(PHASES)
+        assert {value[0] & 0xFF for _, value in factors} == {round(255 * opacity * 0.8)}
+    surroundings = rows(written, canvas.MESHES[2], "Mesh3D:albedo_factor")
+    first = surroundings[0][1][0]
+    assert (first >> 24, first >> 16 & 0xFF, first >> 8 & 0xFF) == COLOUR[Contact.FF]
+
+
+def test_states_change_where_they_should(written: Path) -> None:
+    smoothed = rows(written, canvas.SMOOTHED, "StateChange:state")
+    assert [(t + ORIGIN_NS, v) for t, v in smoothed] == [
+        (start, [contact.value]) for start, (contact, _, _) in zip(STARTS_NS, PHASES, strict=True)
+    ]
+    assert [v for _, v in rows(written, canvas.TRUTH, "StateChange:state")] == [["f-f"], [""], ["e-f"]]
+    configured = chunks(written, canvas.TRUTH, static=True)[0].to_record_batch()
+    assert configured.column("StateConfiguration:values").to_pylist() == [[s.value for s in STATES]]
+
+
+def test_posteriors_and_minima_are_whole_and_nan_stays_nan(written: Path, segmentation: Segmentation) -> None:
+    probability = np.array([v for _, v in rows(written, canvas.P_SMOOTHED, "Scalars:scalars")])
+    assert np.array_equal(probability, [b.probability for b in segmentation.beliefs])
+    residual = np.array([v for _, v in rows(written, canvas.RESIDUAL, "Scalars:scalars")])
+    expected = np.array([b.residual for b in segmentation.filtered])
+    assert np.isnan(expected).any()
+    assert np.array_equal(residual, expected, equal_nan=True)
+
+
+def test_events_say_when_how_sure_and_where(written: Path) -> None:
+    texts = [value[0] for _, value in rows(written, canvas.EVENTS, "TextLog:text")]
+    assert "3.00 s" in texts[1]
+    assert "edge along" in texts[2]
+    assert "vertex" in texts[3]
+    assert all("p 0.90" in text for text in texts)
+
+
+def in_pieces(poses: Iterable[Pose], whole: Segmentation) -> Iterator[Segmentation]:
+    """A piece per phase, the moment that half of the next one has been read: what is filtered is ahead."""
+    stream, end = iter(poses), 0
+    for number, segment in enumerate(whole.segments):
+        last = number == len(whole.segments) - 1
+        until_ns = whole.beliefs.stamp_ns[-1] if last else segment.end_ns + 15 * TICK_NS
+        for pose in stream:
+            if pose.stamp_ns >= until_ns and not last:
+                break
+        seen = int(np.searchsorted(whole.filtered.stamp_ns, until_ns, side="right"))
+        concluded = slice(*np.searchsorted(whole.stamp_ns, [segment.start_ns, segment.end_ns + 1]))
+        yield Segmentation((segment,), whole.beliefs[concluded], whole.filtered[end:seen])
+        yield Segmentation()  # nothing new
+        end = seen
+
+
+def test_a_recording_in_pieces_is_drawn_as_one(
+    tmp_path: Path, written: Path, poses: Poses, segmentation: Segmentation, truth: Truth
+) -> None:
+    path = tmp_path / "pieces.rrd"
+    write_rrd(path, poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True)
+    assert contents(path) == contents(written)
+    assert len(RrdReader(path).blueprints()) == 1
+
+
+def contents(path: Path) -> dict[tuple[str, str], list[Any]]:
+    """All rows by entity and component, as text (nan equals nan), but when they were written."""
+    found: dict[tuple[str, str], list[Any]] = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        times = batch.column(canvas.TIMELINE) if not chunk.is_static else [None] * batch.num_rows
+        for name in batch.schema.names:
+            if ":" in name:
+                values = zip(map(str, times), map(str, batch.column(name).to_pylist()), strict=True)
+                found.setdefault((chunk.entity_path, name), []).extend(values)
+    return {key: sorted(rows) for key, rows in found.items() if key[0] != "/__properties"}
+
+
+def test_the_blueprint_is_in_the_file(written: Path) -> None:
+    reader = RrdReader(written)
+    (recording,), (blueprint,) = reader.recordings(), reader.blueprints()
+    assert blueprint.application_id == recording.application_id == canvas.APPLICATION
+    batches = [c.to_record_batch() for c in reader.stream(store=blueprint).to_chunks()]
+    classes = [
+        value[0]
+        for batch in batches
+        if "ViewBlueprint:class_identifier" in batch.schema.names
+        for value in batch.column("ViewBlueprint:class_identifier").to_pylist()
+    ]
+    assert sorted(classes) == ["3D", "StateTimeline", "TextLog", *["TimeSeries"] * 4]
+
+
+def test_without_truth_curves_and_hull_the_rest_is_there(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    path = tmp_path / "less.rrd"
+    write_rrd(path, poses, told(segmentation))
+    assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
+    assert total(path, canvas.BODY) == POSES
+    assert not chunks(path, f"{canvas.BODY}/hull", static=True)
+
+
+def test_a_single_pose_and_tick_is_a_recording(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
+    write_rrd(tmp_path / "one.rrd", poses[:1], told(one))
+    assert total(tmp_path / "one.rrd", canvas.BODY) == 1
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
+    path = tmp_path / "kept.rrd"
+    path.write_text("old")
+    crooked = Poses(poses.stamp_ns, poses.position_m[:, :2], poses.quat_xyzw)
+    with pytest.raises(ValueError):  # noqa: PT011 - of numpy or rerun, by version
+        write_rrd(path, crooked, told(segmentation))
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_not_there_is_an_os_error(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    with pytest.raises(FileNotFoundError):
+        write_rrd(tmp_path / "nowhere" / "x.rrd", poses, told(segmentation))
+
+
+def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
+    """Poses as they come, each belief once its tick is complete."""
+    due = list(beliefs)
+    with LiveViewer(CUBE_M, to_file(path)) as view:
+        for pose in poses:
+            view.pose(pose)
+            while due and due[0].stamp_ns <= pose.stamp_ns:
+                view.belief(due.pop(0))
+
+
+def test_live_tells_the_same_as_it_comes(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
+    path = tmp_path / "live.rrd"
+    play(path, poses, segmentation.filtered)
+    assert total(path, canvas.BODY) == POSES // 2, "200 Hz are shown at 100 Hz"
+    for entity in (canvas.TRAIL, canvas.P_FILTERED, canvas.RESIDUAL):
+        assert total(path, entity) == TICKS
+    assert total(path, canvas.FILTERED) == total(path, canvas.EVENTS) == len(PHASES)
+    assert len(RrdReader(path).blueprints()) == 1
+
+
+def test_live_geometry_follows_twice_a_second_and_ends_with_its_contact(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    path = tmp_path / "live.rrd"
+    play(path, poses, segmentation.filtered)
+    drawn = rows(path, canvas.MESHES[2], "Mesh3D:vertex_positions")
+    for contact, first, last in PHASES:
+        first_ns, last_ns = ((tick + 1) * TICK_NS - 5_000_000 for tick in (first, last))
+        within = [(t, len(v) > 0) for t, v in drawn if first_ns <= t < last_ns]
+        assert within == [(first_ns + 5 * i * TICK_NS, contact is not Contact.FREE) for i in range(6)]
+
+
+def test_the_live_trail_is_one_unbroken_line(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    path = tmp_path / "live.rrd"
+    play(path, poses, segmentation.filtered)
+    strips = [value[0] for _, value in rows(path, canvas.TRAIL, "LineStrips3D:strips")]
+    assert all(before[-1] == after[0] for before, after in pairwise(strips))
+
+
+def test_no_viewer_takes_all_and_needs_no_rerun(poses: Poses, segmentation: Segmentation) -> None:
+    view: LiveView
+    with NoViewer() as view:
+        view.pose(next(iter(poses)))
+        view.belief(segmentation.filtered[0])
+    check = "import sys, contact_tracker.viewer.null_viewer; sys.exit('rerun' in sys.modules)"
+    path = [p for p in sys.path if p.endswith("tracker")]
+    environment = {"PYTHONPATH": ":".join(path)}
+    assert subprocess.run([sys.executable, "-c", check], env=environment, check=False).returncode == 0
+
+
+def test_a_port_taken_by_another_program_is_said() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ViewerError, match="not by a rerun viewer"):
+            LiveViewer(sink=to_viewer(port))
+
+
+def test_a_viewer_that_cannot_start_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RERUN_CLI_PATH", str(Path(sys.executable).with_name("no such viewer")))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(ViewerError, match="did not start"):
+        LiveViewer(sink=to_viewer(port))
+
+
+def unit(values: list[float]) -> np.ndarray:
+    return np.array(values) / np.linalg.norm(values)
+
+
+def spread(size: int, seed: int) -> np.ndarray:
+    root = 1e-3 * np.random.default_rng(seed).normal(size=(size, size))
+    return root @ root.T
+
+
+DIRECTIONS = (
+    st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 0.1).map(unit)
+)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+@settings(deadline=None)
+@given(normal=DIRECTIONS, seed=SEEDS)
+def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarray, seed: int) -> None:
+    plane = Plane(normal, 0.3, spread(4, seed))
+    mesh = shapes.uncertainty(plane, 0.3 * normal, 5.0)
+    height = mesh.vertices @ normal - 0.3
+    foot = mesh.vertices - height[:, None] * normal
+    lifted = np.column_stack([foot, -np.ones(len(foot))])
+    sd = np.sqrt(np.einsum("ni,ij,nj->n", lifted, plane.covariance, lifted))
+    assert np.allclose(np.abs(height), 2.0 * sd, rtol=1e-3, atol=1e-6)
+
+
+@settings(deadline=None)
+@given(direction=DIRECTIONS, seed=SEEDS)
+def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarray, seed: int) -> None:
+    line = Line(direction, np.array([0.1, -0.2, 0.3]), spread(6, seed))
+    mesh = shapes.uncertainty(line, line.point_m, 1.0)
+    offset = mesh.vertices.astype(float) - line.point_m
+    along = offset @ direction
+    sideways = offset - along[:, None] * direction
+    basis = np.linalg.svd(direction[None])[2][1:]
+    for station, off in zip(along, sideways, strict=True):
+        jacobian = basis @ np.hstack([station * np.eye(3), np.eye(3)])
+        inverse = np.linalg.inv(jacobian @ line.covariance @ jacobian.T)
+        assert (basis @ off) @ inverse @ (basis @ off) == pytest.approx(4.0, rel=0.05)
+
+
+@settings(deadline=None)
+@given(seed=SEEDS)
+def test_the_ellipsoid_about_a_point_is_at_two_standard_deviations(seed: int) -> None:
+    point = Point(np.array([0.1, -0.2, 0.3]), spread(3, seed) + 1e-8 * np.eye(3))
+    offset = shapes.uncertainty(point, point.point_m, 1.0).vertices - point.point_m
+    distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(point.covariance), offset)
+    assert np.allclose(distance, 4.0, rtol=0.05)
+
+
+def test_what_is_not_known_at_all_is_drawn_no_larger_than_the_element() -> None:
+    centre = np.zeros(3)
+    for element in (
+        Plane(Z, 0.0, 1e6 * np.eye(4)),
+        Line(X, centre, 1e6 * np.eye(6)),
+        Point(centre, 1e6 * np.eye(3)),
+    ):
+        mesh = shapes.uncertainty(element, centre, 0.1)
+        assert 0.09 < np.abs(mesh.vertices).max() < 0.11
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        Plane(Z, 0.0),
+        Point(np.zeros(3), np.full((3, 3), np.nan)),
+        Line(X, np.zeros(3), np.full((6, 6), np.inf)),
+    ],
+)
+def test_unknown_uncertainty_draws_nothing(element: Element) -> None:
+    assert shapes.uncertainty(element, np.zeros(3), 0.1) is shapes.EMPTY
+
+
+def test_an_element_that_is_not_finite_draws_nothing() -> None:
+    assert shapes.body(Point(np.full(3, np.nan)), np.full(3, np.nan), 0.1) is shapes.EMPTY
+
+
+def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
+    vertex = Point(np.array([0.5, 0.0, 0.2]))
+    far_floor = Plane(Z, 0.2)
+    drawing = draw(ContactGeometry(vertex, far_floor), poses, UNKNOWN_EXTENT)
+    assert drawing.label_m == pytest.approx([0.65, 0.0, 0.2], abs=2e-3)
+    disc = drawing.meshes[2].vertices
+    assert np.allclose(disc[:, 2], 0.2)
+    assert disc[:, 0].min() < 0.5 < 0.8 < disc[:, 0].max(), "it covers the way from 0.5 to 0.8 m"
+
+
+def test_the_view_is_upright_on_the_floor(poses: Poses) -> None:
+    view = viewpoint(poses, Plane(-Z, 0.1), UNKNOWN_EXTENT)
+    assert view.up == pytest.approx(Z), "the body is above the plane z = -0.1 whichever way its normal points"
+    sight = view.target_m - view.eye_m
+    assert abs(sight[0]) < 1e-6 < abs(sight[1]), "along y: the motion along x is seen from the side"
+
+
+def test_the_ground_is_what_was_touched_longest_in_any_piece() -> None:
+    def touched(end_ns: int, contact: Contact) -> Segment:
+        return Segment(0, end_ns, contact, 1.0, GEOMETRY[contact])
+
+    beside = ContactGeometry(Point(Z), Plane(X, 0.0))
+    ground = Ground().or_longer([touched(5, Contact.FREE), touched(3, Contact.FF), touched(2, Contact.VF)])
+    assert ground == (FLOOR, 3)
+    assert (
+        ground.or_longer([]) == ground.or_longer([replace(touched(3, Contact.VF), geometry=beside)]) == ground
+    )
+    assert ground.or_longer([replace(touched(4, Contact.VF), geometry=beside)]).plane is beside.environment
+
+
+def test_a_cube_has_twelve_edges() -> None:
+    solid = hull(CUBE_M)
+    assert solid is not None
+    assert len(solid.edges) == 12
+    assert np.allclose(np.linalg.norm(solid.edges[:, 1] - solid.edges[:, 0], axis=1), 0.2)
+    assert solid.extent.centre_m == pytest.approx([0.0, 0.0, 0.1])
+    assert hull(CUBE_M[:4, :] * [0.0, 1.0, 1.0]) is None
+
+
+@pytest.mark.parametrize("text", ["", "not json", "[1, 2]", '[["a", 0, 0]]', "[[0, 0, NaN]]", "null"])
+def test_vertices_that_are_none_are_not_taken(text: str) -> None:
+    assert vertices_from_metadata({"recording": {"object_vertices_m": text}}) is None
+    assert vertices_from_metadata({"other": {}}) is None
+
+
+def test_vertices_come_from_any_metadata_record() -> None:
+    metadata = {"other": {}, "recording": {"object_vertices_m": json.dumps(CUBE_M.tolist())}}
+    assert np.array_equal(vertices_from_metadata(metadata), CUBE_M)

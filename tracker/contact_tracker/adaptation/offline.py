@@ -1,0 +1,129 @@
+"""Offline: as much of a recording as decides on ticks and noise, then all of it with these."""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from dataclasses import replace
+from itertools import chain
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.adaptation import online
+from contact_tracker.adaptation.mixture import doubted
+from contact_tracker.adaptation.report import Report, report
+from contact_tracker.config.parameters import Model
+from contact_tracker.inspection.stream_checks import inspect, is_in_doubt
+from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.motion.poses import Pose, Poses, batches
+from contact_tracker.tracking import offline_smoother
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+
+MOST_POSES: Final = 1_000_000
+"""After so many the best model so far is taken: poses are kept in memory meanwhile."""
+
+
+class OfflineTracker:
+    """Segments one recording piece by piece; afterwards ``report`` says what it was adapted to."""
+
+    def __init__(
+        self, model: Model, knowledge: Knowledge = NOTHING, executor: Executor | None = None
+    ) -> None:
+        self._knowledge = knowledge
+        self._executor = executor
+        self._state = online.start(model, knowledge=knowledge)
+
+    @property
+    def report(self) -> Report | None:
+        """None of a recording without poses."""
+        return report(self._state)
+
+    def pieces(
+        self,
+        poses: Iterable[Pose],
+        progress: Callable[[int], None] | None = None,
+        detail: Detail = Detail.SHARED,
+    ) -> Iterator[Segmentation]:
+        """As ``offline_smoother.pieces``; ``detail`` is that of the beliefs that are ``filtered``."""
+        stream = batches(poses)
+        looked_at, early = self._choose(stream, detail)
+        best = self._state.best
+        if best is None:
+            yield Segmentation()
+            return
+        everything = _Stream(chain(looked_at, self._inspected(stream)))
+        others = self._knowledge, self._executor, None, detail
+        found = offline_smoother.pieces(everything, best.model, progress, *others)
+        waiting = Beliefs.of(early)  # what was said before the model was chosen
+        for piece in found:
+            count = min(len(waiting), len(piece.filtered))
+            said, waiting = waiting[:count], waiting[count:]
+            piece = replace(piece, filtered=piece.filtered[count:])
+            if is_in_doubt(self._state.inspection):
+                piece = _doubted(piece)
+            yield replace(piece, filtered=Beliefs.join([said, piece.filtered]))
+
+    def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
+        """Poses on their way, looked at."""
+        for poses in stream:
+            inspection = inspect(self._state.inspection, poses)
+            self._state = self._state._replace(inspection=inspection)
+            yield poses
+
+    def _choose(self, stream: Iterator[Poses], detail: Detail) -> tuple[Iterator[Poses], list[Belief]]:
+        """Poses until the model is chosen, and what was believed online meanwhile."""
+        looked_at, beliefs, count = list[Poses](), list[Belief](), 0
+        for some in stream:
+            looked_at.append(some)
+            self._state, told = online.advance(self._state, some, detail)
+            beliefs += told
+            count += len(some)
+            if self._state.is_decided or count >= MOST_POSES:
+                break
+        else:
+            self._state, told = online.finish(self._state)
+            beliefs += told
+        return _released(looked_at), beliefs if detail >= Detail.SHARED else []
+
+
+def _doubted(piece: Segmentation) -> Segmentation:
+    """Of which nothing is sure."""
+    return replace(
+        piece,
+        segments=tuple(
+            replace(one, probability=float(doubted(np.array(one.probability)))) for one in piece.segments
+        ),
+        beliefs=piece.beliefs.with_probability(doubted(piece.beliefs.probability)),
+        filtered=piece.filtered.with_probability(doubted(piece.filtered.probability)),
+    )
+
+
+class _Stream:
+    """Poses in columns, as ``poses.Batched``."""
+
+    def __init__(self, columns: Iterator[Poses]) -> None:
+        self._columns = columns
+
+    def batches(self) -> Iterator[Poses]:
+        return self._columns
+
+    def __iter__(self) -> Iterator[Pose]:
+        return (pose for some in self._columns for pose in some)
+
+
+def _released(parts: list[Poses]) -> Iterator[Poses]:
+    """Each once, and then no longer kept."""
+    parts.reverse()
+    while parts:
+        yield parts.pop()
+
+
+def segment(
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    knowledge: Knowledge = NOTHING,
+) -> Segmentation:
+    """Segment a whole recording, as ``offline_smoother.segment`` does, adapted to its stream."""
+    found = OfflineTracker(model, knowledge).pieces(poses, progress, Detail.GEOMETRY)
+    return Segmentation.join(list(found))

@@ -1,0 +1,119 @@
+"""Online: a pose at a time, or several; ticks, noise and doubt are those of the stream."""
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+from contact_tracker.adaptation import side_by_side
+from contact_tracker.adaptation.mixture import doubted
+from contact_tracker.adaptation.side_by_side import SideBySide
+from contact_tracker.config.parameters import Model
+from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Inspection, inspect, is_in_doubt
+from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.state import TrackerState
+
+TOGETHER: Final = 50
+"""So many poses are inspected together."""
+
+
+class AdaptiveState(NamedTuple):
+    """Everything known of the stream; bounded in size however long it is.
+
+    The ``trackers`` side by side, and the ``inspection`` of the poses, but for the last ones: those wait for
+    it (``uninspected``, so ``many``), and after the first ``taken_in`` parts of them for the end of a tick.
+    """
+
+    trackers: SideBySide
+    inspection: Inspection
+    uninspected: tuple[Pose | Poses, ...]
+    many: int
+    taken_in: int
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether ticks and noise are chosen for good."""
+        return self.trackers.is_decided
+
+    @property
+    def best(self) -> TrackerState | None:
+        """The most probable tracker; None before the rate of the stream is known."""
+        return self.trackers.best
+
+    @property
+    def outliers(self) -> int:
+        """Poses left out of their ticks so far."""
+        return 0 if self.best is None else self.best.outliers
+
+
+def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> AdaptiveState:
+    """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
+    return AdaptiveState(side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, (), 0, 0)
+
+
+def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None]:
+    """Take in one pose; a belief comes out when it closes a tick, from data up to that tick only.
+
+    When the rate becomes known, and after a gap, one pose closes several ticks: the belief is that of the
+    last; ``advance`` returns all.
+    """
+    state, beliefs = advance(state, pose)
+    return state, beliefs[-1] if beliefs else None
+
+
+def advance(
+    state: AdaptiveState, poses: Pose | Poses, detail: Detail = Detail.GEOMETRY
+) -> tuple[AdaptiveState, list[Belief]]:
+    """Take in one pose or several, in order; the beliefs of the ticks that they close.
+
+    No label is sure while the poses are in doubt.
+    """
+    if isinstance(poses, Pose):
+        return _advance(state, poses, 1, detail)
+    beliefs = list[Belief]()
+    while len(poses):
+        some, poses = poses[: TOGETHER - state.many], poses[TOGETHER - state.many :]
+        state, said = _advance(state, some, len(some), detail)
+        beliefs += said
+    return state, beliefs
+
+
+def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
+    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
+
+    Should it go on after all, it has paused, as after a gap.
+    """
+    state, beliefs = _take_in(state, Detail.GEOMETRY)
+    trackers, rest = side_by_side.finish(state.trackers)
+    return state._replace(trackers=trackers), [*beliefs, *_as_sure_as_allowed(state, rest)]
+
+
+def _advance(
+    state: AdaptiveState, poses: Pose | Poses, many: int, detail: Detail
+) -> tuple[AdaptiveState, list[Belief]]:
+    """No more poses than are inspected together, those that wait for it included."""
+    trackers, inspection, uninspected, before, taken_in = state
+    state = AdaptiveState(trackers, inspection, (*uninspected, poses), before + many, taken_in)
+    if isinstance(poses, Pose) and state.many < TOGETHER and side_by_side.goes_on(trackers, poses.stamp_ns):
+        return state, []  # as mostly, where poses come one by one: trackers need them at the end of the tick
+    state, beliefs = _take_in(state, detail)
+    if state.many == TOGETHER:
+        inspection = inspect(inspection, Poses.join(state.uninspected))
+        state = AdaptiveState(state.trackers, inspection, (), 0, 0)
+    return state, beliefs
+
+
+def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:
+    """The trackers take in what waits for the end of a tick."""
+    waiting = state.uninspected[state.taken_in :]
+    if not waiting:
+        return state, []
+    trackers, beliefs = side_by_side.advance(state.trackers, Poses.join(waiting), detail)
+    state = state._replace(trackers=trackers, taken_in=len(state.uninspected))
+    return state, _as_sure_as_allowed(state, beliefs)
+
+
+def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
+    if not beliefs or not is_in_doubt(state.inspection):
+        return beliefs
+    return [replace(belief, probability=doubted(belief.probability)) for belief in beliefs]

@@ -1,0 +1,39 @@
+"""What was adapted to a stream, and what the stream shows of itself."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from contact_tracker.adaptation.online import AdaptiveState
+from contact_tracker.config.parameters import Model
+from contact_tracker.inspection.stream_checks import Finding, findings
+from contact_tracker.motion.sensor_noise import NoiseEstimate
+from contact_tracker.motion.tick_averaging import tick_variances
+
+
+class Report(NamedTuple):
+    """``model`` as asked for and the one ``chosen``, whether it ``is_decided``; deviations (m, rad) of the
+    ``noise`` of a pose, as estimated or given, and of a ``tick``, which usually holds ``poses_per_tick``;
+    what the stream shows of itself (``findings``)."""
+
+    model: Model
+    chosen: Model
+    is_decided: bool
+    noise: tuple[float, float]
+    tick: tuple[float, float]
+    poses_per_tick: float
+    findings: tuple[Finding, ...]
+
+
+def report(state: AdaptiveState) -> Report | None:
+    """Of the stream so far; None before its rate is known."""
+    best = state.best
+    if best is None or best.averaging is None:
+        return None
+    estimate: NoiseEstimate = best.averaging.learnt.noise
+    typical = float(np.median(best.sliding.frames)) if len(best.sliding.frames) else 1.0
+    variance = tick_variances(estimate, np.array(typical), best.model)
+    tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
+    noise = estimate.sigma_position_m, estimate.sigma_rotation_rad
+    found = findings(state.inspection)
+    return Report(state.trackers.model, best.model, state.is_decided, noise, tick, typical, found)

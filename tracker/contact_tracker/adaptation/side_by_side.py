@@ -1,0 +1,228 @@
+"""Trackers side by side that differ in the noise of a tick, weighed by their evidence.
+
+The first is the model's. Others begin, with the poses so far, once these tell the ratio of the noise of
+position and orientation. After some seconds of motion those that are far behind are dropped, after some more
+all but the best.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.adaptation.candidates import candidates, with_ticks_for
+from contact_tracker.adaptation.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
+from contact_tracker.adaptation.mixture import mixture
+from contact_tracker.config.parameters import Model
+from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.motion import tick_grid
+from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.state import TrackerState
+
+Array = NDArray[np.float64]
+
+RATE_POSES: Final = 12
+"""So many poses tell the rate of the stream."""
+RATIO_POSES: Final = 60
+"""So many tell the ratio of the noise of position and orientation."""
+LOG_PRIOR_STEP: Final = -1.0
+"""Each candidate is less probable than the one of less noise, to begin with (nats)."""
+DROPPED_AFTER_S: Final = 5.0
+MARGIN_NATS: Final = 20.0
+"""After so much motion (its first ticks mislead) a tracker so far behind the best is dropped."""
+REST_NATS: Final = 10.0
+"""So much less counts a tracker that takes noise for motion, as long as the object rests."""
+DECIDED_AFTER_S: Final = 10.0
+"""After so much motion the best is taken: what is left differs little."""
+
+
+class Followed(NamedTuple):
+    """A tick that a tracker has taken in: its ``evidence``, whether the object ``moves``, and the answer."""
+
+    evidence: TickEvidence
+    moves: bool
+    belief: Belief | None
+
+
+class SideBySide(NamedTuple):
+    """The trackers of one stream; bounded in size however long it is.
+
+    ``model`` as asked for; the ``trackers``, none before the rate is known, and their ``log_weight``
+    (K,); ``pending``, the poses so far as long as other trackers may begin with them, and what the ticks in
+    them were to the first tracker (``first``); for how long the object has moved (s).
+    """
+
+    model: Model
+    knowledge: Knowledge
+    lag_s: float
+    trackers: tuple[TrackerState, ...]
+    log_weight: Array
+    pending: Poses | None
+    first: tuple[Followed, ...]
+    moved_s: float
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether one tracker is left, and none is to begin."""
+        return self.pending is None and len(self.trackers) == 1
+
+    @property
+    def best(self) -> TrackerState | None:
+        """The most probable tracker; None before the rate of the stream is known."""
+        return self.trackers[int(self.log_weight.argmax())] if self.trackers else None
+
+
+def begin(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> SideBySide:
+    """No pose has come yet."""
+    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0)
+
+
+def goes_on(state: SideBySide, stamp_ns: int) -> bool:
+    """Whether a pose that follows closes no tick."""
+    if not state.trackers:
+        return False
+    one = state.trackers[0]
+    return one.averaging is not None and tick_grid.goes_on(one.averaging, stamp_ns, one.model)
+
+
+def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """Take in poses; the beliefs of the ticks that they close."""
+    if state.pending is None:
+        return _side_by_side(state, poses, detail)
+    rest, beliefs = poses, list[Belief]()
+    while len(rest) and state.pending is not None:
+        enough = RATIO_POSES if state.trackers else RATE_POSES
+        missing = enough - len(state.pending)
+        some, rest = rest[:missing], rest[missing:]
+        state = state._replace(pending=Poses.join([state.pending, some]))
+        said = list[Belief]()
+        if state.trackers:
+            state, said = _side_by_side(state, some, detail)
+            state = _with_others(state, detail) if len(some) == missing else state
+        elif len(some) == missing:
+            state, said = _with_first(state, detail)
+        beliefs += said
+    if len(rest):
+        state, said = _side_by_side(state, rest, detail)
+        beliefs += said
+    return state, beliefs
+
+
+def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
+    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
+
+    Should it go on after all, it has paused, as after a gap.
+    """
+    beliefs = list[Belief]()
+    if state.pending is not None and len(state.pending):
+        if not state.trackers:
+            state, beliefs = _with_first(state, Detail.GEOMETRY)
+        state = _with_others(state, Detail.GEOMETRY)
+    ended = [tracker.finish(one) for one in state.trackers]
+    rest = zip(*(said for _, said in ended), strict=True)
+    beliefs += [mixture(some, state.log_weight) for some in rest]
+    return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
+
+
+def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """With the tracker of the model itself, whose ticks hold frames, and what it says of the poses so far."""
+    assert state.pending is not None
+    stamp_ns = state.pending.stamp_ns
+    period_s = float(np.median(np.diff(stamp_ns))) * 1e-9 if len(stamp_ns) > 1 else 0.0
+    first = tracker.start(with_ticks_for(state.model, period_s), state.lag_s, state.knowledge)
+    return _side_by_side(state._replace(trackers=(first,)), state.pending, detail)
+
+
+def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
+    """With the trackers of more noise after the poses so far: what they say of those comes too late."""
+    assert state.pending is not None
+    _, *models = candidates(state.trackers[0].model, state.pending)
+    starts = (tracker.start(model, state.lag_s, state.knowledge) for model in models)
+    begun = [_observe(*tracker.gather_some(start, state.pending), detail) for start in starts]
+    first = state.first
+    state = state._replace(
+        trackers=(*state.trackers, *(one for one, _ in begun)),
+        log_weight=LOG_PRIOR_STEP * np.arange(1.0 + len(models)),
+        pending=None,
+        first=(),
+    )
+    alive = np.arange(len(state.trackers))
+    for now in zip(first, *(followed for _, followed in begun), strict=True):
+        state, kept = _weigh(state, [now[i] for i in alive])
+        alive = alive[kept]
+    return state
+
+
+def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
+    """All trackers take in poses; one that is dropped meanwhile says nothing any more."""
+    gathered = [tracker.gather_some(one, poses) for one in state.trackers]
+    if not gathered[0][1]:  # no tick is over, of any of them
+        return state._replace(trackers=tuple([one for one, _ in gathered])), []
+    if state.is_decided:
+        return _alone(state, *gathered[0], detail)
+    followed = [_observe(one, closed, detail) for one, closed in gathered]
+    state = state._replace(trackers=tuple(one for one, _ in followed))
+    beliefs, alive = list[Belief](), np.arange(len(followed))
+    for now in zip(*(seen for _, seen in followed), strict=True):
+        state, kept = _weigh(state, [now[i] for i in alive])
+        alive = alive[kept]
+        said = [now[i].belief for i in alive]
+        if said[0] is not None:  # they lag alike
+            activity = np.array([now[i].evidence.activity for i in alive])
+            held_for_motion = 0.0 if now[0].moves else REST_NATS * activity
+            beliefs.append(mixture([b for b in said if b is not None], state.log_weight - held_for_motion))
+    return state, beliefs
+
+
+def _alone(
+    state: SideBySide, one: TrackerState, closed: Sequence[Tick], detail: Detail
+) -> tuple[SideBySide, list[Belief]]:
+    """The one that is left goes on: there is nothing to weigh."""
+    beliefs = list[Belief]()
+    for tick in closed:
+        one, online = tracker.observe(one, tick, detail)
+        belief = tracker.answer(one, online)
+        if belief is not None:
+            beliefs.append(belief)
+    return state._replace(trackers=(one,)), beliefs
+
+
+def _observe(
+    state: TrackerState, closed: Sequence[Tick], detail: Detail
+) -> tuple[TrackerState, list[Followed]]:
+    """One tracker takes in ticks."""
+    followed = list[Followed]()
+    for tick in closed:
+        before = state
+        state, online = tracker.observe(state, tick, detail)
+        evidence, moves = tick_evidence(before, state), is_moving(state.window)
+        followed.append(Followed(evidence, moves, tracker.answer(state, online)))
+    return state, followed
+
+
+def _weigh(state: SideBySide, now: Sequence[Followed]) -> tuple[SideBySide, NDArray[np.int64]]:
+    """Weigh the trackers by what a tick was to each of them; which of them are kept."""
+    every = np.arange(len(now))
+    if len(now) == 1:
+        return state if state.pending is None else state._replace(first=(*state.first, *now)), every
+    if not now[0].moves:
+        return state, every
+    model = state.trackers[0].model
+    log_weight = state.log_weight + relative_evidence([one.evidence for one in now], model.motion)
+    moved_s = state.moved_s + model.tick_s
+    best = log_weight.max()
+    kept = every
+    if moved_s >= DECIDED_AFTER_S:
+        kept = every[[int(log_weight.argmax())]]
+    elif moved_s >= DROPPED_AFTER_S:
+        kept = every[log_weight > best - MARGIN_NATS]
+    state = state._replace(
+        trackers=tuple(state.trackers[i] for i in kept),
+        log_weight=log_weight[kept] - best,
+        moved_s=moved_s,
+    )
+    return state, kept

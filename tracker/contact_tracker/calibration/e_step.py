@@ -1,0 +1,143 @@
+"""What a recording says of the Markov chain of the states, given a model: the E-step.
+
+States are known (``KnownStates``: truth) or only believed (``BelievedStates``: the hypotheses of a forward
+pass, their evidence held fixed). Where truth is silent for a moment, as it often is at a change, all ways
+through that moment are weighed by the model.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm
+from contact_tracker.calibration.tick_stream import UNKNOWN
+from contact_tracker.config.parameters import Model
+from contact_tracker.states import STATES
+from contact_tracker.tracking.transition_model import FREE, chances, log_initial
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LONGEST_SILENCE_S: Final = 1.0
+"""Truth that is silent for longer says nothing about how it goes on."""
+_DIAGONAL: Final = np.arange(len(STATES))
+
+
+class Expected(NamedTuple):
+    """Expected of a recording of T ticks.
+
+    ``begins`` (7,): the state in which it began; ``stays`` (T, 7), ``changes`` (T, 7, 7): that at the
+    boundary before each tick a state lasted, or gave way to another; ``log_evidence`` in nats.
+    """
+
+    begins: Array
+    stays: Array
+    changes: Array
+    log_evidence: float
+
+
+class Chain(Protocol):
+    """One recording."""
+
+    @property
+    def exposure(self) -> Array:
+        """(T,) of each tick, see ``transition_model.exposure``."""
+
+    def expect(self, model: Model) -> Expected:
+        """The E-step with the transitions of ``model``."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownStates:
+    """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,)."""
+
+    label: Ints
+    exposure: Array
+
+    def expect(self, model: Model) -> Expected:
+        """Counts of what is known, expectations of short silences."""
+        ticks = len(self.label)
+        stays, changes = np.zeros((ticks, len(STATES))), np.zeros((ticks, len(STATES), len(STATES)))
+        begins, initial = np.zeros(len(STATES)), log_initial(model)
+        steps = self._steps(model)
+        known = np.flatnonzero(self.label != UNKNOWN)
+        log_evidence = 0.0
+        longest = LONGEST_SILENCE_S / model.tick_s
+        if len(known) and known[0] <= longest:
+            begins[self.label[known[0]]] = 1.0
+            log_evidence += float(initial[self.label[known[0]]])
+        for before, after in pairwise(known.tolist()):
+            i, j = int(self.label[before]), int(self.label[after])
+            if after == before + 1:
+                log_evidence += float(steps[after, i, j])
+                changes[after, i, j] = 1.0
+            elif after - before - 1 <= longest:
+                between, told = _bridge(steps[before : after + 1], i, j)
+                changes[before + 1 : after + 1] = between[1:]
+                log_evidence += told
+        stays[:] = changes[:, _DIAGONAL, _DIAGONAL]
+        changes[:, _DIAGONAL, _DIAGONAL] = 0.0
+        return Expected(begins, stays, changes, log_evidence)
+
+    def _steps(self, model: Model) -> Array:
+        """Log probability (T, 7, 7) of each step; the truth knows no change into the same contact."""
+        chance = [chances(model, exposure) for exposure in self.exposure]
+        steps = np.array([change for change, _ in chance])
+        if len(steps):
+            steps[:, _DIAGONAL, _DIAGONAL] = [stay for _, stay in chance]
+        return steps
+
+
+def _bridge(steps: Array, first: int, last: int) -> tuple[Array, float]:
+    """Changes (t, 7, 7) between two known ticks with nothing known between, and their log probability.
+
+    One hypothesis per tick and state, without memory: lasting is a step like any other.
+    """
+    ticks, states = len(steps), len(STATES)
+    state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
+    alive = [np.arange(b * states, (b + 1) * states) for b in range(ticks)]
+    alive[0], alive[-1] = alive[0][[first]], alive[-1][[last]]
+    silent = hmm.Trellis(state, onset, alive, [np.zeros(len(some)) for some in alive])
+    _, changes, told = hmm.expect(silent, np.zeros(states), steps)
+    return changes, told
+
+
+@dataclass(frozen=True, eq=False)
+class BelievedStates:
+    """The hypotheses of a forward pass; the evidence in ``trellis`` is without what lasting costs."""
+
+    trellis: hmm.Trellis
+    exposure: Array
+
+    @classmethod
+    def of(cls, trellis: hmm.Trellis, exposure: Array, model: Model) -> "BelievedStates":
+        """From the trellis of a forward pass by ``model``, in which lasting was paid for."""
+        return cls(_paying(trellis, exposure, model, -1.0), exposure)
+
+    def expect(self, model: Model) -> Expected:
+        """Forward-backward over the same hypotheses with the transitions of ``model``."""
+        steps = np.array([chances(model, exposure).change for exposure in self.exposure])
+        trellis = _paying(self.trellis, self.exposure, model, 1.0)
+        posterior, changes, log_evidence = hmm.expect(trellis, log_initial(model), steps)
+        changes[:, FREE, FREE] = 0.0  # of free motion this is lasting
+        stays = np.zeros_like(posterior)
+        stays[1:] = np.maximum(posterior[:-1] - changes[1:].sum(axis=2), 0.0)
+        return Expected(posterior[0], stays, changes, log_evidence)
+
+
+def _paying(trellis: hmm.Trellis, exposure: Array, model: Model, sign: float) -> hmm.Trellis:
+    """The trellis with ``sign`` times the cost of lasting added: by contacts, after their first tick."""
+    stay = np.array([chances(model, e).stay for e in exposure]).reshape(-1, len(STATES))
+    stay[:, FREE] = 0.0
+    until = np.concatenate([np.zeros((1, len(STATES))), np.cumsum(stay, axis=0)])
+    paid = [
+        likelihood
+        + sign * (until[b, trellis.state[alive]] - until[trellis.onset[alive] + 1, trellis.state[alive]])
+        for b, (alive, likelihood) in enumerate(
+            zip(trellis.alive, trellis.log_likelihood, strict=True), start=1
+        )
+    ]
+    return trellis._replace(log_likelihood=paid)

@@ -1,0 +1,111 @@
+"""One contact fitted to a stretch of ticks, and what it leaves there: residuals."""
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.calibration.tick_stream import MOVING, Observed, runs
+from contact_tracker.config.parameters import Model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.evidence import residual_noise
+from contact_tracker.motion.window import Window
+from contact_tracker.states import CONTACTS
+from contact_tracker.tracking.state import scales_of
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SHORTEST_TICKS: Final = 15
+"""With motion; less tells too little beside the geometry that is fitted."""
+MARGIN_TICKS: Final = 1
+"""Left out at either end, where a tick may hold both sides of a change."""
+CLIP: Final = 3.0
+"""Beyond so many of its standard deviations a residual pulls the less the larger it is: a bounce is no
+contact."""
+STEP: Final = 1e-6
+"""For derivatives by differences, in rad and m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A contact (``column``) with geometry ``x`` (S,) on the moving ticks of ``window``.
+
+    The variances of the window are the sensor's alone.
+    """
+
+    column: int
+    window: Window
+    x: Array
+
+
+class Residuals(NamedTuple):
+    """Of one stretch: ``residual`` (K, T), angles first and one distance last; the ``variance`` (T, 2) of
+    sensor and contact without the floor; ``lever_sq`` (T,); ``free`` (K, T), the share of its variance that
+    the fit leaves each residual.
+    """
+
+    residual: Array
+    variance: Array
+    lever_sq: Array
+    free: Array
+
+
+def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretch]:
+    """Fit each run of one contact in ``label`` (T,) that is long enough, from scratch."""
+    stretches = []
+    for column, first, end in runs(label):
+        first, end = first + MARGIN_TICKS, end - MARGIN_TICKS
+        moving = first + np.flatnonzero(observed.activity[first:end] >= MOVING)
+        if column < len(CONTACTS) and len(moving) >= SHORTEST_TICKS:
+            window = replace(observed.window.pick(moving), index=np.arange(len(moving)))
+            contact, scales = CONTACT_MODELS[column], scales_of(model)
+            noisy = window.with_error(_floors_sq(model)).with_error(model.noise.beyond_floor[column])
+            fitted = bank_update.fit_stretch(contact, noisy, scales)
+            stretches.append(Stretch(column, window, fitted.x[0]))
+    return stretches
+
+
+def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residuals]:
+    """The stretch with its geometry at the least (robust) whitened squares under the floors of ``model``."""
+    contact = CONTACT_MODELS[stretch.column]
+    anchors = contact.anchors(stretch.window.zeta[:, 9:12].mean(axis=0))
+    pull = contact.family.SPREAD / model.geometry.reach_m**2
+    place = contact.family.place(anchors)
+    x = stretch.x
+    own = stretch.window.with_error(model.noise.beyond_floor[stretch.column])
+    noisy = own.with_error(_floors_sq(model))
+
+    def measured(many: Array) -> tuple[Array, Array, Array]:
+        seen = contact.measure(many, stretch.window.zeta)
+        return seen.residual, residual_noise(seen, noisy), seen.lever_sq
+
+    def cost(x: Array) -> float:
+        residual, noise, _ = measured(x[None])
+        beyond = np.maximum(residual**2 / noise / CLIP**2, 1.0)
+        square = np.where(beyond > 1.0, CLIP**2 * (1.0 + np.log(beyond)), residual**2 / noise)
+        return float(square.sum() + pull @ (x - place) ** 2)
+
+    for _ in range(steps + 1):
+        tangent = contact.family.tangent(x, anchors)
+        residual, noise, lever_sq = (values[0] for values in measured(x[None]))
+        noise = noise * np.maximum(residual**2 / noise / CLIP**2, 1.0)
+        shifts = STEP * np.concatenate([tangent, -tangent], axis=1).T
+        ahead, behind = np.split(measured(contact.family.normalise(x + shifts, anchors))[0], 2)
+        slope = (ahead - behind) / (2.0 * STEP)  # (P, K, T)
+        information = np.einsum("pkt,qkt,kt->pq", slope, slope, 1.0 / noise)
+        covariance = np.linalg.inv(information + tangent.T @ (pull[:, None] * tangent))
+        free = 1.0 - np.einsum("pkt,pq,qkt->kt", slope, covariance, slope) / noise
+        found = Residuals(residual, own.variance, lever_sq, np.clip(free, 0.05, 1.0))
+        gradient = np.einsum("pkt,kt->p", slope, residual / noise) + tangent.T @ (pull * (x - place))
+        ahead_x = contact.family.normalise(x - tangent @ (covariance @ gradient), anchors)
+        if not cost(ahead_x) < cost(x):
+            break
+        x = ahead_x
+    return replace(stretch, x=x), found
+
+
+def _floors_sq(model: Model) -> tuple[float, float]:
+    return model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2

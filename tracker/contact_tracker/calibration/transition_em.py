@@ -1,0 +1,106 @@
+"""Transitions by expectation-maximisation: what was seen, given a model, and the model, given that."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.calibration.e_step import Chain, Expected
+from contact_tracker.config.parameters import Model, Seen
+from contact_tracker.states import STATES
+from contact_tracker.tracking.transition_model import initial, leave_per_s, split
+
+Array = NDArray[np.float64]
+
+MOST_ROUNDS: Final = 50
+CONVERGED: Final = 1e-3
+"""Largest relative change after which nothing more comes, of what is not ``NEGLIGIBLE``."""
+NEGLIGIBLE: Final = 1e-3
+LEAST_EXPOSURE_S: Final = 1e-9
+"""Stands for none, which would be zero over zero."""
+
+
+@dataclass(frozen=True)
+class Learning:
+    """The model that was learned, and the log posterior of each round's model, in nats up to a constant."""
+
+    model: Model
+    log_posterior: tuple[float, ...]
+
+
+def learn_transitions(model: Model, chains: Sequence[Chain]) -> Learning:
+    """The transitions that make the recordings most probable, beside the prior of ``model``.
+
+    The prior is what ``leave_per_s``, ``skip``, ``initial_f_f`` and ``prior_changes`` say; what the model had
+    seen before is forgotten. Each round raises the log posterior of the transitions (or leaves it).
+    """
+    trail = []
+    for _ in range(MOST_ROUNDS):
+        expected = [chain.expect(model) for chain in chains]
+        trail.append(sum(e.log_evidence for e in expected) + log_prior(model))
+        before = model
+        seen = count(model, chains, expected)
+        model = replace(model, transitions=replace(model.transitions, seen=seen))
+        if _moved(before, model) < CONVERGED:
+            break
+    return Learning(replace(model, transitions=replace(model.transitions, seen=_rounded(seen))), tuple(trail))
+
+
+def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -> Seen:
+    """Sums over recordings; a state that was left within a tick has lasted for a part of it.
+
+    With the rate lambda, and h the time in which the tick's motion could have ended the state, that part is
+    1 / lambda - h / (exp(lambda h) - 1) on average: about half of h.
+    """
+    rate = leave_per_s(model.transitions)
+    begins, moving = np.zeros(len(STATES)), np.zeros(len(STATES))
+    changes = np.zeros((len(STATES), len(STATES)))
+    for chain, e in zip(chains, expected, strict=True):
+        # without any exposure nothing has changed
+        h = np.maximum(model.tick_s * chain.exposure, LEAST_EXPOSURE_S)[:, None]
+        begins += e.begins
+        changes += e.changes.sum(axis=0)
+        left_after = 1.0 / rate - h / np.expm1(rate * h)
+        moving += (e.stays * h + e.changes.sum(axis=2) * left_after).sum(axis=0)
+    return Seen(_numbers(begins), _numbers(moving), tuple(map(_numbers, changes)))
+
+
+def log_prior(model: Model) -> float:
+    """Log density, up to a constant, of the prior under which each M-step is the most probable model."""
+    t = model.transitions
+    empty = replace(t, seen=nothing_seen())
+    rate, weight = leave_per_s(t), t.prior_changes
+    rates = weight * (np.log(rate) - rate / t.leave_per_s).sum()
+    rows = (initial(empty), *split(empty)), (initial(t), *split(t))
+    shares = sum(weight * float(p[p > 0] @ np.log(q[p > 0])) for p, q in zip(rows[0], rows[1], strict=True))
+    return float(rates) + shares
+
+
+def nothing_seen() -> Seen:
+    """No recording at all."""
+    zeros = (0.0,) * len(STATES)
+    return Seen(zeros, zeros, (zeros,) * len(STATES))
+
+
+def _moved(before: Model, after: Model) -> float:
+    """Largest relative change."""
+    a, b = (
+        np.concatenate([leave_per_s(m.transitions), initial(m.transitions), split(m.transitions).ravel()])
+        for m in (before, after)
+    )
+    return float(np.max(np.abs(a - b) / np.maximum(b, NEGLIGIBLE)))
+
+
+def _rounded(seen: Seen) -> Seen:
+    """To hundredths, as the file will say."""
+    return Seen(
+        tuple(round(value, 2) for value in seen.begins),
+        tuple(round(value, 2) for value in seen.moving_s),
+        tuple(tuple(round(value, 2) for value in row) for row in seen.changes),
+    )
+
+
+def _numbers(values: Array) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

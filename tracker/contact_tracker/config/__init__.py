@@ -1,0 +1,1 @@
+"""Parameters of the tracker, and the TOML files that have them."""

@@ -1,0 +1,140 @@
+"""Models from TOML files, every key checked: shipped presets by name, others by path (docs/models.md)."""
+
+import math
+import tomllib
+from collections.abc import Callable
+from dataclasses import MISSING, fields
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
+from contact_tracker.config.shipped import preset_names, shipped
+from contact_tracker.errors import ModelError
+from contact_tracker.states import STATES, Contact
+
+_RANGES: Final = {
+    "tick_s": (1e-3, 10.0),
+    "poses_per_tick": (0.0, 1000.0),
+    "foreknowledge": (0.0, 1.0),
+    "independence": (0.0, 1.01),
+    "reach_m": (1e-6, 1e6),
+    "recognised": (0.0, 1.0),
+    "sureness": (0.0, 1.01),
+    "skip": (0.0, 1.0),
+    "initial_f_f": (0.0, 1.0),
+}
+"""Where a number must lie, both ends excluded; others are ``_POSITIVE``."""
+_POSITIVE: Final = (1e-12, 1e9)
+_LEAST_WINDOW_TICKS: Final = 10
+
+
+def load_model(name_or_path: str = "default") -> Model:
+    """Load a shipped preset by name or a TOML file by path.
+
+    Raises
+    ------
+    ModelError : names the key, if it is one, and the reason.
+    """
+    text = _read(name_or_path)
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
+        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
+    model: Model = _build(Model, table, "")
+    if model.search.window_s < _LEAST_WINDOW_TICKS * model.tick_s:
+        raise ModelError("search.window_s", f"must be {_LEAST_WINDOW_TICKS} ticks (tick_s) at least")
+    for name in ("contact_position_m", "contact_rotation_rad"):
+        if getattr(model.noise, name)[Contact.FREE.column]:
+            raise ModelError(f"noise.{name}.free", "free motion is no contact")
+    if model.transitions.seen.changes[Contact.FREE.column][Contact.FREE.column]:
+        raise ModelError("transitions.seen.changes.free.free", "free motion does not change into itself")
+    return model
+
+
+def limits(key: str) -> tuple[float, float]:
+    """Between what the number of ``key`` must lie, both ends excluded."""
+    return _RANGES.get(key.rpartition(".")[2], _POSITIVE)
+
+
+def _read(name_or_path: str) -> str:
+    presets = preset_names()
+    source = shipped() / f"{name_or_path}.toml" if name_or_path in presets else Path(name_or_path)
+    try:
+        text: str = source.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
+    except (OSError, ValueError) as error:
+        reason = f"{name_or_path!r} is neither one of {', '.join(presets)} nor a file that can be read"
+        raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}") from error
+    return text
+
+
+def _build(kind: Any, table: Any, prefix: str) -> Any:
+    """A frozen value of type ``kind`` from a TOML table, every key checked."""
+    if not isinstance(table, dict):
+        raise ModelError(prefix or "model", "must be a table")
+    known = {f.name: f.type for f in fields(kind)}
+    optional = {f.name for f in fields(kind) if f.default is not MISSING}
+    for key in table:
+        if key not in known:
+            raise ModelError(f"{prefix}{key}", f"unknown; known are {', '.join(known)}")
+    values = {}
+    for key, wanted in known.items():
+        if key not in table and key in optional:
+            continue
+        if key not in table:
+            raise ModelError(f"{prefix}{key}", "missing")
+        values[key] = _value(wanted, table[key], f"{prefix}{key}")
+    return kind(**values)
+
+
+def _value(wanted: Any, value: Any, key: str) -> Any:
+    if wanted is str:
+        if not isinstance(value, str):
+            raise ModelError(key, f"must be a string, not {type(value).__name__}")
+        return value
+    if wanted is bool:
+        if not isinstance(value, bool):
+            raise ModelError(key, f"must be true or false, not {type(value).__name__}")
+        return value
+    if wanted is float:
+        low, high = limits(key)
+        number = _number(value, key)
+        if not low < number < high:
+            raise ModelError(key, f"must be more than {low:g} and less than {high:g}")
+        return number
+    if wanted == ByState:
+        return _by_state(value, key, _count, 0.0)
+    if wanted == ByChange:
+        return _by_state(value, key, partial(_by_state, entry=_count, absent=0.0), ZERO)
+    return _build(wanted, value, f"{key}.")
+
+
+def _number(value: Any, key: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ModelError(key, f"must be a number, not {type(value).__name__}")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def _count(value: Any, key: str) -> float:
+    number = _number(value, key)
+    if not 0.0 <= number < _POSITIVE[1]:
+        raise ModelError(key, f"must be zero or more, below {_POSITIVE[1]:g}")
+    return number
+
+
+def _by_state(table: Any, key: str, entry: Callable[[Any, str], Any], absent: Any) -> tuple[Any, ...]:
+    """Seven values from a table of the states' names, ``absent`` where one is not in it."""
+    if not isinstance(table, dict):
+        raise ModelError(key, "must be a table")
+    for name in table:
+        if name not in {state.value for state in STATES}:
+            raise ModelError(f"{key}.{name}", f"unknown; known are {', '.join(STATES)}")
+    return tuple(
+        entry(table[state.value], f"{key}.{state.value}") if state.value in table else absent
+        for state in STATES
+    )

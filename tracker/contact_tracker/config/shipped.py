@@ -1,0 +1,16 @@
+"""Where the shipped presets are, and their names: all that a help text asks for, so it loads nothing else."""
+
+from pathlib import Path
+
+
+def shipped() -> Path:
+    """The folder of the presets."""
+    packaged = Path(__file__).parents[1] / "models"
+    if packaged.is_dir():
+        return packaged
+    return Path(__file__).parents[3] / "models"  # a checkout: the presets stand at its top level
+
+
+def preset_names() -> list[str]:
+    """Names of the shipped presets."""
+    return sorted(preset.stem for preset in shipped().iterdir() if preset.suffix == ".toml")

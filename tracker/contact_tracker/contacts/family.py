@@ -1,0 +1,190 @@
+"""The contract that every contact fulfils: the fit and the evidence know no contact by name.
+
+A contact pairs an element that is fixed in frame 1 with an element that is fixed in frame 2, for a pose that
+maps frame 1 to frame 2. For f-f, e-f, v-f and e-e frame 1 is the body and frame 2 the world. Its swapped form
+(f-e, f-v) is the same contact of the inverse pose, whose lift is a signed permutation of the pose's lift: so
+there is one file per family, and ``ContactModel`` with ``body_in_1=False`` makes the other one.
+
+Elements are stacked in one parameter vector x (..., S); unit vectors stay on the sphere, so that only P <= S
+directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, in frame 1 and in frame 2,
+or a point by which a line is known (``pruning.anchors_of``): lines are given by their points nearest to it,
+and a prior keeps touching points within the body's reach.
+"""
+
+from functools import cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts.parameter_layout import Form
+from contact_tracker.geometry.elements import Element
+from contact_tracker.geometry.vectors import EYE, dot, unit
+from contact_tracker.motion.lifted_pose import TXR, R, T, U
+
+Array = NDArray[np.float64]
+
+
+class Measurement(NamedTuple):
+    """What hypotheses B say of ticks T.
+
+    ``residual`` (B, K, T): the K residuals, angles (rad) first and one distance (m) last.
+    ``lever_sq`` (B, T): squared lever arm (m^2) with which an error of orientation enters the distance.
+    ``reach_sq`` (B, T): squared distance (m^2) of the touching point from the body's origin.
+    ``along`` (B, T or 1, 3): unit vectors in the world along which the distance is measured.
+    """
+
+    residual: Array
+    lever_sq: Array
+    reach_sq: Array
+    along: Array
+
+
+class Family(Protocol):
+    """What one file per family provides; everything broadcasts over leading axes of x.
+
+    Moments are those of at least one pose.
+    """
+
+    SIZE: int
+    """S, length of x."""
+    PARAMETERS: int
+    """P, free directions of x."""
+    ROWS: int
+    """K, residuals per pose (the codimension); all but the last are angles."""
+    COLUMNS: NDArray[np.int64]
+    """The C entries of zeta on which the residuals depend."""
+    SPREAD: Array
+    """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
+
+    FORM: Form
+    """Where in x things are: with it the residuals are those of T3-T6. Rows are affine in all of x that is no
+    direction, and the columns of ``tangent`` come in the order of ``form.turns`` and ``form.shifts``."""
+    RANDOM_STARTS: int
+    """How many random directions a search screens: more where minima are narrow."""
+
+    def rows(self, x: Array) -> Array:
+        """Coefficients c (..., K, C) with ``residual = c @ zeta[COLUMNS]``."""
+
+    def rows_derivative(self, x: Array) -> Array:
+        """Derivative of ``rows`` by x, (..., K, S, C)."""
+
+    def scale_sq(self, x: Array, moments: Array) -> Array:
+        """Mean square (...) of what the last row gives per metre of distance over moments (..., C, C)."""
+
+    def log_scale_sq_derivative(self, x: Array, moments: Array) -> Array:
+        """Derivative (..., S) of the logarithm of ``scale_sq`` by x."""
+
+    def tangent(self, x: Array, anchors: Array) -> Array:
+        """Free directions of x, (..., S, P)."""
+
+    def normalise(self, x: Array, anchors: Array) -> Array:
+        """x with its unit vectors restored and lines given by their feet, nearest to ``anchors`` (..., 6)."""
+
+    def place(self, anchors: Array) -> Array:
+        """x (..., S) with its points and lines at ``anchors`` (..., 6) and all else zero: a prior's mean."""
+
+    def starts(self, moments: Array) -> Array:
+        """Where to start a search, (B, N, S): directions of relaxed solutions from moments (B, C, C), all
+        coordinates zero."""
+
+    def measure(self, x: Array, frames: "Frames") -> Measurement:
+        """Exact residuals and lever arms of hypotheses x (B, S) on T poses."""
+
+    def elements(self, x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
+        """The elements in frame 1 and frame 2 of one x (S,) whose covariance is (S, S)."""
+
+
+def line_tangent(line: Array, anchor: Array, across: Array) -> Array:
+    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` as d turns;
+    ``across`` (..., 3, 2) is the ``sphere_tangent`` of d."""
+    d, arm = line[..., :3], line[..., 3:] - anchor
+    out = np.zeros((*d.shape[:-1], 6, 4))
+    out[..., :3, :2] = across
+    out[..., 3:, :2] = -d[..., :, None] * (arm[..., None, :] @ across)
+    out[..., 3:, 2:] = across
+    return out
+
+
+def normalise_line(line: Array, anchor: Array) -> Array:
+    """A line (..., 6) with unit direction and its foot, the point nearest to ``anchor``."""
+    d, q = unit(line[..., :3]), line[..., 3:]
+    return np.concatenate([d, q - d * dot(d, q - anchor)[..., None]], axis=-1)
+
+
+def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Array:
+    """Assemble ``tangent`` (..., S, P) from blocks (rows of x, directions (..., rows, p))."""
+    width = sum(directions.shape[-1] for _, directions in blocks)
+    out = np.zeros((*x.shape[:-1], size, width))
+    column = 0
+    for rows, directions in blocks:
+        p = directions.shape[-1]
+        out[..., rows, column : column + p] = directions
+        column += p
+    return out
+
+
+def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
+    """Eigenvectors (..., C, k) of a relaxed problem, in order of their minima.
+
+    Minimises ``c M c`` over coefficients c (..., C) with unit length in the k entries ``keep``: the others
+    are eliminated (Schur complement, held by a ridge).
+    """
+    kept, rest = _kept_and_rest(moments.shape[-1], keep.start, keep.stop)
+    scale = ridge * moments.trace(axis1=-2, axis2=-1)[..., None, None]
+    inner = moments[..., rest[:, None], rest] + scale * np.eye(len(rest))
+    coupling = -np.linalg.solve(inner, moments[..., rest[:, None], kept])
+    schur = moments[..., kept[:, None], kept] + moments[..., kept[:, None], rest] @ coupling
+    vectors = np.linalg.eigh(0.5 * (schur + np.swapaxes(schur, -1, -2)))[1]
+    out = np.empty((*moments.shape[:-1], len(kept)))
+    out[..., kept, :] = vectors
+    out[..., rest, :] = coupling @ vectors
+    return out
+
+
+@cache
+def _kept_and_rest(count: int, start: int, stop: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    every = np.arange(count)
+    return every[start:stop], np.delete(every, np.s_[start:stop])
+
+
+def outer(a: Array, b: Array) -> Array:
+    """vec(a b^T) (..., 9), row-major: the coefficients of ``a . R b`` on ``vec R``."""
+    product = a[..., :, None] * b[..., None, :]
+    return np.asarray(product.reshape(*product.shape[:-2], 9))
+
+
+def outer_derivative_first(b: Array) -> Array:
+    """Derivative (..., 3, 9) of ``outer(a, b)`` by a."""
+    return np.asarray((EYE[:, :, None] * b[..., None, None, :]).reshape(*b.shape[:-1], 3, 9))
+
+
+def outer_derivative_second(a: Array) -> Array:
+    """Derivative (..., 3, 9) of ``outer(a, b)`` by b."""
+    return np.asarray((a[..., None, :, None] * EYE[:, None, :]).reshape(*a.shape[:-1], 3, 9))
+
+
+class Frames(NamedTuple):
+    """T lifted poses of frame 1 in frame 2, split into what the families read."""
+
+    rotation: Array  # (T, 9)
+    t: Array  # (T, 3)
+    u: Array  # (T, 3)
+    t_cross_r: Array  # (T, 9)
+    body_in_1: bool
+    """Whether the body is frame 1 (else it is frame 2 and the pose is the inverse one)."""
+
+    @classmethod
+    def of(cls, zeta: Array, body_in_1: bool) -> "Frames":
+        return cls(zeta[:, R], zeta[:, T], zeta[:, U], zeta[:, TXR], body_in_1)
+
+    @property
+    def body_origin(self) -> Array:
+        """The body's origin in frame 1, (T, 3)."""
+        return np.zeros_like(self.u) if self.body_in_1 else -self.u
+
+    def in_world(self, n: Array) -> Array:
+        """Directions n (B, 3) of frame 2 in the world, (B, T or 1, 3)."""
+        if self.body_in_1:
+            return n[:, None, :]
+        return np.asarray(n @ self.rotation.reshape(-1, 3, 3)).swapaxes(0, 1)

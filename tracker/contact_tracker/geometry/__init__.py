@@ -1,0 +1,1 @@
+"""Rotations, and the planes, lines and points that touch."""

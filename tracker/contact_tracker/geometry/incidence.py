@@ -1,0 +1,94 @@
+"""What is known of an element that lies in, on or through one of another kind (docs/theory.md, T28).
+
+A contact that gains or loses a constraint keeps its elements or goes on to what bounds them: from a face to
+an edge of it, from an edge to a vertex on it, and back. Where a direction is unknown it is zero, and its
+covariance says what is known of it.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
+
+_FLAT: Final = 1e-12
+LENGTH_M: Final = 0.2
+"""How far the ends of an edge are from its point nearest to the body."""
+ANYWHERE_M: Final = 10.0
+"""Spread of a place of which nothing is known."""
+
+
+def incident(element: Element, kind: str, near_m: Array) -> Element:
+    """What ``element`` tells of one of another ``kind`` (f, e or v) beside it, near to ``near_m`` (3,)."""
+    assert element.covariance is not None
+    return _INCIDENT[type(element), kind](element, element.covariance, near_m)
+
+
+def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
+    along = np.outer(edge.direction, edge.direction)
+    return Point(edge.point_m, covariance[3:, 3:] + LENGTH_M**2 * (along + covariance[:3, :3]))
+
+
+def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
+    """Its direction may be any; see what ``element_prior.given`` returns."""
+    whole = np.zeros((6, 6))
+    whole[3:, 3:] = covariance
+    return Line(np.zeros(3), vertex.point_m, whole)
+
+
+def _edge_in(face: Plane, covariance: Array, near_m: Array) -> Line:
+    across, tilt, height = _slab(face, covariance)
+    whole = np.zeros((6, 6))
+    whole[:3, :3], whole[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
+    return Line(np.zeros(3), _foot(face, near_m), whole)
+
+
+def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
+    across, _, height = _slab(face, covariance)
+    return Point(_foot(face, near_m), ANYWHERE_M**2 * across + height)
+
+
+def _foot(face: Plane, of_m: Array) -> Array:
+    return np.asarray(of_m + face.normal * (face.offset_m - face.normal @ of_m))
+
+
+def _slab(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
+    """Directions in a face, and how uncertain it is along its normal as a direction and as a place near to
+    where it was touched, each (3, 3)."""
+    out = np.outer(face.normal, face.normal)
+    turns, both = covariance[:3, :3], covariance[:3, 3]
+    tilt = 0.5 * float(turns.trace())
+    across, told = np.eye(3) - out, 0.0
+    if tilt > 0.0:  # where a normal cannot change, as along itself, what is added is not used
+        told = float(both @ np.linalg.solve(turns + tilt * (out + _FLAT * across), both))
+    where_touched = covariance[3, 3] - told
+    return across, tilt * out, (max(float(where_touched), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
+
+
+def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:
+    along = np.outer(edge.direction, edge.direction)
+    turn, shift = (0.5 * float(part.trace()) for part in (covariance[:3, :3], covariance[3:, 3:]))
+    return _face_through(edge.point_m, np.eye(3) - along + turn * along, shift)
+
+
+def _face_through_vertex(vertex: Point, covariance: Array, _: Array) -> Plane:
+    return _face_through(vertex.point_m, np.eye(3), float(covariance.trace()) / 3.0)
+
+
+def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
+    """With the covariance ``normal`` (3, 3) of a normal around zero; its offset is that of ``place_m``."""
+    jacobian = np.concatenate([np.eye(3), place_m[None]])
+    whole = jacobian @ normal @ jacobian.T
+    whole[3, 3] += shift
+    return Plane(np.zeros(3), 0.0, whole)
+
+
+_INCIDENT: Final[dict[tuple[type[Element], str], Callable[..., Element]]] = {
+    (Line, "v"): _vertex_on,
+    (Point, "e"): _edge_through,
+    (Plane, "e"): _edge_in,
+    (Plane, "v"): _vertex_in,
+    (Line, "f"): _face_through_edge,
+    (Point, "f"): _face_through_vertex,
+}

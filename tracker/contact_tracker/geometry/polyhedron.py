@@ -1,0 +1,183 @@
+"""Convex polyhedra and their features: the faces, edges and vertices that can touch."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from contact_tracker.geometry.elements import Element, Line, Plane, Point
+
+Array = NDArray[np.float64]
+KINDS: Final = "vef"
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """A face, edge or vertex: a convex set of points with a convex cone of outward normals.
+
+    Parameters
+    ----------
+    indices : the polyhedron's vertices that span it.
+    points : (k, 3) those vertices in m, for a face in order around it.
+    normals : (j, 3) unit normals of the faces that meet here: they generate the normal cone.
+    walls : (w, 3) unit vectors; a unit normal n in the cone is ``arcsin(walls @ n)`` away from its sides.
+    """
+
+    indices: frozenset[int]
+    points: Array
+    normals: Array
+    walls: Array
+
+    @property
+    def kind(self) -> str:
+        return KINDS[min(len(self.points), 3) - 1]
+
+    @property
+    def span(self) -> Array:
+        """(d, 3) orthonormal directions within the feature: two for a face, one for an edge."""
+        dimension = KINDS.index(self.kind)
+        if dimension == 0:
+            return np.empty((0, 3))
+        first = unit(self.points[1] - self.points[0])
+        return np.array([first, np.cross(self.normals[0], first)][:dimension])
+
+    @property
+    def axis(self) -> Array:
+        """The middle of the normal cone."""
+        return unit(self.normals.sum(axis=0))
+
+    @property
+    def reference(self) -> Array:
+        """A direction parallel to no normal of the cone; along the feature where it has a direction."""
+        directions = self.span if len(self.span) else self.tangents(self.axis)
+        return np.asarray(directions[0], float)
+
+    def tangents(self, normal: Array) -> Array:
+        """(2 - d, 3) orthonormal directions in which ``normal`` can turn within the cone."""
+        if self.kind == "f":
+            return np.empty((0, 3))
+        if self.kind == "e":
+            return np.cross(self.span, normal)
+        helper = np.eye(3)[0 if abs(normal[0]) < 0.9 else 1]
+        first = unit(np.cross(normal, helper))
+        return np.array([first, np.cross(normal, first)])
+
+    def point_clearance(self, point: Array) -> float:
+        """How far (m) a point of the feature is from the feature's rim."""
+        if self.kind == "v":
+            return 0.0
+        if self.kind == "e":
+            return float(np.linalg.norm(self.points - point, axis=1).min())
+        inward = unit(np.cross(self.normals[0], np.roll(self.points, -1, axis=0) - self.points))
+        return float(np.einsum("ij,ij->i", point - self.points, inward).min())
+
+    def normal_clearance(self, normal: Array) -> float:
+        """How far (rad) a normal of the cone is from the cone's sides."""
+        if not len(self.walls):
+            return 0.0
+        return float(np.arcsin(np.clip((self.walls @ normal).min(), 0.0, 1.0)))
+
+    def element(self, rotation: Array, translation: Array, near: Array) -> Element:
+        """The plane, line or point of this feature in the frame that ``rotation`` and ``translation`` give.
+
+        ``near`` (3,) is the point of the feature, in its own frame, that a line is given by.
+        """
+        if self.kind == "f":
+            normal = rotation @ self.normals[0]
+            return Plane(normal, float(normal @ (rotation @ self.points[0] + translation)))
+        if self.kind == "e":
+            return Line(rotation @ self.span[0], rotation @ near + translation)
+        return Point(rotation @ self.points[0] + translation)
+
+
+@dataclass(frozen=True, eq=False)
+class Polyhedron:
+    """A convex body: ``vertices`` (n, 3) in m and its features."""
+
+    vertices: Array
+    features: tuple[Feature, ...]
+
+    def of_kind(self, kind: str) -> tuple[Feature, ...]:
+        return tuple(f for f in self.features if f.kind == kind)
+
+    def depth_m(self, points: Array) -> Array:
+        """How far (m) ``points`` (n, 3) lie below the surface."""
+        faces = self.of_kind("f")
+        normals = np.array([face.normals[0] for face in faces])
+        offsets = np.array([face.normals[0] @ face.points[0] for face in faces])
+        return np.asarray((offsets - points @ normals.T).min(axis=1), float)
+
+    @property
+    def radius(self) -> float:
+        """Largest distance (m) of a vertex from the origin."""
+        return float(np.linalg.norm(self.vertices, axis=1).max())
+
+    @property
+    def top(self) -> tuple[Feature, ...]:
+        """The face that looks most along +z, with its edges and vertices."""
+        top = max(self.of_kind("f"), key=lambda face: float(face.normals[0, 2]))
+        return tuple(f for f in self.features if f.indices <= top.indices)
+
+
+def convex(points: Array, tolerance_m: float = 0.0) -> Polyhedron:
+    """The convex hull of ``points`` (n, 3); what leaves a face by less than ``tolerance_m`` lies in it.
+
+    Raises
+    ------
+    ValueError : the points span no solid.
+    """
+    try:
+        hull = ConvexHull(points, qhull_options=f"Qt C-{tolerance_m:.9f}")
+    except QhullError as error:
+        raise ValueError("these points span no solid") from error
+    outer = np.sort(hull.vertices)
+    vertices = points[outer]
+    planes: dict[tuple[float, ...], set[int]] = {}
+    for simplex, equation in zip(np.searchsorted(outer, hull.simplices), hull.equations, strict=True):
+        planes.setdefault(tuple(np.round(equation, 6) + 0.0), set()).update(map(int, simplex))
+    loops = [_ordered(vertices, members, np.array(key[:3])) for key, members in sorted(planes.items())]
+    normals = [_loop_normal(vertices[loop]) for loop in loops]
+    faces = [
+        Feature(frozenset(loop), vertices[loop], normal[None], np.empty((0, 3)))
+        for loop, normal in zip(loops, normals, strict=True)
+    ]
+    pairs = sorted({tuple(sorted(p)) for loop in loops for p in pairwise([*loop, loop[0]])})
+    edges = [_edge(vertices, list(pair), faces) for pair in pairs]
+    corners = [_corner(vertices, i, faces, pairs) for i in range(len(vertices))]
+    return Polyhedron(vertices, (*faces, *edges, *corners))
+
+
+def _edge(vertices: Array, pair: list[int], faces: Sequence[Feature]) -> Feature:
+    first, second = (f.normals[0] for f in faces if f.indices >= set(pair))
+    walls = unit(np.array([second - (first @ second) * first, first - (first @ second) * second]))
+    return Feature(frozenset(pair), vertices[pair], np.array([first, second]), walls)
+
+
+def _corner(vertices: Array, index: int, faces: Sequence[Feature], pairs: Sequence[Sequence[int]]) -> Feature:
+    neighbours = [sum(pair) - index for pair in pairs if index in pair]
+    normals = np.array([f.normals[0] for f in faces if index in f.indices])
+    return Feature(
+        frozenset({index}), vertices[[index]], normals, unit(vertices[index] - vertices[neighbours])
+    )
+
+
+def _ordered(vertices: Array, members: set[int], normal: Array) -> list[int]:
+    """The vertices of a face, anticlockwise around its outward normal."""
+    indices = sorted(members)
+    relative = vertices[indices] - vertices[indices].mean(axis=0)
+    x = relative[0]
+    angles = np.arctan2(relative @ np.cross(normal, x), relative @ x)
+    return [indices[i] for i in np.argsort((angles + 1e-6) % (2.0 * np.pi))]  # the first one first
+
+
+def _loop_normal(loop: Array) -> Array:
+    return unit(np.cross(loop[1] - loop[0], loop[2] - loop[1]))
+
+
+def unit(vectors: Array) -> Array:
+    """Vectors (..., 3) scaled to length one."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), float)

@@ -1,0 +1,117 @@
+"""What really held: labelled intervals, as simulated recordings carry them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.errors import NoTruth
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.states import Contact
+
+UNSCORED = "?"
+
+
+@dataclass(frozen=True)
+class TruthInterval:
+    """``contact`` held from ``start_ns`` to ``end_ns`` (both included); None is not to be scored.
+
+    ``motion`` is normal, rest, translation or one-axis; ``singular`` says that the motion of this
+    interval cannot tell its contact from others.
+    """
+
+    start_ns: int
+    end_ns: int
+    contact: Contact | None
+    motion: str = "normal"
+    singular: bool = False
+    geometry: ContactGeometry | None = None
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Intervals in order of time, without overlap."""
+
+    intervals: tuple[TruthInterval, ...]
+
+    def at(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Index of the interval in force at each stamp: the last that has started, -1 before all."""
+        starts = np.array([i.start_ns for i in self.intervals], np.int64)
+        return np.searchsorted(starts, stamp_ns, side="right") - 1
+
+    def to_json(self) -> str:
+        return json.dumps([_interval_to_dict(i) for i in self.intervals], indent=1)
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> "Truth":
+        """Parse ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth where it is neither."""
+        try:
+            data = json.loads(text)
+            rows = data["intervals"] if isinstance(data, dict) else data
+            intervals = tuple(_interval_from_dict(row) for row in rows)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            raise NoTruth(f"truth.json is not a list of labelled intervals: {error}") from error
+        if any(a.start_ns > b.start_ns for a, b in pairwise(intervals)):
+            raise NoTruth("truth.json: its intervals are not in the order of time")
+        return cls(intervals)
+
+    @classmethod
+    def from_changes(cls, stamp_ns: Sequence[int], labels: Sequence[str], end_ns: int) -> "Truth":
+        """Intervals from messages at each change; the last one lasts until ``end_ns``."""
+        ends = [*(s - 1 for s in stamp_ns[1:]), end_ns]
+        try:
+            contacts = [None if label == UNSCORED else Contact(label) for label in labels]
+        except ValueError as error:
+            raise NoTruth(f"a truth message is no contact: {error}") from error
+        rows = zip(stamp_ns, ends, contacts, strict=True)
+        return cls(tuple(TruthInterval(start, end, contact) for start, end, contact in rows))
+
+
+def _interval_to_dict(interval: TruthInterval) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "start_ns": interval.start_ns,
+        "end_ns": interval.end_ns,
+        "contact": interval.contact.value if interval.contact else UNSCORED,
+        "motion": interval.motion,
+        "singular": interval.singular,
+    }
+    if interval.geometry:
+        row["object"] = _element_to_dict(interval.geometry.object)
+        row["environment"] = _element_to_dict(interval.geometry.environment)
+    return row
+
+
+def _interval_from_dict(row: dict[str, Any]) -> TruthInterval:
+    geometry = None
+    if "object" in row and "environment" in row:
+        geometry = ContactGeometry(_element_from_dict(row["object"]), _element_from_dict(row["environment"]))
+    return TruthInterval(
+        int(row["start_ns"]),
+        int(row["end_ns"]),
+        None if row["contact"] == UNSCORED else Contact(row["contact"]),
+        str(row.get("motion", "normal")),
+        bool(row.get("singular", False)),
+        geometry,
+    )
+
+
+def _element_to_dict(element: Element) -> dict[str, Any]:
+    match element:
+        case Plane(normal, offset_m):
+            return {"type": "face", "normal": normal.tolist(), "offset_m": float(offset_m)}
+        case Line(direction, point_m):
+            return {"type": "edge", "direction": direction.tolist(), "point_m": point_m.tolist()}
+        case Point(point_m):
+            return {"type": "vertex", "point_m": point_m.tolist()}
+
+
+def _element_from_dict(row: dict[str, Any]) -> Element:
+    if row["type"] == "face":
+        return Plane(np.array(row["normal"], float), float(row["offset_m"]))
+    if row["type"] == "edge":
+        return Line(np.array(row["direction"], float), np.array(row["point_m"], float))
+    return Point(np.array(row["point_m"], float))

@@ -1,0 +1,105 @@
+"""Viterbi and smoothing of a recording that is at hand as a whole."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.hmm.log_space import by_state, enter, log_sum_exp
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class Trellis(NamedTuple):
+    """All hypotheses of a recording of T ticks, as the forward pass met them.
+
+    ``state`` (H,), ``onset`` (H,) by hypothesis; for boundary b = 1 .. T (entry b - 1 of the lists) the
+    hypotheses that were alive and their log-likelihoods up to b.
+    """
+
+    state: Index
+    onset: Index
+    alive: Sequence[Index]
+    log_likelihood: Sequence[Array]
+
+
+def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list[tuple[int, int, int]]:
+    """Most probable path as stretches (hypothesis, onset, end), in order, covering all ticks.
+
+    ``log_initial`` (N,) and ``log_transition`` (T, N, N) by boundary; the first is not used.
+    """
+    states, ticks = len(log_initial), len(trellis.alive)
+    left = np.full((ticks + 1, states), -np.inf)
+    leaver = np.full((ticks + 1, states), -1, np.int64)
+    entry = np.full(len(trellis.state), -np.inf)
+    origin = np.full(len(trellis.state), -1, np.int64)
+    for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
+        fresh = alive[trellis.onset[alive] == b - 1]
+        if b == 1:
+            entry[fresh] = log_initial[trellis.state[fresh]]
+        else:
+            into = left[b - 1][:, None] + log_transition[b - 1][:, trellis.state[fresh]]
+            origin[fresh] = np.argmax(into, axis=0)
+            entry[fresh] = np.max(into, axis=0)
+        score = entry[alive] + likelihood
+        for state in range(states):
+            mine = np.flatnonzero(trellis.state[alive] == state)
+            if len(mine):
+                best = mine[np.argmax(score[mine])]
+                left[b, state], leaver[b, state] = score[best], alive[best]
+    if not np.isfinite(left[ticks]).any():
+        raise ValueError("no path covers all ticks")
+    path = []
+    b, state = ticks, int(np.argmax(left[ticks]))
+    while b > 0:
+        hypothesis = int(leaver[b, state])
+        path.append((hypothesis, int(trellis.onset[hypothesis]), b))
+        b, state = int(trellis.onset[hypothesis]), int(origin[hypothesis])
+    return path[::-1]
+
+
+def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, float]:
+    """Posterior (T, states) of the state at each tick given all data, and the log evidence of the data."""
+    posterior, _, log_evidence = expect(trellis, log_initial, log_transition)
+    return posterior, log_evidence
+
+
+def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, Array, float]:
+    """What smoothing expects of each tick and of each boundary.
+
+    Returns
+    -------
+    posterior (T, N) of the state at each tick given all data; changes (T, N, N), the probability that at the
+    boundary before each tick i is left and j begins (zero before the first); the log evidence of the data.
+    """
+    states, ticks, count = len(log_initial), len(trellis.alive), len(trellis.state)
+    entry = np.full(count, -np.inf)
+    left = np.full((ticks + 1, states), -np.inf)
+    for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
+        fresh = alive[trellis.onset[alive] == b - 1]
+        weight = log_initial if b == 1 else enter(left[b - 1], log_transition[b - 1])
+        entry[fresh] = weight[trellis.state[fresh]]
+        left[b] = by_state(entry[alive] + likelihood, trellis.state[alive], states)
+    log_evidence = float(log_sum_exp(left[ticks]))
+
+    onward = np.full((ticks + 1, states), -np.inf)  # of what follows, given that a state is left at b
+    onward[ticks] = 0.0
+    inward = np.full(count, -np.inf)  # of a hypothesis' data and all that follows
+    posterior, changes = np.zeros((ticks, states)), np.zeros((ticks, states, states))
+    held = np.zeros(count)  # probability that a hypothesis ends at b or later
+    for b in range(ticks, 0, -1):
+        alive, likelihood = trellis.alive[b - 1], trellis.log_likelihood[b - 1]
+        state = trellis.state[alive]
+        ends = likelihood + onward[b, state]
+        inward[alive] = np.logaddexp(inward[alive], ends)
+        held[alive] += np.exp(entry[alive] + ends - log_evidence)
+        np.add.at(posterior[b - 1], state, held[alive])
+        fresh = alive[trellis.onset[alive] == b - 1]
+        begin = by_state(inward[fresh], trellis.state[fresh], states)
+        onward[b - 1] = log_sum_exp(log_transition[b - 1] + begin[None, :], axis=1)
+        if b > 1:
+            changes[b - 1] = np.exp(left[b - 1][:, None] + log_transition[b - 1] + begin - log_evidence)
+    total = posterior.sum(axis=1)  # one, but for rounding
+    return posterior / total[:, None], changes / total[:, None, None], log_evidence

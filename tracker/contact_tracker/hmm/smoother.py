@@ -1,0 +1,149 @@
+"""Smoothing of what is past as soon as the future cannot change it any more."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.hmm.forward_filter import Living, Step
+from contact_tracker.hmm.log_space import Array
+
+_STEP_BYTES: Final = 1300
+_WAY_BYTES: Final = 13
+_CHECKED: Final = 16
+"""In every so many ticks it is looked whether futures still differ at all."""
+
+
+class Past:
+    """The ticks whose posterior is still open, from tick ``first`` on.
+
+    Whatever comes later, the posterior of a past tick will be a mixture of what it is given each beginning
+    that is alive now. So the spread between these bounds by how much the future can still change it.
+    """
+
+    def __init__(self) -> None:
+        self.first = 0
+        self.size = 0
+        """Bytes that are held, about."""
+        self._steps: list[Step] = []
+
+    def __len__(self) -> int:
+        return len(self._steps)
+
+    def append(self, step: Step) -> None:
+        self._steps.append(step)
+        self.size += _size(step)
+
+    def drop(self, count: int) -> None:
+        """Forget the oldest ``count`` ticks."""
+        self.size -= sum(map(_size, self._steps[:count]))
+        del self._steps[:count]
+        self.first += count
+
+    def look_back(self, living: Living, tolerance: float) -> tuple[Array, int]:
+        """Posterior (n, N) of the open ticks given the data so far; and how many of them, the oldest ones, no
+        future can change by more than ``tolerance``."""
+        return self.posterior(living), self.certain(living, tolerance)
+
+    def posterior(self, living: Living) -> Array:
+        """That of the open ticks (n, N), given the data so far."""
+        posterior = self._covered(living)
+        return np.asarray(posterior / posterior.sum(axis=1, keepdims=True))
+
+    def _covered(self, living: Living) -> Array:
+        """Weights (n, N) of the states, given what is alive."""
+        posterior = np.zeros((len(self), len(self._steps[0].source)))
+        for row, cover, _ in self._followed(living, living.probability[:, None]):
+            posterior[row] = cover[:, 0]
+        return posterior
+
+    def certain(self, living: Living, tolerance: float) -> int:
+        """How many of the open ticks, the oldest ones, no future can change by more than ``tolerance``."""
+        futures = np.eye(len(living.onset))
+        if not self._common(living, futures[:, [0, -1]], tolerance):
+            return 0  # as at rest; all others would take long
+        return self._common(living, futures, tolerance)
+
+    def _common(self, living: Living, futures: Array, tolerance: float) -> int:
+        """How many of the oldest ticks ``futures`` have in common, up to the ``tolerance``."""
+        common = len(self)
+        for row, cover, held in self._followed(living, futures):
+            spread = np.max(cover.max(axis=1) - cover.min(axis=1))
+            if spread > tolerance:
+                common = row
+            elif row % _CHECKED == 0 and spread + 2.0 * held.apart <= tolerance:
+                break  # what is older than all that is held stays in its state
+        return common
+
+    def _followed(self, living: Living, futures: Array) -> Iterator[tuple[int, Array, "_Held"]]:
+        """Follow what is alive back through the open ticks, for C ``futures`` at once: given each, the
+        probability (L, C) of what is alive now.
+
+        From the newest tick on, of each its row, the probability (N, C) of the states in it, and of the
+        beginnings that last through it.
+        """
+        states, columns = len(self._steps[0].source), futures.shape[1]
+        held = _Held(states, columns, self.first, self.first + len(self))
+        held.add(living.onset, living.state, futures)
+        cover = np.zeros((states, columns))
+        np.add.at(cover, living.state, futures)
+        left = np.zeros((states, columns))  # probability that a state is left at the tick's end
+        for row in range(len(self) - 1, -1, -1):
+            step = self._steps[row]
+            if left.any():
+                cover += left
+                held.add(step.onset, step.state, step.probability[:, None] * left[step.state])
+            yield row, cover, held
+            begun = held.take(self.first + row)
+            cover = np.maximum(cover - begun, 0.0)
+            left = step.source @ begun
+
+
+def _size(step: Step) -> int:
+    return _STEP_BYTES + _WAY_BYTES * len(step.onset)
+
+
+class _Held:
+    """Probability of the beginnings that last through the tick at hand, (N, C) by onset.
+
+    Those before ``first`` are not asked for; ``end`` is after all of them.
+    """
+
+    def __init__(self, states: int, columns: int, first: int, end: int) -> None:
+        self._first = first
+        self._table = np.zeros((16, states, columns))
+        self._row = np.full(end - first, -1)
+        self._free = list(range(16))
+
+    def add(self, onset: NDArray[Any], state: NDArray[Any], probability: Array) -> None:
+        """Each beginning at most once."""
+        old = int(onset.searchsorted(self._first))  # they are in order
+        since = onset[old:] - self._first
+        rows = self._row[since]
+        if rows.min(initial=0) < 0:
+            new = np.unique(since[rows < 0])
+            self._make_room(len(new))
+            self._row[new] = [self._free.pop() for _ in new]
+            rows = self._row[since]
+        self._table[rows, state[old:]] += probability[old:]
+
+    def take(self, onset: int) -> Array:
+        """What began then, and is not held before."""
+        row = int(self._row[onset - self._first])
+        if row < 0:
+            return np.zeros(self._table.shape[1:])
+        begun: Array = self._table[row].copy()
+        self._table[row], self._row[onset - self._first] = 0.0, -1
+        self._free.append(row)
+        return begun
+
+    @property
+    def apart(self) -> float:
+        """How far the columns differ, over all that is held."""
+        return float((self._table.max(axis=2) - self._table.min(axis=2)).sum())
+
+    def _make_room(self, count: int) -> None:
+        while len(self._free) < count:
+            self._free += range(len(self._table), 2 * len(self._table))
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)])

@@ -1,0 +1,61 @@
+"""Viterbi while ticks come in: what all surviving paths have in common is decided."""
+
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.hmm.forward_filter import Living, Step
+
+Stretch = tuple[int, int, int]
+"""State, onset, end."""
+Node = tuple[int, int]
+"""Minus a boundary (the latest comes first), and the state that is left there."""
+
+
+class Survivors:
+    """The best path to each state at each boundary after ``first``, up to which the path is decided."""
+
+    def __init__(self) -> None:
+        self.first = 0
+        self._best: list[NDArray[np.int32]] = []
+
+    def __len__(self) -> int:
+        return len(self._best)
+
+    def append(self, step: Step) -> None:
+        self._best.append(step.best)
+
+    def decide(self, living: Living) -> list[Stretch]:
+        """The stretches that are decided whatever comes later; each is told once."""
+        nodes = {(-a, i) for a, i in zip(living.onset.tolist(), living.origin.tolist(), strict=True)}
+        latest = list(nodes)
+        heapify(latest)
+        while len(nodes) > 1 and -latest[0][0] > self.first:
+            node = heappop(latest)
+            nodes.remove(node)
+            before = self._before(node)
+            if before not in nodes:
+                nodes.add(before)
+                heappush(latest, before)
+        return self._tell(latest[0])
+
+    def finish(self, living: Living) -> list[Stretch]:
+        """Nothing comes later: the rest of the best path."""
+        return self._tell((-(self.first + len(self)), int(living.state[living.best.argmax()])))
+
+    def _before(self, node: Node) -> Node:
+        onset, origin = self._best[-node[0] - self.first - 1][:, node[1]].tolist()
+        return -onset, origin
+
+    def _tell(self, node: Node) -> list[Stretch]:
+        """The stretches up to a node, which are forgotten."""
+        path: list[Stretch] = []
+        end = -node[0]
+        while -node[0] > self.first:
+            before = self._before(node)
+            path.append((node[1], -before[0], -node[0]))
+            node = before
+        del self._best[: end - self.first]
+        self.first = end
+        return path[::-1]

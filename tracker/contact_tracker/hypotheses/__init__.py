@@ -1,0 +1,1 @@
+"""The hypotheses of each contact: how they begin, are fitted, weighed and dropped."""

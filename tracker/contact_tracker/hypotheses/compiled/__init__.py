@@ -1,0 +1,56 @@
+"""The compiled update of the hypothesis bank: C++ (``tracker/kernels``), built as the package is installed.
+
+Its numpy reference, ``bank_update.reference``, does the work where there was no compiler: some 20 times
+slower, which is said once. It is imported when a tracker starts.
+"""
+
+import os
+import warnings
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from contact_tracker.errors import SlowUpdate
+from contact_tracker.hypotheses.compiled.sources import fingerprint
+
+SWITCH: Final = "CONTACT_TRACKER_COMPILED"
+"""Environment variable; 0 means numpy."""
+NAME: Final = "contact_tracker.hypotheses.compiled.kernels"
+SOURCES: Final = Path(__file__).parents[3] / "kernels"
+"""In a work tree; an installed package has none, and may have another one's folder of that name beside it."""
+
+
+@cache
+def in_use() -> bool:
+    """Whether kernels are used; what is so at first remains so."""
+    if os.environ.get(SWITCH) == "0":
+        return False
+    if not (why := fault()):
+        return True
+    warnings.warn(SlowUpdate(f"runs in numpy, some 20 times slower: {why}"), stacklevel=2)
+    return False
+
+
+@cache
+def fault() -> str:
+    """Why there are no kernels, or why those that were built are of no use, and what to do."""
+    if find_spec(NAME) is None:
+        return "no kernels were built; install a C++ compiler (g++, clang or MSVC), then the package again"
+    try:
+        kernels = import_module(NAME)
+    except ImportError as error:
+        if (reason := error.__cause__) is not None and not isinstance(reason, Exception):
+            raise reason from None  # an interrupt or a signal that came meanwhile
+        return f"they cannot be loaded, {' '.join(str(error).split())}"
+    if (SOURCES / "module.cpp").is_file() and fingerprint(SOURCES) != kernels.FINGERPRINT:
+        return "their sources have changed since, install the package again"
+    return ""
+
+
+def described() -> str:
+    """Which of both is in use, in words."""
+    if os.environ.get(SWITCH) == "0":
+        return f"numpy, {SWITCH}=0"
+    return f"numpy: {fault()}" if fault() else "compiled kernels"

@@ -1,0 +1,95 @@
+"""What ``tracker/kernels`` is built into; ``calls`` says what for."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Numbers = NDArray[np.float64]
+Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+FINGERPRINT: str
+"""Of the sources."""
+
+class Model:
+    """What sort of contact it is.
+
+    Of the rows of both tables how many words they have, and where columns begin.
+
+    Raises
+    ------
+    ValueError
+        Where the kernels know no family of this ``form`` and these ``sizes`` (S, C, K, P).
+    """
+
+    def __init__(
+        self,
+        form: tuple[int, ...],
+        sizes: tuple[int, int, int, int],
+        bank: tuple[int, Mapping[str, int]],
+        onsets: tuple[int, Mapping[str, int]],
+        body_in_1: bool,
+        needed: float,
+        patience: float,
+        lifted: Sequence[int],
+        pull: Sequence[float],
+        relaxed: int,
+    ) -> None: ...
+
+class Ticks:
+    """As ``window.Window``."""
+
+    def __init__(
+        self,
+        number: Index,
+        pose: Numbers,
+        inverse: Numbers,
+        variance: Numbers,
+        excess: Numbers,
+        unheld: Numbers,
+        uneven: Numbers | None,
+    ) -> None: ...
+
+class Weights:
+    """As ``evidence.Scales``; ``pull`` is what a touching point far away costs, per m^2."""
+
+    def __init__(self, radius_sq: float, pull: float, foreknowledge: float, independence: float) -> None: ...
+
+class Moment:
+    """As ``bank_update.Moment``, see ``calls.moment``."""
+
+    def __init__(
+        self,
+        assumed: Sequence[tuple[Numbers, Bools]],
+        directions: Sequence[Numbers | None],
+        turn: Numbers,
+        onset: int,
+        onset_ns: int,
+        stamp_ns: int,
+        window: Ticks,
+        before: Ticks | None,
+        change: Numbers,
+        log_stay: Numbers,
+    ) -> None: ...
+
+class Until:
+    """As ``bank_update.Until``."""
+
+    def __init__(self, probability: float, sureness: float, due: Sequence[tuple[int, int]]) -> None: ...
+
+def strode(
+    models: Sequence[Model],
+    words: Sequence[tuple[Numbers, Numbers]],
+    moments: Sequence[Moment],
+    number: int,
+    entry: Numbers,
+    beyond: Sequence[tuple[float, float]],
+    weights: Weights,
+    margin: float,
+    until: Until | None,
+) -> tuple[
+    list[tuple[Numbers, Numbers]],
+    list[Index],
+    list[tuple[Numbers, Numbers, Numbers, Index, tuple[Index, Index, Numbers]]],
+]: ...

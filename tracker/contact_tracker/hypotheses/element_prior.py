@@ -1,0 +1,193 @@
+"""Known elements as a Gaussian prior on a contact's parameter vector x, which stacks both elements.
+
+Normals point out of the bodies that they bound, so that faces that touch look at each other.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel, face_face
+from contact_tracker.contacts.family import Array
+from contact_tracker.geometry import linalg
+from contact_tracker.geometry.elements import Element, Line, Pair, Plane, numbers
+
+_SMALLEST: Final = 1e-12
+"""Variances below this share of the largest are no variances: directions in which an element cannot move."""
+_WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
+_LENGTHS: Final = {"f": 1, "e": 3, "v": 3}
+"""So many of the numbers that tell an element, the last, are in m."""
+
+
+class Given(NamedTuple):
+    """Mean (S,) and information (S, S) on x; both zero where nothing is given."""
+
+    mean: Array
+    information: Array
+
+    def told(self, model: ContactModel) -> NDArray[np.bool_]:
+        """(..., S) which entries of x are given.
+
+        Of a direction the mean says so: it is zero where only part of it is known.
+        """
+        told = np.asarray(self.information.diagonal(axis1=-2, axis2=-1) > 0.0)
+        form = model.family.FORM
+        for first in (form.d1, form.d2):
+            if first >= 0:
+                part = slice(first, first + 3)
+                told[..., part] = self.mean[..., part].any(axis=-1, keepdims=True)
+        return told
+
+
+def given(model: ContactModel, pairs: Sequence[Pair]) -> tuple[Given, Array]:
+    """Priors (n, ...) of a contact of n pairs of elements, and their anchors.
+
+    Elements have covariances, and are given in the frames in which x is. A direction is zero where it is
+    unknown, or known in part.
+
+    Returns
+    -------
+    The priors; and (n, 6) the points that lines go through, NaN where they are anchored where the body is.
+    The foot of a line depends on its direction and on where the body is, unless it is a point that is known.
+    """
+    sides, pivots = rows_of(model, pairs), np.full((len(pairs), 6), np.nan)
+    if model.family is face_face:
+        return _facing(*map(_Faces.of, sides)), pivots
+    mean = np.zeros((len(pairs), model.family.SIZE))
+    information = np.zeros((*mean.shape, model.family.SIZE))
+    first = _WIDTHS[_kinds(model)[0]]
+    halves = slice(first), slice(first, None)
+    for kind, side, own, point in zip(_kinds(model), sides, halves, (slice(3), slice(3, None)), strict=True):
+        parts, width = np.array(side), _WIDTHS[kind]
+        mean[:, own], pivots[:, point] = parts[:, :width], parts[:, -3:]
+        information[:, own, own] = parts[:, width:-3].reshape(-1, width, width)
+    return Given(mean, information), pivots
+
+
+def rows_of(model: ContactModel, pairs: Sequence[Pair]) -> tuple[list[Array], list[Array]]:
+    """What both elements of each pair tell, in the order that they have in x: rows of ``_part``, or of
+    ``_face`` where faces touch."""
+    sides = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
+    if model.family is face_face:
+        first, second = ([_face(element) for element in side] for side in sides)
+    else:
+        kinds = zip(_kinds(model), sides, strict=True)
+        first, second = ([_part(kind, element) for element in side] for kind, side in kinds)
+    return first, second
+
+
+def _kinds(model: ContactModel) -> str:
+    """Of the elements, in the order that they have in x."""
+    return model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
+
+
+def by_feet(model: ContactModel, prior: Given, pivots: Array, near_m: Array) -> tuple[Given, Array]:
+    """What ``given`` tells, with lines of the surroundings by their points nearest to ``near_m`` (3,).
+
+    That is a linear change of x: a line that turns moves its points by how far along it they are.
+    """
+    form, world = model.family.FORM, slice(3, 6) if model.body_in_1 else slice(0, 3)
+    first = form.d2 if model.body_in_1 else form.d1
+    turn, place = slice(first, first + 3), slice(first + 3, first + 6)
+    direction = prior.mean[:, turn]
+    if not direction.any():
+        return prior, pivots
+    along_m = ((near_m - prior.mean[:, place]) * direction).sum(axis=1, keepdims=True)
+    mean, pivots, moves = prior.mean.copy(), pivots.copy(), np.zeros(prior.information.shape[1:])
+    mean[:, place] += along_m * direction
+    pivots[:, world] += along_m * direction
+    moves[place, turn] = np.eye(3)
+    back = np.eye(len(moves)) - along_m[:, None] * moves
+    return Given(mean, back.swapaxes(1, 2) @ prior.information @ back), pivots
+
+
+class _Faces(NamedTuple):
+    """Faces of f-f, a row each: normals (n, 3) and the information (n, 9) on them, offsets (n, 1), how these
+    follow from the normals (n, 3), and the variance (n, 1) that is left."""
+
+    normal: Array
+    information: Array
+    offset_m: Array
+    slope: Array
+    variance: Array
+
+    @classmethod
+    def of(cls, faces: Sequence[Array]) -> "_Faces":
+        rows = np.array(faces)
+        return cls(rows[:, :3], rows[:, 3:12], rows[:, 12:13], rows[:, 13:16], rows[:, 16:])
+
+
+def _facing(first: _Faces, second: _Faces) -> Given:
+    """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
+    variance = first.variance + second.variance
+    weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
+    height_m = np.where(np.isfinite(variance), first.offset_m + second.offset_m, 0.0)
+    off = np.concatenate([first.slope, -second.slope, np.ones_like(variance)], axis=1)
+    information = (weight * off)[:, :, None] * off[:, None]
+    information[:, face_face.M, face_face.M] += first.information.reshape(-1, 3, 3)
+    information[:, face_face.N, face_face.N] += second.information.reshape(-1, 3, 3)
+    return Given(np.concatenate([-first.normal, second.normal, height_m], axis=1), information)
+
+
+@lru_cache(maxsize=256)
+def _face(element: Element | None) -> Array:
+    """A row of ``_Faces``."""
+    if element is None:
+        return np.array([*np.zeros(16), np.inf])
+    assert isinstance(element, Plane)
+    covariance = _covariance(element)
+    information = _inverse(covariance[:3, :3], 0)
+    slope = information @ covariance[:3, 3]
+    off = np.array([*-slope, 1.0])
+    variance = off @ covariance @ off  # an error of the slope counts by its square alone
+    variance *= variance > _SMALLEST * covariance[3, 3]
+    return np.concatenate([element.normal, information.ravel(), [element.offset_m], slope, [variance]])
+
+
+@lru_cache(maxsize=1024)
+def _part(kind: str, element: Element | None) -> Array:
+    """An element's part of x, of a line by the point that it has, in one row: mean (w,), information (w, w),
+    and the point (3,) that a line goes through, else NaN."""
+    width, pivot = _WIDTHS[kind], np.full(3, np.nan)
+    if element is None:
+        return np.concatenate([np.zeros(width + width**2), pivot])
+    covariance, lengths = _covariance(element), _LENGTHS[kind]
+    if isinstance(element, Line):
+        across = np.zeros((6, 6))
+        across[:3, :3] = across[3:, 3:] = np.eye(3) - np.outer(element.direction, element.direction)
+        information = across @ _inverse(across @ covariance @ across, lengths) @ across
+        pivot = element.point_m if _goes_through(element) else pivot
+    else:
+        information = _inverse(covariance, lengths)
+    return np.concatenate([numbers(element), information.ravel(), pivot])
+
+
+def _goes_through(line: Line) -> bool:
+    """Whether its point is one: not where only a part of the direction is known, as of any line in a face."""
+    return bool(line.direction.any() or not _covariance(line)[:3, :3].any())
+
+
+def _covariance(element: Element) -> Array:
+    if element.covariance is None:
+        raise ValueError("a known element says how exactly it is known")
+    return element.covariance
+
+
+def _inverse(covariance: Array, lengths: int) -> Array:
+    """Inverse on directions in which there is variance; the last ``lengths`` are in m, others in rad."""
+    variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
+    weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
+    values, axes = linalg.eigenvectors(weight[:, None] * covariance * weight)
+    good = values > _SMALLEST * max(float(values[-1]), 0.0)
+    axes = weight[:, None] * axes[:, good]
+    return np.asarray((axes / values[good]) @ axes.T)
+
+
+def _unit(variance: Sequence[float]) -> float:
+    """What makes the largest variance one, if there is any."""
+    largest = max(variance, default=0.0)
+    return 1.0 / math.sqrt(largest) if largest > 0.0 else 1.0

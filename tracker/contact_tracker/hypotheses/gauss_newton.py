@@ -1,0 +1,203 @@
+"""Minimise the objective of one contact over many windows at once, from their moments alone.
+
+Levenberg-Marquardt in the free directions of x: with residuals ``c(x) . zeta`` the cost of a window is
+``1/2 sum_k w_k c_k M c_k^T``, its gradient and its Gauss-Newton Hessian come from the same moments M
+(docs/theory.md, T15), so a step costs the same however long the window is. Turns are damped; for given
+directions the shifts are a linear problem, which is solved anew after each step.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts.family import Family
+from contact_tracker.contacts.parameter_layout import directions, shifts, turns
+from contact_tracker.geometry.vectors import dot
+from contact_tracker.hypotheses.quadratic_prior import Prior
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+TOLERANCE: Final = 1e-3
+"""A fit has converged when a step would lower its cost by less than this (nats)."""
+FIRST_DAMPING: Final = 10.0
+"""Of turns, in nats per squared radian: a direction takes no step of a third of a radian lightly."""
+LEAST_DAMPING: Final = 1e-6
+MOST_DAMPING: Final = 1e12
+LESS: Final = 0.2
+MORE: Final = 8.0
+"""Times the damping after a step that has lowered the cost, and after one that has not."""
+LEAST_CURVATURE: Final = 1e-12
+LEAST_SHARE: Final = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Minima of B windows. ``converged`` is a status: where it is False, x is the best point met so far.
+
+    The hessian is that ``at`` (B, S), where the last step began: that at its end would be half the work of a
+    step, and says the same near a minimum.
+    """
+
+    x: Array
+    cost: Array
+    hessian: Array
+    at: Array
+    converged: NDArray[np.bool_]
+
+
+def minimise(
+    family: Family,
+    moments: Array,
+    row_weight: Array,
+    prior: Prior,
+    anchors: Array,
+    x: Array,
+    iterations: int | Index,
+    tolerance: float = TOLERANCE,
+    of: Index | None = None,
+) -> Fit:
+    """Fit one family to W windows from B starts.
+
+    Parameters
+    ----------
+    moments : (W, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
+    row_weight : (W, K) precision of each residual, 1/rad^2 or 1/m^2; what the last row gives per metre of
+        distance is taken out here, at each x (``Family.scale_sq``).
+    prior : weak knowledge that keeps unobservable directions finite.
+    anchors : (W, 6) where the body is in frames 1 and 2 (see ``contacts.base``).
+    x : (B, S) starts.
+    iterations : steps at most, of all or of each start (B,).
+    tolerance : see ``TOLERANCE``.
+    of : (B,) the window of each start; without, there is one start a window.
+
+    Returns
+    -------
+    Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, at which x (B, S) it
+    is, and converged (B,), as far as is known there.
+    """
+    left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
+    of = np.arange(len(x)) if of is None else of
+    moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
+    damping = np.full(len(x), FIRST_DAMPING)
+    x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
+    tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
+    at = x.copy()
+    converged = np.zeros(len(x), bool)
+    rows = np.arange(len(x))
+    while True:
+        step = _step(family, gradient[rows], hessian[rows], held[rows], damping[rows])
+        converged[rows] = np.abs(dot(gradient[rows], step)) < tolerance
+        go_on = ~converged[rows] & (left[rows] > 0)
+        rows, step = rows[go_on], step[go_on]
+        if not len(rows):
+            return Fit(x, cost_now, hessian, at, converged)
+        left[rows] -= 1
+        these = moments[rows], row_weight[rows], prior.pick(rows)
+        moved = x[rows] + (tangent[rows] @ step[..., None])[..., 0]
+        proposal, proposed_cost = complete(family, *these, anchors[rows], moved)
+        better = proposed_cost < cost_now[rows]
+        damping[rows] *= np.where(better, LESS, MORE)
+        damping[rows] = np.clip(damping[rows], LEAST_DAMPING, MOST_DAMPING)
+        won = rows[better]
+        x[won], cost_now[won] = proposal[better], proposed_cost[better]
+        won = won[left[won] > 0]
+        if len(won):
+            at[won] = x[won]
+            tangent[won], gradient[won], hessian[won], held[won] = _normal_equations(
+                family, moments[won], row_weight[won], prior.pick(won), anchors[won], x[won]
+            )
+
+
+def _step(family: Family, gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:
+    """Gauss-Newton's step (B, P) with damped turns; whatever they are, ``complete`` finds the shifts anew."""
+    curvature = hessian.sum(axis=1) + held
+    diagonal = np.einsum("bii->bi", curvature)
+    # a direction without any curvature, as in an empty window, must not make the whole batch singular
+    diagonal += LEAST_CURVATURE
+    diagonal[:, turns(family.FORM)] += damping[:, None]
+    return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
+
+
+def every_cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
+    """Cost (N, B) in nats of each of N geometries x (N, S) on each of B windows."""
+    c = family.rows(x)
+    count, rows = c.shape[:2]
+    square = (c[..., :, None] * c[..., None, :]).reshape(count * rows, -1)
+    squares = (square @ moments.reshape(len(moments), -1).T).reshape(count, rows, -1)
+    squares[:, -1] /= family.scale_sq(x[:, None], moments[None])
+    pair = (x[:, :, None] * x[:, None, :]).reshape(count, -1)
+    pull = 0.5 * pair @ prior.precision.reshape(len(moments), -1).T - x @ prior.information.T
+    weighed = np.einsum("nkb,bk->nb", squares, row_weight)
+    return np.asarray(0.5 * weighed + pull + prior.constant)
+
+
+def complete(
+    family: Family,
+    moments: Array,
+    row_weight: Array,
+    prior: Prior,
+    anchors: Array,
+    x: Array,
+    of: Index | None = None,
+) -> tuple[Array, Array]:
+    """x (B, S) with its coordinates where they cost least, its directions as they are, and its cost (B,).
+
+    That is a linear problem: rows are affine in the shifts. Arguments as of ``minimise``.
+    """
+    of = np.arange(len(x)) if of is None else of
+    moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
+    bare, told = np.zeros_like(x), directions(family.FORM)
+    bare[:, told] = x[:, told]
+    bare = family.normalise(bare, anchors)
+    along = np.swapaxes(family.tangent(bare, anchors)[..., shifts(family.FORM)], -1, -2)
+    slopes = along[:, None] @ family.rows_derivative(bare)
+    design = np.concatenate([family.rows(bare)[:, :, None], slopes], axis=2)
+    gram = (design @ moments[:, None]) @ np.swapaxes(design, -1, -2)
+    weight = per_metre(family, moments, row_weight, bare)
+    gram = (weight[..., None, None] * gram).sum(axis=1)
+    normal = gram[:, 1:, 1:] + along @ prior.precision @ np.swapaxes(along, -1, -2)
+    pull = gram[:, 1:, 0] + (along @ prior.gradient(bare)[..., None])[..., 0]
+    trace = np.einsum("bll->b", normal)[:, None]
+    np.einsum("bll->bl", normal)[...] += LEAST_SHARE * trace + LEAST_CURVATURE
+    shift = -np.linalg.solve(normal, pull[..., None])
+    x = bare + (np.swapaxes(along, -1, -2) @ shift)[..., 0]
+    one = np.concatenate([np.ones((len(x), 1, 1)), shift], axis=1)
+    squares = (np.swapaxes(one, 1, 2) @ gram @ one)[:, 0, 0]
+    return x, 0.5 * squares + prior.cost(x)
+
+
+def information(
+    family: Family, squares: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
+) -> Array:
+    """Hessian (B, P, P) that lifted poses contribute at x (B, S) beside the window of ``moments``, by the
+    sums (B, C, C) of their ``squares``."""
+    along = np.swapaxes(family.tangent(x, anchors), -1, -2)
+    slopes = along[:, None] @ family.rows_derivative(x)
+    weight = per_metre(family, moments, row_weight, x)[..., None, None]
+    return np.asarray((weight * (slopes @ squares[:, None]) @ np.swapaxes(slopes, -1, -2)).sum(axis=1))
+
+
+def _normal_equations(
+    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
+) -> tuple[Array, Array, Array, Array]:
+    tangent, c = family.tangent(x, anchors), family.rows(x)
+    along, derivative = np.swapaxes(tangent, -1, -2), family.rows_derivative(x)
+    # of the last row per metre: the scale changes with x as well
+    derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
+    jacobian = along[:, None] @ derivative
+    row_weight = per_metre(family, moments, row_weight, x)
+    weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
+    hessian = weighted @ np.swapaxes(jacobian, -1, -2)
+    gradient = (weighted @ c[..., None])[..., 0].sum(axis=1) + (along @ prior.gradient(x)[..., None])[..., 0]
+    held = along @ prior.precision @ tangent
+    return tangent, gradient, hessian, held
+
+
+def per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:
+    """``row_weight`` (..., K) at x (..., S), the last without what its row gives per metre of distance."""
+    weight = row_weight.copy()
+    weight[..., -1] /= family.scale_sq(x, moments)
+    return weight

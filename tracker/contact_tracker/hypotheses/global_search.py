@@ -1,0 +1,155 @@
+"""How hypotheses find their minimum from afar: where others are, or from many random starts."""
+
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.hypotheses import gauss_newton
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.element_prior import Given
+from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.hypotheses.pruning import best_of, has_grace, is_near
+from contact_tracker.hypotheses.refit import before, follow
+from contact_tracker.hypotheses.schedule import (
+    AGES,
+    AT_THE_NOISE,
+    DUE,
+    EVERY,
+    LEAST_GAIN,
+    LIFT,
+    MET_PATIENCE,
+    ROUNDS,
+    SCREENED,
+    WEIGHED,
+    patience,
+)
+from contact_tracker.motion.lifted_pose import R
+from contact_tracker.motion.window import Window
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+DRAWS: Final = 64
+"""So many sets of random directions take turns."""
+
+
+def is_due(model: ContactModel, tick: int) -> bool:
+    """Whether hypotheses search in a tick: contacts take turns."""
+    return not (tick + model.contact.column) % EVERY
+
+
+def adopted(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """Let hypotheses take the geometry of their ``givers``."""
+    giver = givers(bank, model, scales)
+    taker = np.flatnonzero(giver != np.arange(len(bank)))
+    if not len(taker):
+        return bank
+    found = follow(bank.pick(taker).having(x=bank.x[giver[taker]]), model, window, scales)
+    return bank.putting(taker, found, np.arange(len(taker)))
+
+
+def givers(bank: Bank, model: ContactModel, scales: Scales) -> Index:
+    """Of each hypothesis that does not fit the row (H,) whose geometry fits its window best; its own where
+    none is better.
+
+    Who is hopeless neither offers nor takes: whether it has been dropped must not matter.
+    """
+    giver = np.arange(len(bank))
+    asking, offering = np.flatnonzero(_asks(bank)), np.flatnonzero(_may_win(bank, model))
+    if not len(asking) or not len(offering):
+        return giver
+    takers = bank.pick(asking)
+    known = before(takers, model, scales).prior
+    costs = gauss_newton.every_cost(model.family, takers.moments, takers.row_weight, known, bank.x)
+    costs = np.where(np.isnan(costs), np.inf, costs)
+    own, costs = costs[asking, np.arange(len(asking))], costs[offering]
+    gains = costs.min(axis=0) < own - LEAST_GAIN
+    giver[asking[gains]] = offering[costs.argmin(axis=0)[gains]]
+    return giver
+
+
+def _may_win(bank: Bank, model: ContactModel) -> Bools:
+    """Which hypotheses (H,) are near the best, or may be once they are found."""
+    return is_near(bank) | patient(bank, model)
+
+
+def _asks(bank: Bank) -> Bools:
+    """Which hypotheses (H,) take the geometry of others, where it is better."""
+    return (bank.rms > AT_THE_NOISE) & (is_near(bank) | has_grace(bank))
+
+
+def patient(bank: Bank, model: ContactModel) -> Bools:
+    """Which hypotheses (H,) search and offer however bad: their geometry may not be found yet."""
+    share = np.where(bank.met, MET_PATIENCE, 1.0)
+    return (bank.told <= share * patience(model.needed)) & bank.searched
+
+
+def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Bank:
+    """Let ``rows`` search from scratch, and keep what is better."""
+    if not len(rows):
+        return bank
+    drawn = directions(model, window.index[-1])
+    x = _found(bank, rows, model, scales, model.turned(drawn, window.zeta[-1, R].reshape(3, 3)))
+    many = x.shape[1]
+    some = bank.pick(rows.repeat(many)).having(x=x.reshape(-1, x.shape[-1]))
+    for _ in range(WEIGHED):
+        some = follow(some, model, window, scales)
+    told = some.log_likelihood.reshape(-1, many)
+    best = told.argmax(axis=1) + many * np.arange(len(rows))
+    improved = np.flatnonzero(told.max(axis=1) > bank.log_likelihood[rows])
+    return bank.putting(rows[improved], some, best[improved])
+
+
+def lost(bank: Bank, model: ContactModel) -> Index:
+    """Rows that search: of each age one that assumes nothing and one of those that do, the best.
+
+    What they find is offered to those that began beside them.
+    """
+    age = np.minimum(bank.told.astype(np.int64), len(DUE) - 1)
+    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched & _may_win(bank, model)).nonzero()[0]
+    kind = 2 * AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
+    return np.asarray(rows[best_of(kind, bank.joint[rows])])
+
+
+def _found(bank: Bank, rows: Index, model: ContactModel, scales: Scales, drawn: Array) -> Array:
+    """The best geometries (R, n, S) that ``rows`` find without regard to where they are.
+
+    They start from the best of the relaxed problem's solutions and of the directions ``drawn`` (N, S).
+    (Compiled, solutions that too few poses leave open are no starts.)
+    """
+    moments = bank.moments[rows]
+    trace = moments.trace(axis1=1, axis2=2)[:, None, None]
+    relaxed = model.family.starts(moments + LIFT * trace * np.eye(moments.shape[-1]))
+    known, mean = before(bank, model, scales), bank.known_mean[rows]
+    told = Given(mean, bank.known[rows]).told(model)
+    x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape))], axis=1)
+    x = np.where(told[:, None], mean[:, None], x)
+    windows, of = (bank.moments, bank.row_weight, *known), rows.repeat(x.shape[1])
+    x = _least(
+        *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), SCREENED
+    )
+    for steps, kept in ROUNDS:
+        of = rows.repeat(x.shape[1])
+        found = gauss_newton.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
+        x = _least(found.x, found.cost, len(rows), kept)
+    return x
+
+
+def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
+    """Of each group of x (B, S) as ``many`` as cost least, in order (groups, many, S)."""
+    best = cost.reshape(groups, -1).argsort(axis=1, kind="stable")[:, :many]
+    return np.asarray(x.reshape(groups, -1, x.shape[-1])[np.arange(groups)[:, None], best])
+
+
+def directions(model: ContactModel, tick: int) -> Array:
+    """Random x (N, S) for a tick, in the body's frame: they turn with the world in which they are told."""
+    return _drawn(model.family.RANDOM_STARTS, model.family.SIZE, int(tick) % DRAWS)
+
+
+@cache
+def _drawn(count: int, size: int, seed: int) -> Array:
+    return np.random.default_rng(seed).normal(size=(count, size))

@@ -1,0 +1,190 @@
+"""What the motion has shown of a geometry, and what it has not (docs/theory.md, T21, T22).
+
+Poses that only jitter seem to tell something about every direction, the more the longer they do. So what the
+motion tells is what exceeds what the noise of the poses alone would feign.
+"""
+
+from dataclasses import replace
+from functools import cache
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts.parameter_layout import directions
+from contact_tracker.geometry import linalg
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, Unobserved
+from contact_tracker.geometry.vectors import cross
+from contact_tracker.hypotheses import gauss_newton, refit
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.evidence import Scales, weak_prior
+from contact_tracker.hypotheses.pruning import anchors_of
+from contact_tracker.motion import lifted_pose
+
+Array = NDArray[np.float64]
+
+_KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
+"""Of the noise of each of a pose's directions: first turns, then shifts."""
+SHOWN: Final = 10.0
+"""A direction is observed if the window tells this many times what prior and noise say of it."""
+OPEN: Final = 0.1
+"""An element could still move if the prior lets it do so by this share of a radian or of the reach."""
+
+
+def observed_geometry(
+    one: Bank,
+    model: ContactModel,
+    scales: Scales,
+    variance: Array,
+    information: Array | None = None,
+) -> ContactGeometry:
+    """Elements of a hypothesis by itself, with covariance, and with the directions that the motion left open.
+
+    Parameters
+    ----------
+    variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
+    information : (P, P) of the ticks on x; by default that of the hypothesis's window.
+
+    Returns
+    -------
+    ContactGeometry in the frames in which the bank works.
+    """
+    x = one.x[0].copy()  # it is given away
+    covariance, tangent, prior, told, ways = shown(one, model, scales, variance, information)
+    found = model.geometry(x, covariance, scales.reach_m)
+    left = ways[:, : told.searchsorted(SHOWN)]
+    if not left.size:
+        return found
+    free = tangent @ left
+    could = free @ linalg.solve(left.T @ prior @ left, free.T)
+    if could.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # as mostly
+        return found
+    open_ = model.geometry(x, could, 0.0)
+    return ContactGeometry(
+        replace(found.object, unobserved=_ways(open_.object, scales.reach_m)),
+        replace(found.environment, unobserved=_ways(open_.environment, scales.reach_m)),
+    )
+
+
+class Shown(NamedTuple):
+    """Of one hypothesis the ``covariance`` (S, S) of x; the free directions there, its ``tangent`` (S, P),
+    along them the ``prior`` (P, P); the ``ways`` (P, P), columns, and what of each is ``told`` (P,), rising,
+    as a multiple of what prior and noise alone would say."""
+
+    covariance: Array
+    tangent: Array
+    prior: Array
+    told: Array
+    ways: Array
+
+
+def shown(
+    one: Bank, model: ContactModel, scales: Scales, variance: Array, information: Array | None = None
+) -> Shown:
+    """What is known of a hypothesis by itself; the rest as in ``observed_geometry``."""
+    vague = _vague(model, scales.reach_m)
+    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
+    prior = tangent.T @ (vague + one.known[0]) @ tangent
+    if information is None:
+        information = refit.information(one, model, scales)[0]
+    noise = feigned_information(one, model, tangent, variance)
+    told, ways = linalg.eigenvectors(information, prior + noise)
+    covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
+    return Shown(covariance, tangent, prior, told, ways)
+
+
+@cache
+def _vague(model: ContactModel, reach_m: float) -> Array:
+    """Precision (S, S) that every hypothesis has from the outset, with that of directions on their sphere."""
+    weak = weak_prior(model.family, np.zeros((1, 6)), reach_m)
+    return np.asarray(weak.precision[0] + np.diag(weak.flat))
+
+
+@cache
+def _in_lengths(model: ContactModel, reach_m: float) -> Array:
+    """(S,) what makes squares of turns and of shifts in x comparable: those are over the squared reach."""
+    scale = np.full(model.family.SIZE, 1.0 / reach_m**2)
+    scale[directions(model.family.FORM)] = 1.0
+    return scale
+
+
+def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
+    """Covariance (P, P) by what each of the ``ways`` (P, P) is ``told`` (P,) beyond noise, and the ``prior``.
+
+    Seen along the ways, the precision is a diagonal of all magnitudes and little beside it: then its inverse
+    has all its digits, also where one way is known all too well, as of two lines that are all but parallel.
+    """
+    precision = ways.T @ prior @ ways
+    np.einsum("pp->p", precision)[...] += np.maximum(told - 1.0, 0.0)
+    scale = 1.0 / np.sqrt(precision.diagonal())
+    scaled = ways * scale
+    return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))
+
+
+def feigned_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
+    """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis, along
+    its ``tangent`` (S, P)."""
+    family, moments, x = model.family, one.moments[0], one.x[0]
+    size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
+    precision = gauss_newton.per_metre(family, moments, one.row_weight[0], x)
+    slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
+    # how each row changes when a pose is off by one sigma in each direction
+    off = (slopes.reshape(free * rows, columns) @ _perturbations(model)).reshape(free, rows, 6, columns)
+    off *= np.sqrt(precision[:, None] * variance[_KINDS])[..., None]
+    jitter = off.reshape(-1, columns) @ moments
+    return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
+
+
+@cache
+def _perturbations(model: ContactModel) -> Array:
+    """Six linear maps (C, 6 C), side by side: what the family's columns change by when the pose is a little
+    off."""
+    select = model.lifted(np.eye(lifted_pose.SIZE)).T
+    return np.concatenate(list(select @ lifted_pose.perturbations() @ select.T), axis=1)
+
+
+def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
+    """How an element can move whose covariance is that of what was left open."""
+    covariance = np.zeros((6, 6)) if free.covariance is None else free.covariance
+    match free:
+        case Point():
+            return _shifts(covariance, reach_m)
+        case Line(direction):
+            turns, shifts = _turns(direction, covariance)
+            return turns + _shifts(shifts, reach_m)
+        case Plane(normal):
+            turns, along_normal = _turns(normal, covariance)
+            return turns + _shifts(along_normal * np.outer(normal, normal), reach_m)
+
+
+def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Array]:
+    """Turns of a unit vector, and the covariance of the rest of the element where it has not turned."""
+    turned, rest = covariance[:3, :3], covariance[3:, 3:]
+    wide = _wide(turned, OPEN)
+    if not wide.size:
+        return (), rest
+    turns = _unobserved("turns_about", cross(axis, wide.T))
+    with_turn = covariance[3:, :3] @ wide
+    explained = with_turn @ linalg.solve(wide.T @ turned @ wide, with_turn.T)
+    return turns, rest - explained
+
+
+def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
+    return _unobserved("shifts_along", _wide(covariance, OPEN * reach_m).T)
+
+
+def _wide(covariance: Array, sd: float) -> Array:
+    """Orthonormal directions (3, n) in which ``covariance`` is wider than ``sd``, the widest first."""
+    if covariance.trace() <= sd**2:  # as mostly
+        return np.zeros((3, 0))
+    variance, axes = linalg.eigenvectors(covariance)
+    return axes[:, variance > sd**2][:, ::-1]
+
+
+def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tuple[Unobserved, ...]:
+    """Along unit vectors (n, 3), of the two along an axis the one whose largest component is positive."""
+    if not len(axes):
+        return ()
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None], axis=1)
+    return tuple(Unobserved(how, axis) for axis in axes * np.sign(largest))

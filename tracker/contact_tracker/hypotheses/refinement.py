@@ -1,0 +1,165 @@
+"""Elements of a stretch at their greatest likelihood: the last steps, with the noise of every tick.
+
+A running fit sees its ticks through moments: rows weighted by their mean noise, ticks by their motion
+(docs/theory.md, T13). That finds the minimum in microseconds, but neither quite the best estimate nor quite
+its accuracy. Here each tick counts as its own noise says (T16), rest as well, that noise follows the
+geometry, and how large each row's noise is, and how long it lasts, is told by its residuals (docs/theory.md,
+T26).
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.hypotheses.ar1_noise import LEAST_SCALE, Errors, learnt, new_in
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.evidence import Scales, residual_noise
+from contact_tracker.hypotheses.pruning import anchors_of, prior_of
+from contact_tracker.hypotheses.quadratic_prior import Prior
+from contact_tracker.motion.window import Window
+
+Array = NDArray[np.float64]
+
+ROUNDS: Final = 3
+"""Of fitting, and of learning the noise from what the fit leaves."""
+STEPS: Final = 20
+TOLERANCE_NATS: Final = 1e-4
+FIRST_ECHO: Final = 0.5
+FEW_TICKS: Final = 15
+STRANGE_SIGMAS: Final = 2.5
+"""A tick at an end of the stretch is left out if it is so far off, unless there are only ``FEW_TICKS``."""
+LEAST_CURVATURE: Final = 1e-9
+FIRST_DAMPING: Final = 1e-6
+LEAST_DAMPING: Final = 1e-9
+LESS: Final = 0.1
+MORE: Final = 100.0
+"""Times the damping after a step that has lowered the cost, and after one that has not."""
+STEP: Final = 1e-6
+"""Of finite differences, in radians and metres."""
+LEAST_SHOWN: Final = 1e-15
+"""A direction of which ticks tell less than this share of the most is not shown at all."""
+
+
+class Polished(NamedTuple):
+    """A ``bank`` with x (1, S) of the greatest posterior density, and with ``moments`` and ``row_weight`` of
+    the weights that the ticks have there; and the ``information`` (P, P) of all ticks on x."""
+
+    bank: Bank
+    information: Array
+
+
+def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Polished:
+    """Bring the one hypothesis of ``bank`` from near the minimum to it; ``window`` is its whole stretch.
+
+    The first and the last tick are left out where they do not fit the others: they may hold frames of what
+    came before and after.
+
+    Returns
+    -------
+    Polished; its x is that of ``bank`` if no step improves on it.
+    """
+    settled = _settle(bank, model, window, scales)
+    if len(window) < FEW_TICKS or (settled.begins and settled.ends):
+        return settled.polished
+    inner = window.cut(0 if settled.begins else 1, None if settled.ends else -1)
+    return _settle(settled.polished.bank, model, inner, scales).polished
+
+
+class _Settled(NamedTuple):
+    """With all ticks of a window; whether the first and the last are where the others foretell them."""
+
+    polished: Polished
+    begins: bool
+    ends: bool
+
+
+def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> _Settled:
+    family = model.family
+    anchors = anchors_of(bank, model)
+    prior = prior_of(bank, model, anchors, scales.reach_m)
+    x, errors = bank.x, Errors(np.ones(family.ROWS), np.full(family.ROWS, FIRST_ECHO))
+    for _ in range(ROUNDS):
+        x = _maximise(model, x, errors, anchors, window, prior)
+        whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+        held = tangent.T @ prior.precision[0] @ tangent
+        errors = learnt(errors, whitened, jacobian, held, window.index)
+    new = new_in(jacobian, errors.echo, window.index)
+    information = np.einsum("ktp,k,ktq->pq", new, errors.weight, new)
+    lifted, position = model.lifted(window.zeta), window.variance[:, 0]
+    # to what does not echo, the sensor's own noise, a tick beside its neighbours is worth more
+    alone = (1.0 + errors.echo**2) / (1.0 - errors.echo**2)
+    row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
+    moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
+    belong = _belong(whitened, jacobian, errors.weight, information + held)
+    begins, ends = bool(belong[0]), bool(belong[-1])
+    return _Settled(_polished(bank, x[0], row_weight, moments, information), begins, ends)
+
+
+def _polished(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Polished:
+    return Polished(bank.having(x=x, row_weight=row_weight).seeing(moments=moments), information)
+
+
+def _belong(whitened: Array, jacobian: Array, weight: Array, information: Array) -> NDArray[np.bool_]:
+    """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
+    # what the stretch has not shown at all has no leverage
+    covariance = np.linalg.pinv(information, LEAST_SHOWN, hermitian=True)
+    leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, covariance, jacobian)
+    square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
+    return np.asarray(np.all(square < STRANGE_SIGMAS**2, axis=0))
+
+
+def _maximise(
+    model: ContactModel, x: Array, errors: Errors, anchors: Array, window: Window, prior: Prior
+) -> Array:
+    """Levenberg-Marquardt on the weighted squares of what is new in all residuals, from x (1, S)."""
+    weight, echo = errors
+
+    def new(x: Array) -> tuple[float, Array, Array, Array]:
+        whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+        residual = new_in(whitened, echo, window.index)
+        cost = float(0.5 * weight @ np.sum(residual**2, axis=1) + prior.cost(x)[0])
+        return cost, residual, new_in(jacobian, echo, window.index), tangent
+
+    damping, (now, residual, jacobian, tangent) = FIRST_DAMPING, new(x)
+    for _ in range(STEPS):
+        pull = tangent.T @ prior.precision[0]
+        weighted = weight[:, None, None] * jacobian
+        gradient = np.einsum("ktp,kt->p", weighted, residual) + tangent.T @ prior.gradient(x)[0]
+        curvature = np.einsum("ktp,ktq->pq", weighted, jacobian) + pull @ tangent
+        ridge = damping * np.diag(curvature) + LEAST_CURVATURE
+        step = -np.linalg.solve(curvature + np.diag(ridge), gradient)
+        proposal = model.family.normalise(x + step @ tangent.T, anchors)
+        there = new(proposal)  # its cost alone would take nearly as long
+        if there[0] < now:
+            x, damping = proposal, max(LESS * damping, LEAST_DAMPING)
+            now, residual, jacobian, tangent = there
+        else:
+            damping *= MORE
+        if abs(gradient @ step) < TOLERANCE_NATS:
+            break
+    return x
+
+
+def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:
+    """Residuals of x (B, S) and their noise variances, (B, K, W) both."""
+    seen = model.measure(x, window.zeta)
+    return seen.residual, residual_noise(seen, window)
+
+
+def _whitened(model: ContactModel, x: Array, window: Window) -> Array:
+    """Residuals of x (B, S) in units of their noise, (B, K, W)."""
+    residual, variance = _noise(model, x, window)
+    return np.asarray(residual / np.sqrt(variance))
+
+
+def _linearised(model: ContactModel, x: Array, anchors: Array, window: Window) -> tuple[Array, Array, Array]:
+    """Whitened residuals (K, W) at x (1, S), their derivative (K, W, P) along the tangent (S, P)."""
+    tangent = model.family.tangent(x, anchors)[0]
+    steps = STEP * tangent.T
+    around = model.family.normalise(x + np.concatenate([steps, -steps]), anchors)
+    seen = _whitened(model, np.concatenate([x, around]), window)
+    half = len(steps)
+    jacobian: Array = (seen[1 : half + 1] - seen[half + 1 :]) / (2.0 * STEP)
+    return seen[0], np.moveaxis(jacobian, 0, -1), tangent

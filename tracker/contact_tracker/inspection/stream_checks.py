@@ -1,0 +1,232 @@
+"""What a stream of poses shows of itself that the user has to know, because labels would be wrong otherwise.
+
+Everything is computed from blocks of poses that are counted from the first one, so that nothing depends on
+how the stream is cut into batches. Poses that are held are left out.
+"""
+
+from math import inf, pi, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.rotation import between, rotation_vectors
+from contact_tracker.inspection.recurrence import ALARM, BACK, page_sum, returned
+from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
+from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
+
+Array = NDArray[np.float64]
+
+BLOCK: Final = 50
+"""Poses that are looked at together."""
+BEGINNING: Final = 40
+"""Of so many blocks the noise of all poses counts, later that of every fourth."""
+KEPT: Final = BLOCK + REACH + 1
+
+# Units: what noise and motion of an object in metres never show together.
+LEVER_M: Final = 3.0
+"""Noise of position over that of orientation (m/rad): 0.03 to 0.5 of usual sensors, 1 of poor cameras."""
+COARSE_M: Final = 0.01
+"""Noise of position that comes with a lever that long in other units only; a mobile robot's is a few mm."""
+FAST_M_PER_S: Final = 15.0
+TOSSED_CM_PER_S: Final = 500.0
+USUAL_LEVER_M: Final = 0.12
+ENOUGH_NOISE: Final = 40
+"""Third differences before the noise is known."""
+
+CONSTANT: Final = 1e-9
+"""Less is rounding (m, or of a unit quaternion)."""
+ENOUGH_CONSTANT: Final = 100
+
+# Histogram of squared third differences: four bins to a factor of 4, from 1e-15 to 3e6.
+BINS: Final = 285
+LOWEST: Final = -100.0
+
+
+class Finding(NamedTuple):
+    """One thing to say: ``text`` is one line, with what to try."""
+
+    kind: str
+    text: str
+    doubts_labels: bool
+
+
+class Inspection(NamedTuple):
+    """Running sums of a stream of poses; bounded.
+
+    ``recent`` are the last KEPT poses of the ``blocks`` before and those that wait for a full block.
+    ``first`` is the first pose, of ``total``; ``moved`` says whether position and orientation have changed
+    since. ``noise`` (2, BINS) counts squared third differences of both; ``top_m_per_s`` is the speed of the
+    fastest block. ``page`` is the sum of Page's test, ``share`` that of the poses of the last block that went
+    back. ``units``, ``bodies`` and ``filtered`` were found at some time.
+    """
+
+    recent: Poses
+    first: Poses
+    total: int
+    blocks: int
+    moved: tuple[bool, bool]
+    noise: Array
+    top_m_per_s: float
+    page: float
+    share: float
+    whiteness: Whiteness
+    units: bool
+    bodies: bool
+    filtered: bool
+
+
+NOTHING_INSPECTED: Final = Inspection(
+    recent=NO_POSES,
+    first=NO_POSES,
+    total=0,
+    blocks=0,
+    moved=(False, False),
+    noise=np.zeros((2, BINS)),
+    top_m_per_s=0.0,
+    page=0.0,
+    share=0.0,
+    whiteness=NOTHING_COMPARED,
+    units=False,
+    bodies=False,
+    filtered=False,
+)
+
+
+def inspect(inspection: Inspection, poses: Poses) -> Inspection:
+    """Take in the next poses of the stream, at least one, as the gate passes them on."""
+    last = inspection.recent[-1:]
+    new = Poses.join([last, poses]).fresh[len(last) :]
+    if not len(new):
+        return inspection
+    first = inspection.first if inspection.total else new[np.zeros(1, int)]
+    total, recent = inspection.total + len(new), Poses.join([inspection.recent, new])
+    inspection = inspection._replace(first=first, total=total, moved=_moved(inspection.moved, first, new))
+    end = len(recent) - (total - BLOCK * inspection.blocks)
+    while total - BLOCK * inspection.blocks >= BLOCK:
+        end += BLOCK
+        inspection = _inspect_block(inspection, recent[max(end - BLOCK - KEPT, 0) : end])
+    return inspection._replace(recent=recent[max(end - KEPT, 0) :])
+
+
+def findings(inspection: Inspection) -> tuple[Finding, ...]:
+    """What is to be said of the stream so far."""
+    found = list[Finding]()
+    if inspection.units:
+        found.append(Finding("units", _units_text(inspection), True))
+    if inspection.bodies:
+        share = f"{100.0 * inspection.share:.0f} % of the frames"
+        text = (
+            f"poses jump back and forth between two places ({share}): two bodies on one topic? "
+            "choose one with --topic or --frame, or record them on topics of their own"
+        )
+        found.append(Finding("bodies", text, True))
+    if inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
+        # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
+        what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
+        found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))
+    if inspection.filtered and not inspection.bodies:
+        found.append(Finding("filtered", _FILTERED, False))
+    return tuple(found)
+
+
+def is_in_doubt(inspection: Inspection) -> bool:
+    """Whether something was found that makes labels wrong."""
+    return any(finding.doubts_labels for finding in findings(inspection))
+
+
+_ROTATION: Final = "contacts are recognised by rotation"
+_FILTERED: Final = (
+    "poses look filtered, interpolated or rounded (successive errors are correlated): the noise of a tick is "
+    "judged by evidence; record raw poses if you can, or give the noise with --noise"
+)
+
+
+def _units_text(inspection: Inspection) -> str:
+    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+    lever = position / rotation if rotation else inspection.top_m_per_s
+    small = lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) or inspection.top_m_per_s > TOSSED_CM_PER_S
+    unit = "millimetres" if small else "centimetres"
+    return (
+        f"positions look like {unit} (noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
+        f"speed up to {inspection.top_m_per_s:.2g} m/s): convert to metres"
+    )
+
+
+def _moved(moved: tuple[bool, bool], first: Poses, new: Poses) -> tuple[bool, bool]:
+    if all(moved):
+        return moved
+    position = bool(np.abs(new.position_m - first.position_m).max() > CONSTANT)
+    turned = bool(np.abs(new.quat_xyzw - first.quat_xyzw).max() > CONSTANT)
+    return moved[0] or position, moved[1] or turned
+
+
+def _inspect_block(before: Inspection, window: Poses) -> Inspection:
+    """Take in the last BLOCK poses of ``window``; the others came before."""
+    blocks = before.blocks + 1
+    if before.bodies:
+        return before._replace(blocks=blocks)
+    near = window[-BLOCK - BACK :]
+    time_s = 1e-9 * (near.stamp_ns - near.stamp_ns[0])
+    interval_s = _median(np.diff(time_s))
+    back = returned(near, interval_s)
+    page, bodies = page_sum(before.page, back)
+    top_m_per_s = max(before.top_m_per_s, _speed(near.position_m, time_s))
+    after = before._replace(
+        blocks=blocks, page=page, share=float(back.mean()), bodies=bodies, top_m_per_s=top_m_per_s
+    )
+    if blocks <= 2:
+        return _inspect_noise(after, window[-BLOCK - 4 :], BLOCK, interval_s)
+    if blocks % (2 if blocks <= BEGINNING else 8) == 0:
+        return _inspect_noise(after, window, 2 * BLOCK, interval_s)
+    return after
+
+
+def _inspect_noise(before: Inspection, window: Poses, new: int, interval_s: float) -> Inspection:
+    """Take in the third differences that end in the last ``new`` poses of ``window``."""
+    turns = rotation_vectors(between(window.quat_xyzw[:-1], window.quat_xyzw[1:])).cumsum(axis=0)
+    smooth = np.concatenate([window.position_m[1:], turns], axis=1)
+    after = before._replace(noise=before.noise + _histogram(smooth[-new - 3 :]))
+    if not before.filtered and len(smooth) >= REACH + new:
+        whiteness = compare(before.whiteness, smooth, new, interval_s)
+        after = after._replace(whiteness=whiteness, filtered=is_filtered(whiteness))
+    return after if after.units or after.bodies else after._replace(units=_are_other_units(after))
+
+
+def _median(values: Array) -> float:
+    return float(np.partition(values, len(values) // 2)[len(values) // 2])
+
+
+def _are_other_units(inspection: Inspection) -> bool:
+    if inspection.noise[0].sum() < ENOUGH_NOISE or inspection.page > 0.5 * ALARM:
+        return False
+    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+    if position <= LEVER_M * rotation:
+        return False
+    return inspection.top_m_per_s > FAST_M_PER_S or (rotation > 0.0 and position > COARSE_M)
+
+
+def _speed(position: Array, time_s: Array) -> float:
+    """Median over the poses, each from the one BACK before it."""
+    path = position[BACK:] - position[:-BACK]
+    return _median(np.sqrt(np.einsum("ni,ni->n", path, path)) / (time_s[BACK:] - time_s[:-BACK]))
+
+
+def _histogram(smooth: Array) -> Array:
+    """Counts (2, BINS) of the squared third differences of position and orientation, at noise's scale."""
+    third = np.diff(smooth, 3, axis=0) / SCALE
+    length_sq = np.square(third).reshape(-1, 2, 3).sum(axis=2)
+    with np.errstate(divide="ignore"):
+        rows = np.clip(2.0 * np.log2(length_sq) - LOWEST, 0, BINS - 1).astype(int)
+    return np.array([np.bincount(row, minlength=BINS) for row in rows.T], float)
+
+
+def _sigma(counts: Array) -> float:
+    """Standard deviation per axis from the median of the squares; 0 where they are zero."""
+    total = counts.cumsum()
+    middle = int(np.searchsorted(total, 0.5 * total[-1]))
+    if middle == 0:
+        return 0.0 if total[-1] else inf
+    share = (0.5 * total[-1] - total[middle - 1]) / counts[middle]
+    return sqrt(2.0 ** (0.5 * (LOWEST + middle + share)) / MEDIAN_OF_CHI_SQ)

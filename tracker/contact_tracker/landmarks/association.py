@@ -1,0 +1,119 @@
+"""Whether two elements that were found are one and the same, and what is told of it (docs/theory.md, T28)."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry import linalg
+from contact_tracker.geometry.elements import Element, Line, Plane, Point, by_foot, numbers
+from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
+
+Array = NDArray[np.float64]
+
+SAME: Final = 4.0
+"""Standard deviations by which what was found of one element may differ."""
+VAGUER: Final = 2.0
+"""What is known by more than so many times the standard deviation is hardly known."""
+_LOST: Final = 1e-12
+"""Of what is correlated, less than this share is rounding."""
+
+
+def are_same(first: Element, second: Element) -> bool:
+    """Whether two elements of one kind differ by no more than their covariances allow.
+
+    Lines may be told by other points and by the opposite direction; normals point out of the bodies, so that
+    planes that look the other way are others.
+    """
+    if isinstance(first, Plane) and isinstance(second, Plane) and first.normal @ second.normal < 0.0:
+        return False
+    first, second = _better_first(first, second)
+    free = _free(first)
+    off = free.T @ (numbers(first) - numbers(second))
+    return bool(off @ _inverse(_along(free, first) + _along(free, second)) @ off <= SAME**2)
+
+
+def filled(later: Element, earlier: Element) -> Element:
+    """The later of two that are the same, and of the ways in which that is hardly known the earlier one.
+
+    The two are not independent: what is met again may have been assumed then. So nothing is added up. Of the
+    ways that are correlated in neither of them each is told as it was last, unless it was known far better
+    before (as in ellipsoidal intersection: Sijs, Lazar and van den Bosch, ACC 2010). A line is told by the
+    point and the direction nearer to the later's. Nothing may be known exactly.
+    """
+    first, second = _better_first(later, earlier)
+    free = _free(first)
+    ours, theirs = _along(free, first), _along(free, second)
+    share, ways = linalg.eigenvectors(theirs, ours + theirs)  # of the variance of both, that of the second
+    was, now = (share, 1.0 - share) if first is later else (1.0 - share, share)
+    of_second = (now > VAGUER**2 * was) == (first is later)
+    back = free @ (ours + theirs) @ ways
+    off = back @ np.where(of_second, ways.T @ (free.T @ (numbers(second) - numbers(first))), 0.0)
+    covariance = (back * np.where(of_second, share, 1.0 - share)) @ back.T
+    covariance = 0.5 * (covariance + covariance.T)
+    match first:
+        case Point(point_m):
+            return replace(first, point_m=point_m + off, covariance=covariance)
+        case Plane(normal, offset_m):
+            normal = _turned(normal, off[:3])
+            return replace(first, normal=normal, offset_m=offset_m + float(off[3]), covariance=covariance)
+        case Line(direction, point_m):
+            direction = _turned(direction, off[:3])
+            found = replace(first, direction=direction, point_m=point_m + off[3:], covariance=covariance)
+            return _told_alike(found, later)
+
+
+def _turned(direction: Array, by: Array) -> Array:
+    """A unit vector with so much of it across what it was."""
+    return unit(direction * np.sqrt(max(1.0 - float(by @ by), 0.0)) + by)
+
+
+def _better_first(first: Element, second: Element) -> tuple[Element, Element]:
+    """The one whose direction, or place, is known better, and the other told like it: what turns little is
+    linear."""
+    assert first.covariance is not None
+    assert second.covariance is not None
+    if second.covariance[:3, :3].trace() < first.covariance[:3, :3].trace():
+        first, second = second, first
+    return first, _told_alike(second, first)
+
+
+def _free(element: Element) -> Array:
+    """(S, P) the ways in which the numbers of an element can change; of a line's point those across it."""
+    match element:
+        case Point():
+            return EYE
+        case Plane(normal):
+            free = np.zeros((4, 3))
+            free[:3, :2], free[3, 2] = sphere_tangent(normal), 1.0
+        case Line(direction):
+            free = np.zeros((6, 4))
+            free[:3, :2] = free[3:, 2:] = sphere_tangent(direction)
+    return free
+
+
+def _along(free: Array, element: Element) -> Array:
+    assert element.covariance is not None
+    return np.asarray(free.T @ element.covariance @ free)
+
+
+def _inverse(covariance: Array) -> Array:
+    """The information; nothing of what is lost in rounding."""
+    sd = np.sqrt(covariance.diagonal())
+    told, ways = linalg.eigenvectors(covariance / (sd[:, None] * sd))
+    ways = (ways / sd[:, None])[:, told > _LOST * told[-1]]
+    return np.asarray((ways / told[told > _LOST * told[-1]]) @ ways.T)
+
+
+def _told_alike(element: Element, like: Element) -> Element:
+    """A line by its point nearest to that of another, and by the direction nearer to the other's."""
+    if not isinstance(like, Line):
+        return element
+    near = by_foot(element, like.point_m)
+    assert isinstance(near, Line)
+    assert near.covariance is not None
+    if near.direction @ like.direction >= 0.0:
+        return near
+    flip = np.repeat([-1.0, 1.0], 3)
+    return replace(near, direction=-near.direction, covariance=flip[:, None] * near.covariance * flip)

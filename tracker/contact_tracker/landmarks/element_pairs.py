@@ -1,0 +1,92 @@
+"""Which known elements a hypothesis may assume: all pairs that a contact allows, and their shares."""
+
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry.elements import Element, Pair, Plane, by_foot, shifted
+from contact_tracker.landmarks.prior_map import Knowledge, Known, Up
+
+UNLISTED: Final = 0.5
+"""Prior probability that what touches is not on a list of known elements, where that is not complete."""
+_ANYWHERE_M: Final = 1e3
+"""Spread of the offset of a face of which only the direction is known."""
+
+
+class Assumption(NamedTuple):
+    """A pair of elements of one contact: known ones, or None for any.
+
+    ``log_share`` of the contact's weight; those of all pairs of a contact add up to one.
+    """
+
+    object: Known | None
+    environment: Known | None
+    log_share: float
+    up: Up | None = None
+
+    @property
+    def touching(self) -> tuple[str | None, str | None]:
+        """What is known to touch: names of the object's and of the environment's element."""
+        return _name(self.object), _name(self.environment)
+
+    @property
+    def certain(self) -> bool:
+        """Whether nothing of the geometry is left to be found."""
+        return self.object is not None and self.environment is not None
+
+    def pair(self, origin_m: tuple[float, ...]) -> Pair:
+        """The elements as they are seen from the world's origin ``origin_m`` in which x is, a line of the
+        object by its point nearest to the body's origin, lest that hang on its direction."""
+        ours = None if self.object is None else _of_body(self.object.element)
+        theirs = None if self.up is None else _facing(self.up)
+        return ours, theirs if self.environment is None else _seen(self.environment.element, origin_m)
+
+
+@lru_cache(maxsize=512)
+def _of_body(element: Element) -> Element:
+    return by_foot(element, np.zeros(3))
+
+
+@lru_cache(maxsize=512)
+def _seen(element: Element, origin_m: tuple[float, ...]) -> Element:
+    """The same object for the same element, of which ``given`` has told the prior before."""
+    return shifted(element, -np.array(origin_m))
+
+
+@lru_cache(maxsize=64)
+def assumptions(knowledge: Knowledge, model: ContactModel) -> tuple[Assumption, ...]:
+    """All that one contact may assume; none where it is impossible."""
+    object_kind, environment_kind = model.contact.value[0], model.contact.value[2]
+    up = knowledge.up if environment_kind == "f" else None
+    return tuple(
+        Assumption(ours, theirs, our_share + their_share, up if theirs is None else None)
+        for ours, our_share in _choices(knowledge.object, object_kind, knowledge.object_complete)
+        for theirs, their_share in _choices(
+            knowledge.environment, environment_kind, knowledge.environment_complete
+        )
+    )
+
+
+def _choices(listed: tuple[Known, ...], kind: str, complete: bool) -> list[tuple[Known | None, float]]:
+    """Elements of a kind, and None for an unlisted one, with log shares."""
+    known = [element for element in listed if element.kind == kind]
+    if not known:
+        return [] if complete else [(None, 0.0)]
+    unlisted = 0.0 if complete else UNLISTED
+    listed_share = float(np.log((1.0 - unlisted) / len(known)))
+    others = [(None, float(np.log(unlisted)))] if unlisted else []
+    return [*((element, listed_share) for element in known), *others]
+
+
+def _name(known: Known | None) -> str | None:
+    return None if known is None else known.name
+
+
+@lru_cache(maxsize=8)
+def _facing(up: Up) -> Element:
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3] = up.spread_rad**2 * (np.eye(3) - np.outer(up.direction, up.direction))
+    covariance[3, 3] = _ANYWHERE_M**2
+    return Plane(up.direction, 0.0, covariance)

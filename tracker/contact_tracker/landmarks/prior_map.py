@@ -1,0 +1,142 @@
+"""What the user knows of the object and of its surroundings before the first pose (docs/knowledge.md).
+
+A known element replaces an unknown one in the hypotheses: a prior with the covariance with which it is known.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
+from contact_tracker.geometry.polyhedron import Feature, Polyhedron
+from contact_tracker.states import Contact
+
+KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
+_KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How exactly an element is known: standard deviations per axis of its place (m) and direction (rad)."""
+
+    position_m: float = 1e-3
+    rotation_rad: float = float(np.radians(0.5))
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """An element with a name. A plane's normal points out of the body that it bounds."""
+
+    name: str
+    element: Element
+
+    @property
+    def kind(self) -> str:
+        """``f``, ``e`` or ``v``."""
+        return _KIND[type(self.element)]
+
+
+@dataclass(frozen=True, eq=False)
+class Up:
+    """Faces of the surroundings look along the unit vector ``direction`` (3,), world frame, give or take."""
+
+    direction: Array
+    spread_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Known elements: ``object`` in the body frame, ``environment`` in the world frame.
+
+    Where one is complete, nothing else of it can touch: no hypothesis assumes an element that is not listed.
+    """
+
+    environment: tuple[Known, ...] = ()
+    object: tuple[Known, ...] = ()
+    up: Up | None = None
+    environment_complete: bool = False
+    object_complete: bool = False
+
+    def __bool__(self) -> bool:
+        """Whether anything is known at all."""
+        given = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
+        return any(map(bool, given))
+
+    def allows(self, contact: Contact) -> bool:
+        """Whether there may be elements of the kinds that ``contact`` needs."""
+        sides = ((self.object, self.object_complete), (self.environment, self.environment_complete))
+        return contact is Contact.FREE or all(
+            not complete or any(known.kind == kind for known in listed)
+            for (listed, complete), kind in zip(sides, contact.value[0::2], strict=True)
+        )
+
+
+NOTHING: Final = Knowledge()
+
+
+def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:
+    """``element`` with the covariance that ``accuracy`` at ``place`` (3,) gives it.
+
+    Away from there an error of direction is an error of place as well. ``place`` is projected onto the
+    element; without one it is the point nearest to the origin of a plane, and the given point of a line.
+    """
+    turn, shift = accuracy.rotation_rad**2, accuracy.position_m**2
+    match element:
+        case Plane(normal, offset_m):
+            at = normal * offset_m if place is None else place - normal * (normal @ place - offset_m)
+            across = turn * (np.eye(3) - np.outer(normal, normal))
+            jacobian = np.concatenate([np.eye(3), at[None]])
+            covariance = jacobian @ across @ jacobian.T
+            covariance[3, 3] += shift
+            return Plane(normal, offset_m, covariance)
+        case Line(direction, point_m):
+            at = point_m if place is None else point_m + direction * (direction @ (place - point_m))
+            across = np.eye(3) - np.outer(direction, direction)
+            covariance = np.zeros((6, 6))
+            covariance[:3, :3], covariance[3:, 3:] = turn * across, shift * across
+            return Line(direction, at, covariance)
+        case Point(point_m):
+            return Point(point_m, shift * np.eye(3))
+
+
+def elements_of(
+    body: Polyhedron,
+    face_name: Callable[[int, Array], str],
+    accuracy: Accuracy,
+    rotation: Array,
+    position_m: Array,
+    prefix: str = "",
+) -> tuple[Known, ...]:
+    """Faces, edges and vertices of a convex body that is turned by ``rotation`` (3, 3) and moved.
+
+    ``face_name`` (number, outward normal before the turn) calls the faces; an edge is called after the two
+    faces that meet in it, a vertex after all of its faces.
+    """
+    faces = {face.indices: face_name(i, face.normals[0]) for i, face in enumerate(body.of_kind("f"), start=1)}
+
+    def known(feature: Feature) -> Known:
+        middle = feature.points.mean(axis=0)
+        named = [name for indices, name in faces.items() if feature.indices <= indices]
+        name = f"{prefix}{KINDS[feature.kind]} {' '.join(sorted(named, key=_axis_order))}"
+        element = feature.element(rotation, position_m, middle)
+        return Known(name, known_to(element, accuracy, rotation @ middle + position_m))
+
+    return tuple(known(feature) for feature in body.features)
+
+
+def axis_name(_: int, normal: Array) -> str:
+    """``+x``, ``-x`` ... for a face of a box, by the axis along which it looks."""
+    axis = int(np.argmax(np.abs(normal)))
+    return f"{'+' if normal[axis] > 0 else '-'}{'xyz'[axis]}"
+
+
+def number_name(number: int, _: Array) -> str:
+    """``1``, ``2`` ... for a face of a mesh."""
+    return str(number)
+
+
+def _axis_order(name: str) -> tuple[int, str]:
+    """x before y before z, 2 before 10."""
+    return (int(name), "") if name.isdecimal() else (0, name[1:])

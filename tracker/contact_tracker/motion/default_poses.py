@@ -1,0 +1,222 @@
+"""Default poses: what trackers report while they do not see the object.
+
+That is the origin, unturned; the origin with some orientation; or some other pose, always exactly the same.
+Such poses are dropped where they lie away from the motion: farther from the last poses than a step of the
+motion can be. The origin is dropped at once, any other pose when it comes back, bit for bit. Objects that
+rest at the origin, begin or pass there come from nearby and lose nothing.
+
+At the start, and after a gap, it is not known yet where the motion is. What may be a default pose is held
+then until some other poses have come.
+"""
+
+from collections import Counter, deque
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+from math import radians, sin, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.motion.poses import Array, Pose, Poses
+
+NEAR_M: Final = 0.01
+NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
+STEPS: Final = 10.0
+"""Farther than so many steps of the motion is away from it, and farther than the two above."""
+QUANTILE: Final = 0.95
+NEIGHBOURS: Final = 5
+HELD: Final = 2000
+_STEPS_KEPT: Final = 25
+_ARRIVALS_KEPT: Final = 256
+_ORIGIN: Final = (0.0, 0.0, 0.0)
+
+Numbers = tuple[tuple[float, float, float], tuple[float, float, float, float]]
+
+
+class Steps(NamedTuple):
+    """From each pose to the next: the distance, the turn as below, and the cosine of half its angle."""
+
+    distance_m: Array
+    turn: Array
+    cosine: Array
+
+    @classmethod
+    def between(cls, poses: Poses) -> "Steps":
+        """Rounded as one by one."""
+        x, y, z = (poses.position_m[1:] - poses.position_m[:-1]).T
+        a, b, c, d = (poses.quat_xyzw[1:] * poses.quat_xyzw[:-1]).T
+        cosine = a + b + c + d
+        turn = 2.0 * np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+        return cls(np.sqrt(x * x + y * y + z * z), turn, cosine)
+
+
+class _Step(NamedTuple):
+    """``turn`` is twice the sine of half the angle: of small angles as good as the angle in radians."""
+
+    distance_m: float
+    turn: float
+
+
+class DefaultPoseFilter:
+    """Drops the default poses from a stream of poses whose quaternions have norm 1.
+
+    Parameters
+    ----------
+    counts : what is dropped is added here as ``default_pose``.
+    """
+
+    def __init__(self, counts: Counter[str]) -> None:
+        self._counts = counts
+        self._kept: deque[Pose] = deque(maxlen=NEIGHBOURS)
+        self._steps: deque[_Step] = deque(maxlen=_STEPS_KEPT)
+        self._held: list[tuple[Pose, bool]] = []
+        self._motion = 0
+        self._dropped = 0
+        self._arrivals: dict[Numbers, None] = {}
+
+    def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
+        """The poses to go on with now: this one, none, or several that were held.
+
+        Parameters
+        ----------
+        continues : whether it follows closely on the pose before.
+        """
+        if not continues and not self._held:  # what is held waits for motion on either side of a gap
+            self._kept.clear()
+            self._steps.clear()
+            self._dropped = 0
+        if len(self._kept) == NEIGHBOURS:
+            return (pose,) if self._passes(pose) else ()
+        suspect = self._is_suspect(pose)
+        if not self._held and not suspect:
+            self._keep(pose)
+            return (pose,)
+        self._held.append((pose, suspect))
+        self._motion += not suspect
+        if len(self._kept) + self._motion == NEIGHBOURS:
+            self._judge_held()
+            return self.finish()
+        return self.finish() if len(self._held) == HELD else ()
+
+    def finish(self) -> Sequence[Pose]:
+        """What is held still: nothing has come that would tell the motion from it."""
+        held = [pose for pose, _ in self._held]
+        self._held, self._motion = [], 0
+        for pose in held:
+            self._keep(pose)
+        return held
+
+    def passes_all(self, steps: "Steps") -> bool:
+        """Whether poses that go on from the last one by these steps pass without a closer look."""
+        known = len(self._kept) == NEIGHBOURS and not self._dropped
+        return known and bool(steps.distance_m.max() <= NEAR_M and steps.turn.max() <= NEAR_TURN)
+
+    def pass_all(self, joined: Poses, steps: "Steps", repeats: NDArray[np.bool_]) -> None:
+        """Pass on poses that need no closer look.
+
+        Parameters
+        ----------
+        joined : the last pose that was passed on, and these.
+        steps, repeats : between them, and whether they are none at all.
+        """
+        x, y, z = joined.position_m.T
+        at_origin = (x == 0.0) & (y == 0.0) & (z == 0.0)
+        noted = np.flatnonzero(~repeats & (at_origin[1:] == at_origin[:-1]))[-_STEPS_KEPT:]
+        self._steps.extend(map(_Step, steps.distance_m[noted].tolist(), steps.turn[noted].tolist()))
+        self._kept.extend(joined[1:][-NEIGHBOURS:])
+
+    def _keep(self, pose: Pose) -> None:
+        if self._kept and self._kept[-1][1:] != pose[1:]:
+            self._note_step(self._kept[-1], pose, _step(self._kept[-1], pose))
+        self._kept.append(pose)
+
+    def _passes(self, pose: Pose) -> bool:
+        """Judge a pose by the motion before it."""
+        last = self._kept[-1]
+        if last[1:] != pose[1:]:
+            step = _step(last, pose)
+            if (step.distance_m > NEAR_M or step.turn > NEAR_TURN) and self._is_default(pose):
+                self._counts["default_pose"] += 1
+                self._dropped += 1
+                return False
+            self._note_step(last, pose, step)
+        self._dropped = 0
+        self._kept.append(pose)
+        return True
+
+    def _note_step(self, before: Pose, pose: Pose, step: _Step) -> None:
+        """Learn from a step how far the motion goes from pose to pose; how far the origin is says nothing."""
+        if (pose.position_m == _ORIGIN) == (before.position_m == _ORIGIN):
+            frames = 1 + self._dropped
+            self._steps.append(_Step(step.distance_m / frames, step.turn / frames))
+
+    def _is_default(self, pose: Pose) -> bool:
+        """Whether a pose away from the motion is a default pose; remembers where it was away."""
+        # What came by a jump itself is no motion that the same pose could be near to.
+        motion = [kept for kept in self._kept if kept[1:] != pose[1:] or kept[1:] not in self._arrivals]
+        away = _Away.of(pose, motion, self._steps)
+        if not away.at_all:
+            return False
+        known = pose[1:] in self._arrivals
+        self._arrivals.pop(pose[1:], None)
+        self._arrivals[pose[1:]] = None  # as the latest
+        if len(self._arrivals) > _ARRIVALS_KEPT:
+            del self._arrivals[next(iter(self._arrivals))]
+        return known or _is_origin(pose, away)
+
+    def _is_suspect(self, pose: Pose) -> bool:
+        """Whether it may be a default pose, where nothing is known of the motion yet."""
+        if pose.position_m != _ORIGIN:
+            return False
+        before = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose
+        turns_there = before.position_m == _ORIGIN and before.quat_xyzw != pose.quat_xyzw
+        return _is_unturned(pose) or not turns_there
+
+    def _judge_held(self) -> None:
+        """Drop the default poses among those held, by the motion that has come before or since."""
+        motion = [*self._kept, *(pose for pose, suspect in self._held if not suspect)]
+        steps = [_step(a, b) for a, b in pairwise(motion) if a[1:] != b[1:]]
+        held = [
+            (pose, suspect)
+            for pose, suspect in self._held
+            if not suspect or not _is_origin(pose, _Away.of(pose, motion, steps))
+        ]
+        if dropped := len(self._held) - len(held):
+            self._counts["default_pose"] += dropped
+        self._held = held
+
+
+class _Away(NamedTuple):
+    """Whether a pose is away from all poses of the motion: at all, or even by its position alone."""
+
+    at_all: bool
+    in_position: bool
+
+    @classmethod
+    def of(cls, pose: Pose, motion: Sequence[Pose], steps: Collection[_Step]) -> "_Away":
+        reach_m, reach_turn = NEAR_M, NEAR_TURN
+        if steps:
+            rank = int(QUANTILE * (len(steps) - 1))
+            reach_m = max(reach_m, STEPS * sorted(step.distance_m for step in steps)[rank])
+            reach_turn = max(reach_turn, STEPS * sorted(step.turn for step in steps)[rank])
+        between = [_step(other, pose) for other in motion]
+        in_position = all(step.distance_m > reach_m for step in between)
+        return cls(all(s.distance_m > reach_m or s.turn > reach_turn for s in between), in_position)
+
+
+def _is_origin(pose: Pose, away: _Away) -> bool:
+    """Whether a pose is the origin, away from the motion; an object that only turns is always there."""
+    return pose.position_m == _ORIGIN and (away.in_position or (away.at_all and _is_unturned(pose)))
+
+
+def _is_unturned(pose: Pose) -> bool:
+    return pose.quat_xyzw[:3] == _ORIGIN
+
+
+def _step(a: Pose, b: Pose) -> _Step:
+    (ax, ay, az), (bx, by, bz) = a.position_m, b.position_m
+    x, y, z = bx - ax, by - ay, bz - az
+    (ax, ay, az, aw), (bx, by, bz, bw) = a.quat_xyzw, b.quat_xyzw
+    cosine = ax * bx + ay * by + az * bz + aw * bw
+    return _Step(sqrt(x * x + y * y + z * z), 2.0 * sqrt(max(1.0 - cosine * cosine, 0.0)))

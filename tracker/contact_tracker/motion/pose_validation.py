@@ -1,0 +1,152 @@
+"""The gate: what poses have to pass before anything is computed from them.
+
+Every pose that is dropped or repaired is counted by kind:
+
+=================== ======= ===================================================================
+kind                fate    meaning
+=================== ======= ===================================================================
+``nonfinite``       dropped a NaN or an infinity in the position or the quaternion
+``out_of_range``    dropped farther than 1000 km from the origin: its squares drown all others; or a stamp
+                            more than 146 years from zero: no column holds much larger ones
+``bad_quaternion``  dropped norm more than 5 % away from 1
+``renormalised``    kept    norm 0.1 % to 5 % away from 1; smaller deviations are rounding
+``repeated_stamp``  dropped the stamp of the last pose again
+``backward_stamp``  dropped a stamp before that of the last pose
+``leading_stamp``   dropped a stamp more than 5 median periods after that of the last pose, which those that
+                            follow contradict. Such a pose is held until enough follow it: one, and one
+                            more for each 0.1 s it leads, at most 20; or two, and 0.5 s
+``clock_reset``     kept    20 backward stamps in a row that run forward among themselves: the
+                            clock was set back. From here on stamps are shifted so that time
+                            goes on where it stood when the first of those 20 came
+``gap``             kept    longer than 0.5 s and than 10 median periods since the last pose
+``default_pose``    dropped what trackers report of an object that they do not see, away from the motion: the
+                            origin, or any other pose that comes back, bit for bit
+``held``            kept    the last pose once more, bit for bit, with a new stamp
+=================== ======= ===================================================================
+
+``q`` and ``-q`` are one rotation: of the two, the one nearer to the last pose is passed on. Quaternions
+written as wxyz into an xyzw field cannot be told from motion: reordering the components keeps all
+scalar products, hence all angles between poses.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite, sqrt
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.motion.default_poses import DefaultPoseFilter, Steps
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.stamp_order import Ordered, StampOrder
+
+ROUNDING: Final = 1e-3
+NORM_TOLERANCE: Final = 0.05
+RANGE_M: Final = 1e6
+
+
+class PoseGate:
+    """Validates a stream of poses one by one.
+
+    Parameters
+    ----------
+    counts : what is dropped or repaired is added here by kind; kinds that do not occur stay absent.
+    """
+
+    def __init__(self, counts: Counter[str] | None = None) -> None:
+        self._counts: Counter[str] = Counter() if counts is None else counts
+        self._order = StampOrder(self._counts)
+        self._defaults = DefaultPoseFilter(self._counts)
+        self._unit: Pose | None = None
+        self._last: Pose | None = None
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Counts by kind so far; a live view."""
+        return MappingProxyType(self._counts)
+
+    def admit(self, pose: Pose) -> Sequence[Pose]:
+        """The poses to go on with now: this one, none, or several that were held until it came.
+
+        Parameters
+        ----------
+        pose : as measured; any floats, any integer stamp.
+
+        Returns
+        -------
+        Poses with unit quaternions continuous in sign, and stamps after that of the last one returned.
+        """
+        quat_xyzw = self._unit_quaternion(pose)
+        if quat_xyzw is None:
+            return ()
+        return self._pass_on(self._order.admit(Pose(pose.stamp_ns, pose.position_m, quat_xyzw)))
+
+    def finish(self) -> Sequence[Pose]:
+        """Those that are held still, once nothing more comes."""
+        return (*self._pass_on(self._order.finish()), *map(self._continuous, self._defaults.finish()))
+
+    def admit_all(self, poses: Poses) -> Poses | None:
+        """The same of poses that need no closer look; None, and nothing has happened, if one of them does."""
+        before, last, steps_ns = self._unit, self._last, self._order.steps_of_all(poses.stamp_ns)
+        if before is None or last is None or steps_ns is None:
+            return None
+        with np.errstate(all="ignore"):
+            x, y, z, w = poses.quat_xyzw.T
+            norm = np.sqrt(x * x + y * y + z * z + w * w)
+            sound = (np.abs(poses.position_m) <= RANGE_M).all() and (np.abs(norm - 1.0) <= ROUNDING).all()
+        if not sound:
+            return None
+        unit = poses.quat_xyzw / norm[:, None]
+        joined = Poses.join([before, Poses(poses.stamp_ns, poses.position_m, unit)])
+        steps = Steps.between(joined)
+        if not self._defaults.passes_all(steps):
+            return None
+        repeats = joined.repeats
+        if held := int(np.count_nonzero(repeats)):
+            self._counts["held"] += held
+        self._order.pass_all(poses.stamp_ns, steps_ns)
+        self._defaults.pass_all(joined, steps, repeats)
+        first = 1.0 if last.quat_xyzw == before.quat_xyzw else -1.0
+        sign = first * np.where(steps.cosine < 0.0, -1.0, 1.0).cumprod()
+        admitted = Poses(poses.stamp_ns, poses.position_m, unit * sign[:, None])
+        (self._unit,), (self._last,) = joined[-1:], admitted[-1:]
+        return admitted
+
+    def _unit_quaternion(self, pose: Pose) -> tuple[float, float, float, float] | None:
+        """The unit quaternion of a pose whose numbers are sound."""
+        (px, py, pz), (x, y, z, w) = pose.position_m, pose.quat_xyzw
+        # A sum is finite only if its terms are; it may overflow, which is out of range anyway.
+        if not isfinite(px + py + pz + x + y + z + w) and not all(map(isfinite, (px, py, pz, x, y, z, w))):
+            self._counts["nonfinite"] += 1
+            return None
+        if max(abs(px), abs(py), abs(pz)) > RANGE_M:
+            self._counts["out_of_range"] += 1
+            return None
+        norm = sqrt(x * x + y * y + z * z + w * w)
+        deviation = abs(norm - 1.0)
+        if deviation > NORM_TOLERANCE:
+            self._counts["bad_quaternion"] += 1
+            return None
+        if deviation > ROUNDING:
+            self._counts["renormalised"] += 1
+        return (x / norm, y / norm, z / norm, w / norm)
+
+    def _pass_on(self, ordered: Iterable[Ordered]) -> Sequence[Pose]:
+        return [
+            self._continuous(pose)
+            for arrived, continues in ordered
+            for pose in self._defaults.admit(arrived, continues)
+        ]
+
+    def _continuous(self, pose: Pose) -> Pose:
+        """A pose that is passed on, with the sign of its quaternion as that of the last."""
+        before, last = self._unit, self._last
+        self._unit = self._last = pose
+        if before is not None and last is not None:
+            if pose[1:] == before[1:]:
+                self._counts["held"] += 1
+            a, b = pose.quat_xyzw, last.quat_xyzw
+            if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0:
+                self._last = pose._replace(quat_xyzw=(-a[0], -a[1], -a[2], -a[3]))
+        return self._last

@@ -1,0 +1,123 @@
+"""Poses of the object: one value, a column of them, and the gate that validates what enters.
+
+``T_world_body``: ``x_world = R x_body + t``. Quaternions are ``xyzw``. Stamps are integer nanoseconds.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.rotation import matrices
+
+Array = NDArray[np.float64]
+
+BATCH: Final = 500
+"""Poses that are handed on at once, where nobody waits for each."""
+
+
+class Pose(NamedTuple):
+    """One measured pose ``T_world_body``; plain floats, so that streams of them are cheap."""
+
+    stamp_ns: int
+    position_m: tuple[float, float, float]
+    quat_xyzw: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Columns of poses: ``stamp_ns`` (N,) int64, ``position_m`` (N, 3), ``quat_xyzw`` (N, 4)."""
+
+    stamp_ns: NDArray[np.int64]
+    position_m: Array
+    quat_xyzw: Array
+
+    @classmethod
+    def collect(cls, poses: Iterable[Pose]) -> "Poses":
+        rows = list(poses)
+        if not rows:
+            return NO_POSES
+        stamp_ns, position_m, quat_xyzw = zip(*rows, strict=True)
+        return cls(np.array(stamp_ns, np.int64), np.array(position_m, float), np.array(quat_xyzw, float))
+
+    @classmethod
+    def join(cls, parts: Sequence["Poses | Pose"]) -> "Poses":
+        """Poses one after the other; single ones may be among them."""
+        if len(parts) == 1 and isinstance(parts[0], Poses):
+            return parts[0]
+        columns, single = list[Poses](), list[Pose]()
+        for part in parts:
+            if isinstance(part, Pose):
+                single.append(part)
+            else:
+                columns += [cls.collect(single), part] if single else [part]
+                single = []
+        if single or not columns:
+            columns.append(cls.collect(single))
+        return cls(
+            np.concatenate([part.stamp_ns for part in columns]),
+            np.concatenate([part.position_m for part in columns]),
+            np.concatenate([part.quat_xyzw for part in columns]),
+        )
+
+    @property
+    def columns(self) -> tuple[NDArray[np.int64], Array, Array]:
+        """All three."""
+        return self.stamp_ns, self.position_m, self.quat_xyzw
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def __iter__(self) -> Iterator[Pose]:
+        columns = (self.stamp_ns.tolist(), self.position_m.tolist(), self.quat_xyzw.tolist())
+        for stamp, position, quat in zip(*columns, strict=True):
+            yield Pose(stamp, tuple(position), tuple(quat))
+
+    def __getitem__(self, rows: slice | NDArray[np.generic]) -> "Poses":
+        return Poses(self.stamp_ns[rows], self.position_m[rows], self.quat_xyzw[rows])
+
+    def batches(self) -> Iterator["Poses"]:
+        """A few seconds at a time."""
+        return (self[first : first + BATCH] for first in range(0, len(self), BATCH))
+
+    @property
+    def repeats(self) -> NDArray[np.bool_]:
+        """Whether each but the first is the one before, bit for bit (N - 1)."""
+        same = (self.position_m[1:] == self.position_m[:-1]).all(axis=1)
+        if same.any():
+            same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
+        return np.asarray(same, bool)
+
+    @property
+    def fresh(self) -> "Poses":
+        """Those that differ from the one before; one that is held says nothing new."""
+        repeats = self.repeats
+        return self[np.append(True, ~repeats)] if repeats.any() else self
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation matrices (N, 3, 3) of ``T_world_body``."""
+        return matrices(self.quat_xyzw)
+
+
+NO_POSES: Final = Poses(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
+
+
+@runtime_checkable
+class Batched(Protocol):
+    """A stream of poses that comes in columns, none of them empty."""
+
+    def batches(self) -> Iterator[Poses]: ...
+
+
+def batches(poses: Iterable[Pose]) -> Iterator[Poses]:
+    """A stream of poses in columns of many at once, in its order."""
+    if isinstance(poses, Batched):
+        yield from poses.batches()
+        return
+    stream = iter(poses)
+    while rows := list(islice(stream, BATCH)):
+        yield Poses.collect(rows)

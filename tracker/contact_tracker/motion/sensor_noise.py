@@ -1,0 +1,203 @@
+"""Sensor noise from the stream itself: what third differences of the poses leave of the motion.
+
+Motion is smooth from frame to frame and noise is not. Positions have noise in the world's axes (a camera
+sees depth badly), orientations in the body's. What is measured of the position need not be independent of the
+orientation: that is so for one point of the body, the *centre*, wherever the body's frame was put.
+Outliers and jolts are made harmless by weights and medians (docs/theory.md, T27).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from math import comb, sqrt
+from statistics import median
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.rotation import between, matrices, rotation_vectors
+from contact_tracker.motion.poses import NO_POSES, Poses
+
+Array = NDArray[np.float64]
+
+ORDER: Final = 3
+STRIDE: Final = 2
+"""Neighbouring differences say nearly the same: every second one tells the noise as well as all of them."""
+MEMORY: Final = 1000
+"""So many differences are remembered."""
+PRIOR: Final = 5
+"""Weight, in differences, of the model's noise against the stream's own."""
+BALL: Final = 15
+"""Weight of the same noise in all axes against the shape that the stream shows."""
+REGULAR: Final = 1.5
+"""Differences are only taken where the interval is within this factor of the usual one."""
+THOROUGH: Final = 15
+"""Steps of Tyler's iteration that start from a ball; one is enough from where the last one has led."""
+UNTOLD: Final = 0.05
+"""The noise is told again once this share of the differences is new: they move it by a quarter of what
+so many differences leave unknown."""
+SPREAD_M: Final = 0.3
+"""How far the centre of the noise usually lies from the body's origin."""
+SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
+MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
+"""With three degrees of freedom."""
+TINY: Final = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseEstimate:
+    """Noise of one pose, as the last frames show it.
+
+    It is that of the *centre*'s position ``position_m2`` (3, 3) in the world's axes, of the orientation
+    ``rotation_rad2`` (3, 3) in the body's, and ``centre_m`` (3,) in the body. ``shape`` (6, 6) is that of the
+    origin's position and the orientation in the body's axes, each in units of its deviation.
+    """
+
+    position_m2: Array
+    rotation_rad2: Array
+    centre_m: Array
+    shape: Array
+
+    @cached_property
+    def sigma_rotation_rad(self) -> float:
+        """Root mean square over the axes."""
+        return sqrt(self.rotation_rad2.trace() / 3.0)
+
+    @cached_property
+    def sigma_position_m(self) -> float:
+        """Root mean square over the axes, of the position of the body's origin."""
+        rotation, centre = self.rotation_rad2, self.centre_m
+        swung = rotation.trace() * (centre @ centre) - centre @ rotation @ centre
+        return sqrt((self.position_m2.trace() + swung) / 3.0)
+
+
+class Heard(NamedTuple):
+    """What the noise is told from.
+
+    ``differences`` (15, n) are every second third difference of the last frames, scaled to the noise's
+    deviation: of the origin's position in the body's axes at the time (m), of the orientation in the body's
+    axes (rad), and the rotation ``R`` then. ``frames`` have come since the noise was last told, or wait for
+    the next.
+    """
+
+    differences: Array
+    frames: Poses
+
+
+NOTHING_HEARD: Final = Heard(np.zeros((15, 0)), NO_POSES)
+
+
+def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
+    """Start from the model's noise, the same in all axes and centred at the body's origin."""
+    ball = np.eye(3)
+    return NoiseEstimate(ball * sigma_position_m**2, ball * sigma_rotation_rad**2, np.zeros(3), np.eye(6))
+
+
+def advance(
+    heard: Heard, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
+) -> tuple[Heard, NoiseEstimate]:
+    """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad).
+
+    A pose that is held says nothing new of the noise, in the next tick neither.
+    """
+    untold, known = Poses.join([heard.frames, frames]).fresh, heard.differences.shape[1]
+    new = (len(untold) - ORDER + 1) // STRIDE
+    if new < UNTOLD * min(known + new, MEMORY):
+        return Heard(heard.differences, untold), estimate
+    differences = np.concatenate([heard.differences, _third_differences(untold)], axis=1)[:, -MEMORY:]
+    return Heard(differences, untold[max(new, 0) * STRIDE :]), _told(estimate, differences, prior)
+
+
+def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
+    """The noise that the differences (15, n) tell; near the last one."""
+    if differences.shape[1] < 2 * ORDER:
+        return begin(*prior)
+    deviation = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
+    across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
+    shape = _shape(differences[:6] / deviation.repeat(3)[:, None], estimate.shape)
+    centre_m = _centre(shape, deviation[0] / deviation[1], differences.shape[1])
+    at_centre = np.einsum("ijn,jn->in", turn, across - _cross_matrix(centre_m) @ about)
+    both = np.array([estimate.position_m2, estimate.rotation_rad2])
+    covariance = _covariance(np.array([at_centre, about]), np.array(prior), both)
+    return NoiseEstimate(covariance[0], covariance[1], centre_m, shape)
+
+
+def estimate_noise(poses: Poses) -> tuple[float, float]:
+    """Standard deviations per axis (m, rad) of a whole recording, nan where it is too short to tell."""
+    differences = _third_differences(poses.fresh)
+    if not differences.shape[1]:
+        return float("nan"), float("nan")
+    across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
+    rows = np.array([np.einsum("ijn,jn->in", turn, across), about])
+    sigma = np.sqrt(_size_sq(rows, _shape(rows, np.eye(3)[None], THOROUGH)))
+    return float(sigma[0]), float(sigma[1])
+
+
+def _third_differences(frames: Poses) -> Array:
+    """Columns (15, n) of what is ``Heard``."""
+    if len(frames) <= ORDER:
+        return NOTHING_HEARD.differences
+    quat, position, interval = frames.quat_xyzw, frames.position_m, np.diff(frames.stamp_ns)
+    turns = rotation_vectors(between(quat[:-1], quat[1:]))
+    steps = np.concatenate([position[1:] - position[:-1], turns], axis=1)
+    third = np.diff(steps, ORDER - 1, axis=0)[::STRIDE] / SCALE
+    rotation = matrices(quat[1 : 1 - ORDER : STRIDE])
+    third[:, :3] = (third[:, None, :3] @ rotation)[:, 0]
+    widest = reduce(np.maximum, (interval[i : len(interval) + 1 - ORDER + i] for i in range(ORDER)))[::STRIDE]
+    regular = widest < REGULAR * median(interval.tolist())
+    return np.asarray(np.concatenate([third, rotation.reshape(-1, 9)], axis=1)[regular].T)
+
+
+def _centre(shape: Array, lever_m: float, count: int) -> Array:
+    """The point of the body (3,) of which the noise is independent of that of the orientation.
+
+    An error of orientation swings the origin about it: the position's share of it is ``centre x rotation``.
+    ``shape`` is that of both in units of deviations whose ratio is ``lever_m``, from ``count`` differences.
+    """
+    swing = shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:])
+    left = np.trace(shape[:3, :3] - swing @ shape[3:, :3])
+    centre = np.array([swing[2, 1] - swing[1, 2], swing[0, 2] - swing[2, 0], swing[1, 0] - swing[0, 1]])
+    doubt_sq = left / np.trace(shape[3:, 3:]) * lever_m**2 / count
+    return np.asarray(centre * (0.5 * lever_m / (1.0 + doubt_sq / SPREAD_M**2)))
+
+
+def _covariance(rows: Array, prior: Array, start: Array) -> Array:
+    """Covariances (..., 3, 3) of the columns of ``rows`` (..., 3, n), drawn to ``prior`` and to a ball."""
+    shape = _shape(rows, start)
+    measured = np.maximum(_size_sq(rows, shape), np.square(1e-3 * prior))
+    share = PRIOR / (rows.shape[-1] + PRIOR)
+    return np.asarray(shape * (measured ** (1.0 - share) * prior ** (2.0 * share))[..., None, None])
+
+
+def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
+    """Tyler's scatter (..., d, d), with the trace d, of the columns of ``rows`` (..., d, n).
+
+    No column counts by its length.
+    """
+    size, count = rows.shape[-2:]
+    ball = BALL * np.eye(size)
+    shape = start
+    for _ in range(steps):
+        length_sq = _distance_sq(rows, shape)
+        weight = np.divide(1.0, length_sq, out=np.zeros_like(length_sq), where=length_sq > TINY)
+        scatter = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
+        shape = scatter * (size * count / np.maximum(_trace(scatter), TINY)) + ball
+    return np.asarray(shape * (size / _trace(shape)))
+
+
+def _size_sq(rows: Array, shape: Array) -> Array:
+    """By what ``shape`` is to be multiplied, from the median column (...)."""
+    distance_sq, middle = _distance_sq(rows, shape), rows.shape[-1] // 2
+    return np.asarray(np.partition(distance_sq, middle)[..., middle] / MEDIAN_OF_CHI_SQ)
+
+
+def _distance_sq(rows: Array, shape: Array) -> Array:
+    return np.asarray(np.einsum("...in,...in->...n", np.linalg.inv(shape) @ rows, rows))
+
+
+def _trace(matrix: Array) -> Array:
+    return np.asarray(matrix.trace(axis1=-2, axis2=-1))[..., None, None]
+
+
+def _cross_matrix(v: Array) -> Array:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

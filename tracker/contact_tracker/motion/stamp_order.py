@@ -1,0 +1,235 @@
+"""The order of stamps: which of them run forward, which lead, and when the clock was set back.
+
+A stamp far ahead of the last one may be wrong, or a gap may lie between. The pose is held until others have
+followed it. Of the poses that are held the longest run with increasing stamps is right, and of two equally
+long ones that which ends sooner: one wrong stamp costs its own pose and no other.
+"""
+
+from bisect import bisect_left, insort
+from collections import Counter, deque
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from contact_tracker.motion.poses import Pose
+
+RANGE_NS: Final = 2**62
+GAP_NS: Final = 500_000_000
+GAP_PERIODS: Final = 10
+LEAD_PERIODS: Final = 5
+LEAD_PER_FOLLOWER_NS: Final = 100_000_000
+FOLLOWERS: Final = 20
+SLOW_RUN_NS: Final = 500_000_000
+SLOW_FOLLOWERS: Final = 2
+HELD: Final = 64
+"""So many poses are held at most; of stamps without any order no run ever gets long."""
+RESET_RUN: Final = 20
+PERIODS_KEPT: Final = 25
+
+
+class Ordered(NamedTuple):
+    """A pose whose stamp is after all before it; ``continues`` unless a gap, a reset or nothing is before."""
+
+    pose: Pose
+    continues: bool
+
+
+class StampOrder:
+    """Passes on poses with increasing stamps.
+
+    Parameters
+    ----------
+    counts : what is dropped or noted is added here by kind.
+    """
+
+    def __init__(self, counts: Counter[str]) -> None:
+        self._counts = counts
+        self._last_ns: int | None = None
+        self._offset_ns = 0
+        self._backward: tuple[int, int, int] | None = None
+        self._held: list[Pose] = []
+        self._periods = _Periods()
+
+    def admit(self, pose: Pose) -> Sequence[Ordered]:
+        """The poses to go on with now: this one, none, or several that were held."""
+        stamp_ns = pose.stamp_ns + self._offset_ns
+        if abs(pose.stamp_ns) > RANGE_NS or abs(stamp_ns) > RANGE_NS:
+            self._counts["out_of_range"] += 1
+            return ()
+        if self._offset_ns:
+            pose = pose._replace(stamp_ns=stamp_ns)
+        if self._last_ns is not None:
+            step_ns = stamp_ns - self._last_ns
+            if step_ns < 0:
+                return self._consider_reset(pose)
+            if step_ns == 0:
+                self._counts["repeated_stamp"] += 1
+                return ()
+            if not self._held and step_ns <= self._periods.lead_ns:
+                return (self._accept(pose),)
+        self._held.append(pose)
+        return self._release(ended=False)
+
+    def finish(self) -> Sequence[Ordered]:
+        """What is held and was followed by something, or is all there is; nothing more can follow."""
+        return self._release(ended=True)
+
+    def steps_of_all(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64] | None:
+        """The times between poses, from the last one on; None if one of them needs a closer look."""
+        if self._last_ns is None or self._held or self._offset_ns or stamp_ns[-1] > RANGE_NS:
+            return None
+        steps_ns = np.empty_like(stamp_ns)
+        steps_ns[0] = stamp_ns[0] - self._last_ns
+        np.subtract(stamp_ns[1:], stamp_ns[:-1], out=steps_ns[1:])
+        if steps_ns.min() <= 0 or steps_ns.max() > GAP_NS or self._periods.lead_among(steps_ns):
+            return None
+        return steps_ns
+
+    def pass_all(self, stamp_ns: NDArray[np.int64], steps_ns: NDArray[np.int64]) -> None:
+        """Pass on poses that need no closer look."""
+        self._periods.extend(steps_ns[-PERIODS_KEPT:].tolist())
+        self._backward = None
+        self._last_ns = int(stamp_ns[-1])
+
+    def _release(self, ended: bool) -> Sequence[Ordered]:
+        """Pass on the held poses that have been confirmed, and drop those that contradict them."""
+        released = list[Ordered]()
+        while self._held:
+            stamps_ns = [pose.stamp_ns for pose in self._held]
+            run = longest_run(stamps_ns, self._last_ns)
+            if len(self._held) < HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
+                if not ended:
+                    break
+                # One stamp against all before it; where nothing is known, there is nothing against it.
+                if len(run) == 1 and self._last_ns is not None and self._periods.known:
+                    self._counts["leading_stamp"] += len(self._held)
+                    self._held = []
+                    break
+            first = run[0]
+            accepted_ns = stamps_ns[first]
+            released.append(self._accept(self._held[first]))
+            # What came before it and is no part of the run is ahead of it.
+            if first:
+                self._counts["leading_stamp"] += first
+            self._held = self._held[first + 1 :]
+            for pose in self._held:
+                if pose.stamp_ns == accepted_ns:
+                    self._counts["repeated_stamp"] += 1
+                elif pose.stamp_ns < accepted_ns:
+                    self._counts["backward_stamp"] += 1
+            self._held = [pose for pose in self._held if pose.stamp_ns > accepted_ns]
+        return released
+
+    def _is_confirmed(self, run_ns: Sequence[int]) -> bool:
+        """Whether enough stamps have followed the first of a run for it to be right."""
+        followers = len(run_ns) - 1
+        if self._last_ns is None:
+            return followers > 0
+        lead_ns = run_ns[0] - self._last_ns
+        if lead_ns <= self._periods.lead_ns:
+            return True
+        slow = followers >= SLOW_FOLLOWERS and run_ns[-1] - run_ns[0] >= SLOW_RUN_NS
+        return slow or followers >= min(1 + lead_ns // LEAD_PER_FOLLOWER_NS, FOLLOWERS)
+
+    def _consider_reset(self, pose: Pose) -> Sequence[Ordered]:
+        """Drop a pose from the past, unless so many came in order that the clock must have been reset."""
+        stamp_ns = pose.stamp_ns
+        first_ns, last_ns, length = self._backward or (stamp_ns, stamp_ns - 1, 0)
+        if stamp_ns <= last_ns:
+            first_ns, length = stamp_ns, 0
+        if length < RESET_RUN:
+            self._backward = (first_ns, stamp_ns, length + 1)
+            self._counts["backward_stamp"] += 1
+            return ()
+        released = self.finish()
+        assert self._last_ns is not None
+        shift_ns = self._last_ns + self._periods.median_ns - first_ns
+        self._offset_ns += shift_ns
+        self._counts["clock_reset"] += 1
+        return (
+            *released,
+            self._accept(pose._replace(stamp_ns=stamp_ns + shift_ns))._replace(continues=False),
+        )
+
+    def _accept(self, pose: Pose) -> Ordered:
+        continues = self._last_ns is not None
+        if self._last_ns is not None:
+            step_ns = pose.stamp_ns - self._last_ns
+            if step_ns > GAP_NS and self._periods.known and step_ns > GAP_PERIODS * self._periods.median_ns:
+                self._counts["gap"] += 1
+                continues = False
+            else:
+                self._periods.append(step_ns)
+        self._backward = None
+        self._last_ns = pose.stamp_ns
+        return Ordered(pose, continues)
+
+
+def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
+    """Indices of the longest run of increasing stamps; of equally long ones the one that takes least time.
+
+    Parameters
+    ----------
+    after : the stamp from which a run goes on; None if it begins with its own first.
+    """
+    if all(a < b for a, b in pairwise(stamps)):
+        return list(range(len(stamps)))
+    runs = list[tuple[int, int, int]]()  # of those that end with each stamp: length, first stamp, predecessor
+    for i, stamp in enumerate(stamps):
+        before = [j for j in range(i) if stamps[j] < stamp]
+        j = max(before, key=lambda j: runs[j][:2], default=-1)
+        runs.append((runs[j][0] + 1, runs[j][1], j) if before else (1, stamp, -1))
+    last = max(
+        range(len(stamps)),
+        key=lambda i: (runs[i][0], (runs[i][1] if after is None else after) - stamps[i]),
+    )
+    indices = [last]
+    while (last := runs[last][2]) >= 0:
+        indices.append(last)
+    return indices[::-1]
+
+
+class _Periods:
+    """The last times between poses, and their median."""
+
+    def __init__(self) -> None:
+        self._recent: deque[int] = deque(maxlen=PERIODS_KEPT)
+        self._sorted: list[int] = []
+        self.median_ns = 1
+        self.lead_ns = 0
+
+    @property
+    def known(self) -> bool:
+        return bool(self._recent)
+
+    def append(self, period_ns: int) -> None:
+        recent, in_order = self._recent, self._sorted
+        if len(recent) == PERIODS_KEPT:
+            del in_order[bisect_left(in_order, recent[0])]
+        recent.append(period_ns)
+        insort(in_order, period_ns)
+        self._note_median()
+
+    def extend(self, periods_ns: Sequence[int]) -> None:
+        """The same for several."""
+        self._recent.extend(periods_ns)
+        self._sorted = sorted(self._recent)
+        self._note_median()
+
+    def _note_median(self) -> None:
+        self.median_ns = self._sorted[len(self._sorted) // 2]
+        self.lead_ns = LEAD_PERIODS * self.median_ns
+
+    def lead_among(self, periods_ns: NDArray[np.int64]) -> bool:
+        """Whether one of these, which come next, leads; also where too little is known yet to say so."""
+        if len(self._recent) < PERIODS_KEPT:
+            return True
+        if periods_ns.max() <= LEAD_PERIODS * min(self._sorted[0], int(periods_ns.min())):
+            return False
+        before = np.concatenate([self._recent, periods_ns[:-1]])
+        medians = np.median(sliding_window_view(before, PERIODS_KEPT), axis=1)
+        return bool((periods_ns > LEAD_PERIODS * medians).any())

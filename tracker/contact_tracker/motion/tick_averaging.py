@@ -1,0 +1,179 @@
+"""From frames to ticks: they are averaged in the lift, outliers left out, and teach the noise and how the
+object moves."""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.geometry.rotation import between, rotation_vectors
+from contact_tracker.motion import free_motion, sensor_noise
+from contact_tracker.motion.free_motion import NO_EXCESS, Excess, FreeMotion
+from contact_tracker.motion.lifted_pose import R, T, mean_lift
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.sensor_noise import Heard, NoiseEstimate
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+NEIGHBOURS: Final = 5
+_EYE: Final = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """The frames of one tick.
+
+    ``start_ns``, ``stamp_ns`` of its first and last frame; ``zeta`` (25,) mean lift, world origin at
+    the first pose; ``count`` of frames used (0: a gap), ``outliers`` left out; ``excess`` of free motion; the
+    ``noise`` of a frame, as it is known after the tick.
+    """
+
+    start_ns: int
+    stamp_ns: int
+    zeta: Array
+    count: int
+    outliers: int
+    excess: Excess
+    noise: NoiseEstimate
+
+
+class Learnt(NamedTuple):
+    """What the ticks so far have taught; nothing of the ``motion`` where the next is no tick's time after."""
+
+    noise: NoiseEstimate
+    heard: Heard
+    motion: FreeMotion | None
+
+
+class Run(NamedTuple):
+    """Ticks that follow each other: their ``frames``, those of each up to one of the ``ends`` (n,), of which
+    all have some; ``first_ns``, when the time of the first begins; seen from ``origin_m`` (3,).
+
+    With ``is_rest`` the first is the rest of a tick of which something was told before.
+    """
+
+    frames: Poses
+    ends: Index
+    first_ns: int
+    origin_m: Array
+    is_rest: bool
+
+
+def averaged(learnt: Learnt, run: Run, model: Model) -> tuple[Learnt, list[Tick]]:
+    """The ticks of a run, and what is learnt after it."""
+    if run.is_rest:
+        learnt = learnt._replace(motion=None)
+    closed, first, first_ns = list[Tick](), 0, run.first_ns
+    for end in run.ends.tolist():
+        frames, is_rest = run.frames[first:end], run.is_rest and not first
+        learnt, tick = _closed(learnt, frames, first_ns, run.origin_m, model, is_rest)
+        closed.append(tick)
+        first, first_ns = end, first_ns + model.tick_ns
+    return learnt, closed
+
+
+def _closed(
+    learnt: Learnt, frames: Poses, first_ns: int, origin_m: Array, model: Model, is_rest: bool
+) -> tuple[Learnt, Tick]:
+    """One tick; a rest tells nothing of the motion: it is not a tick's time from its neighbours."""
+    start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
+    frames = frames.fresh  # held poses say nothing new
+    before = learnt.noise
+    sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
+    ahead_s = (frames.stamp_ns - first_ns) / 1e9 + 0.5 * model.tick_s  # of the middle of the tick before
+    good = _plausible(frames, ahead_s, learnt.motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
+    some = frames if good.all() else frames[good]
+    heard, estimate = learnt.heard, before
+    if model.noise.estimated:
+        prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
+        typical = some if 2 * len(some) > len(frames) else frames  # outliers are no noise, unless most are
+        heard, estimate = sensor_noise.advance(heard, estimate, typical, prior)
+    zeta = mean_lift(some.rotation, some.position_m - origin_m)
+    motion, excess, turn = learnt.motion, NO_EXCESS, zeta[R].reshape(3, 3)
+    if motion is not None:
+        variance = tick_variances(estimate, np.array(float(len(some))), model)
+        motion, excess = free_motion.advance(
+            motion, turn, zeta[T], variance, model.tick_s, model.motion.memory_s
+        )
+    elif not is_rest:
+        motion = free_motion.begin(turn, zeta[T])
+    tick = Tick(start_ns, stamp_ns, zeta, len(some), len(frames) - len(some), excess, estimate)
+    return Learnt(estimate, heard, motion), tick
+
+
+def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Noise per axis (m^2, rad^2) of one frame, which averaging lowers, and the floor, which it does not."""
+    sensor = estimate.sigma_position_m**2, estimate.sigma_rotation_rad**2
+    return sensor, (model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2)
+
+
+def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
+    """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames."""
+    parts = np.empty((*count.shape, 2))
+    parts[..., 0], parts[..., 1] = 1.0 / np.maximum(count, 1.0), 1.0
+    # for so few columns this takes less than sums of arrays, and than ``@``
+    return np.asarray(np.dot(parts, np.array(variances(estimate, model))))
+
+
+def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
+    """What the covariance (W, 3, 3) of the mean position of ticks with ``count`` (W,) frames, in the world's
+    axes, is beyond its mean over the axes (m^2)."""
+    covariance = estimate.position_m2
+    beyond = covariance - _EYE * (covariance.trace() / 3.0)
+    share = 1.0 / np.maximum(count, 1.0)
+    return np.asarray(np.dot(share[:, None], beyond.reshape(1, 9))).reshape(-1, 3, 3)
+
+
+def _plausible(
+    frames: Poses,
+    ahead_s: Array,
+    motion: FreeMotion | None,
+    origin_m: Array,
+    sigma_sq: Array,
+    outlier_sigmas: float,
+) -> NDArray[np.bool_]:
+    """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far;
+    ``ahead_s`` (N,) after the middle of the tick before, with noise ``sigma_sq`` (2,).
+
+    While nothing is known of the motion, and just after a gap: no farther out than by their steps. With
+    all frames implausible the object has jumped: they are taken, and the filter follows.
+    """
+    count, everything = len(frames), np.ones(len(frames), bool)
+    if motion is not None and motion.is_settled:
+        at, facing = free_motion.predicted(motion, ahead_s)
+        off, spread = _off(frames, at + origin_m, facing), motion.spread
+        if count >= 3:  # frames stand beside their neighbours: little motion lies between them
+            off = off - _local_median(off)
+            spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
+        allowed_sq = sigma_sq + spread
+    elif count >= NEIGHBOURS:
+        off = _off(frames, frames.position_m[0], frames.quat_xyzw[0])
+        step_sq = np.median(_distance_sq(off[1:] - off[:-1]), axis=0)
+        off, allowed_sq = off - _local_median(off), np.maximum(sigma_sq, step_sq)
+    else:
+        return everything
+    good = (_distance_sq(off) < outlier_sigmas**2 * allowed_sq).all(axis=1)
+    return np.asarray(good if good.any() else everything)
+
+
+def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
+    """How far (N, 6) frames are from one or N poses: by position, and by the turn in the body's axes."""
+    turn = rotation_vectors(between(quat_xyzw, frames.quat_xyzw))
+    return np.concatenate([frames.position_m - position_m, turn], axis=1)
+
+
+def _distance_sq(off: Array) -> Array:
+    """Squared lengths (N, 2) of both halves of the rows (N, 6)."""
+    return np.asarray((off * off).reshape(-1, 2, 3).sum(axis=2))
+
+
+def _local_median(rows: Array) -> Array:
+    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
+    width = min(NEIGHBOURS, len(rows) - 1 + len(rows) % 2)
+    windows = np.array([rows[i : len(rows) - width + 1 + i] for i in range(width)])
+    windows.partition(width // 2, axis=0)
+    centre = np.arange(len(rows)) - width // 2
+    return np.asarray(windows[width // 2].take(centre, axis=0, mode="clip"))

@@ -1,0 +1,104 @@
+"""From poses to ticks: short spans of time on a grid that begins with the first pose."""
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.motion import free_motion, sensor_noise
+from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.tick_averaging import Array, Learnt, Run, Tick, averaged
+
+LONGEST_GAP_S: Final = 5.0
+"""A gap in the stream is followed tick by tick up to this time; what is longer passes as one."""
+
+
+class TickState(NamedTuple):
+    """Where the averaging stands: frames of the tick under way, which has this ``number`` on the grid, the
+    ``last`` one before that, and what those before have taught."""
+
+    origin_ns: int
+    origin_m: Array
+    number: int
+    frames: tuple[Poses | Pose, ...]
+    last: Tick | None
+    learnt: Learnt
+
+
+def begin(model: Model, poses: Poses) -> TickState:
+    """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
+    estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
+    learnt = Learnt(estimate, sensor_noise.NOTHING_HEARD, None)
+    return TickState(int(poses.stamp_ns[0]), poses.position_m[0].copy(), 0, (), None, learnt)
+
+
+def goes_on(state: TickState, stamp_ns: int, model: Model) -> bool:
+    """Whether a pose that follows closes no tick: it may wait to be taken in with the ``frames``."""
+    return stamp_ns < state.origin_ns + (state.number + 1) * model.tick_ns
+
+
+def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick]]:
+    """Take in poses, of which there are some; returns the ticks that they close."""
+    left, closed = Poses.join((*state.frames, poses)), list[Tick]()
+    while True:
+        first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns.max())
+        if not goes_on(state, first_ns, model):
+            state, empty = _missed(state, first_ns, model)
+            closed += empty
+        if goes_on(state, last_ns, model):  # as mostly, online
+            return state._replace(frames=(left,)), closed
+        number = (left.stamp_ns - state.origin_ns) // model.tick_ns
+        number = np.maximum.accumulate(np.maximum(number, state.number))  # no tick is taken up again
+        ends = np.flatnonzero(number[1:] > number[:-1]) + 1
+        follows = number[ends - 1] == state.number + np.arange(len(ends))
+        many = len(ends) if follows.all() else int(follows.argmin())
+        state, some = _run(state, left, ends[:many], model)
+        closed += some
+        left = left[int(ends[many - 1]) :]
+
+
+def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
+    """Finish the tick under way; the rest of its time, should more come in that, is another tick."""
+    frames = Poses.join(state.frames)
+    state, (tick,) = _run(state, frames, np.array([len(frames)]), model)
+    return state._replace(frames=()), tick
+
+
+def _run(
+    state: TickState, frames: Poses, ends: NDArray[np.int64], model: Model
+) -> tuple[TickState, list[Tick]]:
+    """Finish the tick under way and those that follow without a gap, see ``Run``."""
+    first_ns = state.origin_ns + state.number * model.tick_ns
+    is_rest = state.last is not None and state.last.stamp_ns >= first_ns
+    run = Run(frames, ends, first_ns, state.origin_m, is_rest)
+    learnt, closed = averaged(state.learnt, run, model)
+    return state._replace(number=state.number + len(ends) - 1, last=closed[-1], learnt=learnt), closed
+
+
+def _coasted(state: TickState, missed: int, model: Model) -> FreeMotion | None:
+    """What is known of the motion after ticks without poses."""
+    motion = state.learnt.motion
+    if motion is None:
+        return None
+    return free_motion.coasted(motion, missed, model.tick_s, model.motion.memory_s)
+
+
+def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
+    """On to the tick of the next pose; empty ones where the stream has a gap."""
+    step_ns = model.tick_ns
+    number = (stamp_ns - state.origin_ns) // step_ns
+    missed = max(min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1, 0)
+    empty = list[Tick]()
+    if missed:
+        assert state.last is not None
+        like = replace(state.last, count=0, outliers=0, excess=NO_EXCESS)
+        stamps = [like.stamp_ns + (i + 1) * step_ns for i in range(missed)]
+        empty = [replace(like, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
+        state = state._replace(learnt=state.learnt._replace(motion=_coasted(state, missed, model)))
+    if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
+        number = state.number + 1 + missed
+        state = state._replace(origin_ns=stamp_ns - number * step_ns)
+    return state._replace(number=number), empty

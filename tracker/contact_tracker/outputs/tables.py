@@ -1,0 +1,38 @@
+"""Beliefs and segments for programs: JSON lines and CSV (docs/conventions.md)."""
+
+import csv
+import json
+from collections.abc import Iterable
+from typing import Final, TextIO
+
+from contact_tracker.tracking.belief import Belief, Segment
+
+CSV_COLUMNS: Final = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable")
+
+
+def json_line(belief: Belief) -> str:
+    """One belief as one JSON object, without the line's end."""
+    return json.dumps(belief.to_json(), allow_nan=False)
+
+
+def write_jsonl(beliefs: Iterable[Belief], file: TextIO) -> None:
+    for belief in beliefs:
+        file.write(json_line(belief) + "\n")
+
+
+def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
+    """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks."""
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for segment in segments:
+        geometry = segment.geometry.to_json() if segment.geometry else {}
+        writer.writerow(
+            (
+                segment.start_ns,
+                segment.end_ns,
+                segment.contact.value,
+                segment.probability,
+                json.dumps(geometry, allow_nan=False),
+                " ".join(segment.inseparable),
+            )
+        )

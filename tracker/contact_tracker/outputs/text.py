@@ -1,0 +1,122 @@
+"""Beliefs and segments for people: lines of fixed width, geometry in words."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, Unobserved
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Belief, Segment
+
+_GEOMETRY: Final = "the object's element (body frame) on the surroundings' (world frame)"
+CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
+SURE: Final = 0.9
+TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
+
+
+def is_settled(belief: Belief) -> bool:
+    """Whether the contact is nearly sure, and no other one fits the motion as well."""
+    return bool(belief.probability[belief.contact.column] >= SURE) and not belief.inseparable
+
+
+def change_line(belief: Belief, origin_ns: int) -> str:
+    """A contact that is new, or settled; times in seconds after ``origin_ns``."""
+    return (
+        f"{_seconds(belief.stamp_ns, origin_ns):8.2f}  {belief.contact.value:<7} "
+        f"{belief.probability[belief.contact.column]:5.2f}  {_seconds(belief.onset_ns, origin_ns):8.2f}  "
+        f"{describe(belief.geometry, belief.inseparable)}"
+    ).rstrip()
+
+
+def status_text(belief: Belief, origin_ns: int) -> str:
+    """The state of affairs, short enough for a terminal's line."""
+    ranked = np.argsort(-belief.probability)[:3]
+    likely = "  ".join(f"{STATES[i].value} {belief.probability[i]:.2f}" for i in ranked)
+    held = _seconds(belief.stamp_ns, belief.onset_ns)
+    return (
+        f"{_seconds(belief.stamp_ns, origin_ns):8.2f} s  {belief.contact.value} for {held:.1f} s   {likely}"
+    )
+
+
+def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
+    """A line per segment; times in seconds after ``origin_ns``. The last says how much is left untold."""
+    yield TABLE_HEADER
+    total_s = untold_s = 0.0
+    for segment in segments:
+        start, end = (_seconds(t, origin_ns) for t in (segment.start_ns, segment.end_ns))
+        yield (
+            f"{start:8.2f}  {end:8.2f}  {segment.contact.value:<7} {segment.probability:5.2f}  "
+            f"{describe(segment.geometry, segment.inseparable)}"
+        ).rstrip()
+        total_s += end - start
+        untold_s += end - start if segment.inseparable else 0.0
+    if untold_s:
+        yield f"The motion leaves the contact open for {untold_s:.2f} of {total_s:.2f} s."
+
+
+def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()) -> str:
+    """``edge ... on face ...; or v-f, free``; after +/- the standard deviation in the worst direction.
+
+    After ``or`` stand the states that the motion does not tell from the one named.
+    """
+    others = "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
+    where = "" if geometry is None else f"{_element(geometry.object)} on {_element(geometry.environment)}"
+    return "; ".join(filter(None, [where, others and f"or {others}"]))
+
+
+def _element(element: Element) -> str:
+    open_ways = ", ".join(_way(way) for way in element.unobserved)
+    match element:
+        case Plane(normal, offset_m, covariance):
+            tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
+            offset = f"{_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
+            name, where = "face", f" normal {tilt} at {offset}"
+        case Line(direction, point_m, covariance):
+            along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
+            through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
+            name, where = "edge", f" along {along} through {through}"
+        case Point(point_m, covariance):
+            name = "vertex"
+            where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
+    if element.name is not None:
+        name = element.name if name in element.name.split() else f"{name} {element.name}"
+    shifts = sum(way.how == "shifts_along" for way in element.unobserved)
+    if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point of all
+        return f"{name} (unobserved)"
+    return f"{name}{where}" + (f" (unobserved: {open_ways})" if open_ways else "")
+
+
+def _way(way: Unobserved) -> str:
+    return f"{'turn about' if way.how == 'turns_about' else 'shift along'} {_vector(way.direction, 2)}"
+
+
+def _worst(covariance: Array | None, block: slice) -> float | None:
+    if covariance is None or not np.isfinite(covariance).all():
+        return None
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance[block, block])[-1], 0.0)))
+
+
+def _angle(sd: float | None) -> str:
+    return "" if sd is None else f" +/- {_two_figures(np.degrees(sd))} deg"
+
+
+def _length(sd: float | None) -> str:
+    return "" if sd is None else f" +/- {_two_figures(sd * 1e3)} mm"
+
+
+def _two_figures(value: float) -> str:
+    return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-")
+
+
+def _vector(values: Array, digits: int) -> str:
+    return f"({' '.join(_fixed(v, digits) for v in values)})"
+
+
+def _fixed(value: float, digits: int) -> str:
+    """Fixed decimals, without the sign of a negative zero."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def _seconds(stamp_ns: int, origin_ns: int) -> float:
+    return (stamp_ns - origin_ns) * 1e-9

@@ -1,0 +1,183 @@
+"""The paper's fixed-window curves (its Fig. 5): minima of its own objective functions along a recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from math import gcd
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.poses import Poses
+from contact_tracker.paper.batched import Batch, minimise_batched
+from contact_tracker.paper.kronecker import form, rows
+from contact_tracker.paper.objectives import motion
+from contact_tracker.states import Contact
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
+COARSE: Final = (1e-4, 30)
+FINE: Final = (1e-9, 300)
+"""Relative gain at which a minimisation stops, and iterations at most: first, and of what is best at last."""
+CHUNK_FRAMES: Final = 20_000
+"""Windows are minimised together whose first poses lie in so many: long recordings go in pieces."""
+
+
+@dataclass(frozen=True, eq=False)
+class WindowCurves:
+    """W windows by the six contacts, in the order of ``CONTACTS``.
+
+    Parameters
+    ----------
+    stamp_ns : (W,) stamp of each window's last pose: the value is what was known then.
+    minimum : (W, 6) lowest value found of the paper's objective, summed over the window's frames.
+    converged : (W, 6) whether that minimisation converged.
+    """
+
+    stamp_ns: Index
+    minimum: Array
+    converged: NDArray[np.bool_]
+
+    @classmethod
+    def join(cls, parts: Sequence["WindowCurves"]) -> "WindowCurves":
+        """Windows one after the other."""
+        return cls(
+            np.concatenate([np.zeros(0, np.int64), *(part.stamp_ns for part in parts)]),
+            np.concatenate([np.zeros((0, 6)), *(part.minimum for part in parts)]),
+            np.concatenate([np.zeros((0, 6), bool), *(part.converged for part in parts)]),
+        )
+
+    @property
+    def normalised(self) -> Array:
+        """(W, 6), each column divided by its maximum, as the paper draws it."""
+        largest = self.minimum.max(axis=0, initial=0.0)
+        return self.minimum / np.where(largest > 0.0, largest, 1.0)
+
+
+def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
+    """Minimise the paper's six objective functions on windows of ``frames`` poses, every ``step`` poses.
+
+    What is minimised are the paper's own functions (5), (10), (15), (19) and their swapped forms, corrected,
+    in their Kronecker forms (docs/theory.md, T7), with batched Levenberg-Marquardt in place of SLSQP. It
+    starts from the relaxed problems of ``contacts`` and lets each window try its neighbours' minima. The
+    world's origin is set amid the positions; of the minima, only that of f-e depends on it. Those of f-f and
+    e-f depend on where the body frame is, which is the recording's (docs/theory.md, T9, T10).
+
+    A recording shorter than a window has no windows. The result is the same for the same poses.
+    """
+    growing = Curves(frames, step, poses.position_m.mean(axis=0) if len(poses) else None)
+    growing.extend(poses)
+    return growing.finish()
+
+
+class Curves:
+    """The same of poses that come block by block, in bounded memory but for the result.
+
+    Parameters
+    ----------
+    origin_m : (3,) of the world; by default amid the first ``CHUNK_FRAMES`` positions.
+    """
+
+    def __init__(self, frames: int = 500, step: int = 10, origin_m: Array | None = None) -> None:
+        if frames < 1 or step < 1:
+            raise ValueError("a window needs at least one frame and a step of at least one")
+        self._frames, self._step, self._origin_m = frames, step, origin_m
+        self._windows = max(CHUNK_FRAMES // step, 1)  # that are minimised together
+        self._waiting: list[Poses] = []
+        self._found: list[WindowCurves] = []
+
+    def extend(self, poses: Poses) -> None:
+        """Later poses."""
+        self._waiting.append(poses)
+        enough = (self._windows - 1) * self._step + self._frames
+        if sum(map(len, self._waiting)) >= enough:
+            whole = Poses.join(self._waiting)
+            while len(whole) >= enough:
+                self._minimise(whole[:enough])
+                whole = whole[self._windows * self._step :]
+            self._waiting = [whole]
+
+    def finish(self) -> WindowCurves:
+        """Of all poses."""
+        rest = Poses.join(self._waiting)
+        self._waiting.clear()
+        windows = (len(rest) - self._frames) // self._step + 1
+        if windows > 0:
+            self._minimise(rest[: (windows - 1) * self._step + self._frames])
+        return WindowCurves.join(self._found)
+
+    def _minimise(self, poses: Poses) -> None:
+        """A chunk that begins and ends with a window."""
+        if self._origin_m is None:
+            self._origin_m = poses.position_m.mean(axis=0)
+        stamp_ns = poses.stamp_ns[self._frames - 1 :: self._step].copy()
+        found = WindowCurves(stamp_ns, np.zeros((len(stamp_ns), 6)), np.ones((len(stamp_ns), 6), bool))
+        rotation, position = poses.rotation, poses.position_m - self._origin_m
+        for column, model in enumerate(CONTACT_MODELS):
+            best = minimise_windows(model, rotation, position, self._frames, self._step)
+            found.minimum[:, column], found.converged[:, column] = best.value, best.converged
+        self._found.append(found)
+
+
+def minimise_windows(
+    model: ContactModel, rotation: Array, position_m: Array, frames: int, step: int
+) -> Batch:
+    """Minima of the paper's objective of one contact on windows of ``T_world_body`` (N, 3, 3) and (N, 3)."""
+    k, moments = window_sums(model, rotation, position_m, frames, step)
+    best = from_relaxed(model, k, moments)
+    for shift in SHIFTS:
+        source = np.clip(np.arange(len(k)) + shift, 0, len(k) - 1)
+        best = best.better(minimise_batched(model.contact, k, best.x[source], best.y[source], *COARSE))
+    return minimise_batched(model.contact, k, best.x, best.y, *FINE)
+
+
+def from_relaxed(model: ContactModel, k: Array, moments: Array) -> Batch:
+    """The best, found coarsely, that solutions of the relaxed problems lead to, nothing else known."""
+    x, y = _starts(model, moments)
+    found = (minimise_batched(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1]))
+    return reduce(Batch.better, found)
+
+
+def window_sums(
+    model: ContactModel, rotation: Array, position_m: Array, frames: int, step: int
+) -> tuple[Array, Array]:
+    """K (W, n, n) of the paper's objective, and moments (W, C, C) of the relaxed problems, of each window."""
+    k = _sums(rows(model.contact, *motion(rotation, position_m)), frames, step)
+    return k, _sums(model.lifted(lift(rotation, position_m))[:, None, :], frames, step)
+
+
+def _sums(a: Array, frames: int, step: int) -> Array:
+    """Sums (W, n, n) of ``a.T a`` over the frames of each window, for a (N, r, n); N ends with a window."""
+    block = gcd(frames, step)
+    parts = a.reshape(len(a) // block, -1, a.shape[-1])
+    sums = np.swapaxes(parts, 1, 2) @ parts
+    total = np.concatenate([np.zeros((1, *sums.shape[1:])), np.cumsum(sums, axis=0)])
+    begin = np.arange(0, len(a) - frames + 1, step) // block
+    return np.asarray(total[begin + frames // block] - total[begin])
+
+
+def _starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
+    """Solutions of the relaxed problems as factors of the Kronecker product, (W, N, a) and (W, N, b)."""
+    x = model.family.starts(moments)
+    x = model.family.normalise(x, np.zeros(6))
+    match model.contact:
+        case Contact.FF:
+            first, second = np.concatenate([x[..., :3], np.zeros_like(x[..., :1])], axis=-1), x[..., 3:]
+        case Contact.VF | Contact.FV:
+            first, second = np.concatenate([x[..., :3], np.ones_like(x[..., :1])], axis=-1), x[..., 3:]
+        case Contact.EF | Contact.FE:
+            first, second = _line(x[..., :6]), x[..., 6:]
+        case _:
+            first, second = _line(x[..., :6]), _line(x[..., 6:])
+    body, world = (first, second) if model.body_in_1 else (second, first)
+    return form(model.contact).factors(body, world)
+
+
+def _line(x: Array) -> Array:
+    """Direction and foot to direction and moment."""
+    return np.concatenate([x[..., :3], np.cross(x[..., 3:], x[..., :3])], axis=-1)

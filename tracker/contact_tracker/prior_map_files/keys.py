@@ -1,0 +1,116 @@
+"""A TOML table whose keys are read one by one, each checked; what is left over is refused."""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.errors import KnowledgeError
+from contact_tracker.geometry.elements import Array
+
+FARTHEST_M: Final = 1e6
+SIZES_M: Final = (1e-4, 1e3)
+"""What a body may measure along an edge."""
+LONGEST_TEXT: Final = 200
+UNIT_TOLERANCE: Final = 0.01
+"""A direction whose length is farther from 1 than this is taken for a slip of the hand."""
+
+
+class Keys:
+    """The keys of one table; ``name`` is what errors call it."""
+
+    def __init__(self, table: Any, name: str) -> None:
+        if not isinstance(table, dict):
+            raise KnowledgeError(name, "must be a table")
+        self._table: dict[str, Any] = table
+        self._name = name
+        self._asked: list[str] = []
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._table
+
+    def called(self, key: str) -> str:
+        """The full name of a key."""
+        return f"{self._name}.{key}" if self._name else key
+
+    def wrong(self, key: str, reason: str) -> KnowledgeError:
+        return KnowledgeError(self.called(key), reason)
+
+    def finish(self) -> None:
+        """Refuse what nobody asked for."""
+        for key in self._table:
+            if key not in self._asked:
+                raise self.wrong(key, f"unknown; known are {', '.join(self._asked)}")
+
+    def number(self, key: str, default: float | None, low: float, high: float) -> float:
+        """A number from ``low`` to ``high``; ``default`` None makes it obligatory."""
+        value = self._take(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.wrong(key, f"must be a number, not {type(value).__name__}")
+        if not low <= value <= high:
+            raise self.wrong(key, f"must lie between {low:g} and {high:g}")
+        return float(value)
+
+    def flag(self, key: str, default: bool) -> bool:
+        value = self._take(key, default)
+        if not isinstance(value, bool):
+            raise self.wrong(key, f"must be true or false, not {type(value).__name__}")
+        return value
+
+    def text(self, key: str, default: str | None) -> str:
+        value = self._take(key, default)
+        if not isinstance(value, str) or not value.isprintable() or len(value) > LONGEST_TEXT:
+            raise self.wrong(key, f"must be a printable string of {LONGEST_TEXT} characters at most")
+        return value
+
+    def vector(self, key: str, size: int = 3, default: list[float] | None = None) -> Array:
+        """``size`` finite numbers."""
+        value = self._take(key, default)
+        numbers = isinstance(value, list) and all(
+            isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= FARTHEST_M for v in value
+        )
+        if not numbers or len(value) != size:
+            raise self.wrong(key, f"must be a list of {size} numbers, none beyond {FARTHEST_M:g}")
+        return np.array(value, float)
+
+    def lengths(self, key: str) -> Array:
+        """Three lengths (m) of a body."""
+        value, (low, high) = self.vector(key), SIZES_M
+        if not ((value >= low) & (value <= high)).all():
+            raise self.wrong(key, f"must lie between {low:g} and {high:g}")
+        return value
+
+    def direction(self, key: str, size: int = 3, default: list[float] | None = None) -> Array:
+        """A vector of length 1, give or take a hundredth, which is taken out."""
+        value = self.vector(key, size, default)
+        length = math.hypot(*value)
+        if abs(length - 1.0) > UNIT_TOLERANCE:
+            raise self.wrong(key, f"must have length 1, not {length:.4g}")
+        return value / length
+
+    def pose(self) -> tuple[Array, Array]:
+        """Rotation (3, 3) and position (3,) of ``quat_xyzw`` and ``position_m``; none if absent."""
+        quat = self.direction("quat_xyzw", 4, [0.0, 0.0, 0.0, 1.0])
+        rotation: Array = Rotation.from_quat(quat).as_matrix()
+        return rotation, self.vector("position_m", 3, [0.0, 0.0, 0.0])
+
+    def table(self, key: str) -> "Keys":
+        """The table ``key``, empty where there is none."""
+        return Keys(self._take(key, {}), self.called(key))
+
+    def tables(self, key: str) -> "list[Keys]":
+        """The tables of an array, or one single table."""
+        value = self._take(key, [])
+        if isinstance(value, dict):
+            return [Keys(value, self.called(key))]
+        if not isinstance(value, list):
+            raise self.wrong(key, "must be a table, or an array of tables")
+        return [Keys(row, f"{self.called(key)}[{i}]") for i, row in enumerate(value, start=1)]
+
+    def _take(self, key: str, default: Any) -> Any:
+        self._asked.append(key)
+        value = self._table.get(key, default)
+        if value is None:
+            raise self.wrong(key, "missing")
+        return value

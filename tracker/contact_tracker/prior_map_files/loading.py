@@ -1,0 +1,175 @@
+"""What the user knows, from a TOML file or a table of the same keys, each checked (docs/knowledge.md)."""
+
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from contact_tracker.errors import KnowledgeError
+from contact_tracker.geometry.elements import Line, Plane, Point
+from contact_tracker.geometry.polyhedron import convex
+from contact_tracker.landmarks.prior_map import (
+    Accuracy,
+    Knowledge,
+    Known,
+    Up,
+    axis_name,
+    elements_of,
+    known_to,
+    number_name,
+)
+from contact_tracker.prior_map_files.keys import FARTHEST_M, Keys
+from contact_tracker.prior_map_files.mesh import read_mesh
+
+Note = Callable[[str], None]
+MOST_ELEMENTS: Final = 200
+
+
+def load_knowledge(path: str, note: Note = lambda _: None) -> Knowledge:
+    """Read a TOML file; ``note`` is told what is not an error but should be known, a line each.
+
+    Raises
+    ------
+    KnowledgeError : names the key and the reason.
+    """
+    return knowledge_from(read_table(path), Path(path).parent, note)
+
+
+def read_table(path: str) -> dict[str, Any]:
+    """The keys of a TOML file, not yet checked."""
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:  # what is not UTF-8 or not TOML, and names with a zero byte
+        raise KnowledgeError("", f"{path} is not TOML: {error}") from error
+
+
+def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> Knowledge:
+    """Knowledge from the keys of a file; paths of meshes are relative to ``folder``."""
+    keys = Keys(dict(table), "")
+    up_keys, object_keys, environment_keys = map(keys.table, ("up", "object", "environment"))
+    up = _up(up_keys) if "up" in keys else None
+    keys.finish()
+    object, object_complete = _elements(object_keys, folder, note)
+    environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
+    return Knowledge(environment, object, up, environment_complete, object_complete)
+
+
+def _up(keys: Keys) -> Up:
+    direction = keys.direction("direction")
+    spread = math.radians(keys.number("spread_deg", 2.0, 0.01, 60.0))
+    keys.finish()
+    return Up(direction, spread)
+
+
+def _elements(
+    keys: Keys, folder: Path, note: Note, solid_is_all: bool = True
+) -> tuple[tuple[Known, ...], bool]:
+    """The elements of one frame, and whether there are no others."""
+    found = [
+        *(_plane(row, i) for i, row in enumerate(keys.tables("plane"), start=1)),
+        *(_line(row, i) for i, row in enumerate(keys.tables("line"), start=1)),
+        *(_point(row, i) for i, row in enumerate(keys.tables("point"), start=1)),
+    ]
+    solids = [_box(row) for row in keys.tables("box")]
+    complete = bool(solids)
+    for row in keys.tables("mesh"):
+        elements, convex_mesh = _mesh(row, folder, note)
+        solids.append(elements)
+        complete = convex_mesh
+    found += [element for elements in solids for element in elements]
+    complete = keys.flag("complete", complete and len(solids) == 1 and solid_is_all)
+    if complete and not found:
+        raise keys.wrong("complete", "true, but nothing is listed: it could touch nothing")
+    keys.finish()
+    _refuse_many(found, keys)
+    return tuple(found), complete
+
+
+def _refuse_many(found: list[Known], keys: Keys) -> None:
+    if len(found) > MOST_ELEMENTS:
+        raise keys.wrong("mesh", f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
+    for name in (known.name for known in found):
+        if sum(known.name == name for known in found) > 1:
+            raise keys.wrong("name", f"{name!r} is there twice")
+
+
+def _plane(keys: Keys, number: int) -> Known:
+    name, accuracy, normal = keys.text("name", f"plane {number}"), _accuracy(keys), keys.direction("normal")
+    if ("offset_m" in keys) == ("point_m" in keys):
+        raise keys.wrong("offset_m", "give either this or point_m")
+    if "point_m" in keys:
+        place = keys.vector("point_m")
+        plane = known_to(Plane(normal, float(normal @ place)), accuracy, place)
+    else:
+        offset_m = keys.number("offset_m", None, -FARTHEST_M, FARTHEST_M)
+        plane = known_to(Plane(normal, offset_m), accuracy)
+    keys.finish()
+    return Known(name, plane)
+
+
+def _line(keys: Keys, number: int) -> Known:
+    name, accuracy = keys.text("name", f"line {number}"), _accuracy(keys)
+    line = Line(keys.direction("direction"), keys.vector("point_m"))
+    keys.finish()
+    return Known(name, known_to(line, accuracy))
+
+
+def _point(keys: Keys, number: int) -> Known:
+    name, accuracy, point = keys.text("name", f"point {number}"), _accuracy(keys), keys.vector("point_m")
+    keys.finish()
+    return Known(name, known_to(Point(point), accuracy))
+
+
+def _box(keys: Keys) -> tuple[Known, ...]:
+    prefix, accuracy, size_m = _prefix(keys), _accuracy(keys), keys.lengths("size_m")
+    rotation, position_m = keys.pose()
+    keys.finish()
+    body = convex(0.5 * size_m * np.array(list(product((-1.0, 1.0), repeat=3))))
+    return elements_of(body, axis_name, accuracy, rotation, position_m, prefix)
+
+
+def _mesh(keys: Keys, folder: Path, note: Note) -> tuple[tuple[Known, ...], bool]:
+    """The elements of a mesh's hull, and whether the mesh is convex."""
+    prefix, accuracy, path = _prefix(keys), _accuracy(keys), folder / keys.text("path", None)
+    unit_m = keys.number("unit_m", 1.0, 1e-6, 1e3)
+    rotation, position_m = keys.pose()
+    keys.finish()
+    body, is_convex = read_mesh(path, unit_m, keys.wrong)
+    if not is_convex:
+        note(f"{path} is not convex: its hull's elements are known, and others are looked for as well")
+    return elements_of(body, number_name, accuracy, rotation, position_m, prefix), is_convex
+
+
+def _prefix(keys: Keys) -> str:
+    name = keys.text("name", "")
+    return f"{name} " if name else ""
+
+
+def _accuracy(keys: Keys) -> Accuracy:
+    usual = Accuracy()
+    position_m = keys.number("sigma_position_m", usual.position_m, 1e-6, 1.0)
+    rotation_deg = keys.number("sigma_rotation_deg", math.degrees(usual.rotation_rad), 1e-4, 60.0)
+    return Accuracy(position_m, math.radians(rotation_deg))
+
+
+def merged(tables: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Tables as one: arrays are joined, tables merged; what two of them say differently is refused."""
+    result: dict[str, Any] = {}
+    for table in tables:
+        for key, value in table.items():
+            if key not in result:
+                result[key] = value
+            elif isinstance(value, dict) and isinstance(result[key], dict):
+                result[key] = merged((result[key], value))
+            elif isinstance(value, list) and isinstance(result[key], dict | list):
+                before = result[key] if isinstance(result[key], list) else [result[key]]
+                result[key] = [*before, *value]
+            else:
+                raise KnowledgeError(key, "said twice, in the file and on the command line")
+    return result

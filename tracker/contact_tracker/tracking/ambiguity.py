@@ -1,0 +1,181 @@
+"""Which contacts the motion so far cannot tell from the one believed (docs/theory.md, T23, T24).
+
+Judged over about the same span of time and without what is usual in transitions: a label may be preferred for
+being usual, and yet the motion has not shown it.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry import linalg
+from contact_tracker.geometry.vectors import EYE
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.pruning import best_of
+from contact_tracker.hypotheses.schedule import FAR_NATS
+from contact_tracker.motion.lifted_pose import T
+from contact_tracker.motion.window import Window
+from contact_tracker.states import STATES, Contact
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+DECISIVE: Final = float(np.log(20.0))
+"""Evidence (nats) that tells two contacts apart: twenty to one."""
+AS_WELL: Final = 1.2
+"""A contact fits as well if its whitened residual is no more than this times the label's, or the noise."""
+SAME_SPAN: Final = 0.25
+"""Onsets that differ by this share of the contact's age are about the same span: of old ones few are kept."""
+SAME_SPAN_TICKS: Final = 3
+STRIDE_TICKS: Final = 5
+"""Motion is looked at in steps so long that slow motion rises above the noise."""
+USED: Final = 10.0
+"""The motion uses a direction if it moves there by so many times the variance of the noise."""
+RESTRICTED: Final = 0.12
+"""Share of the contacts in which an object is moved in fewer directions than it could be."""
+VARIED_S: Final = 0.7
+"""Time in which other motion has shown all its directions."""
+FIRST_CHOICE: Final = 2.0
+"""Weight of the label among states that motion cannot tell apart."""
+ALMOST: Final = 1.0 - 1e-9
+SIX: Final = 6
+TINY: Final = 1e-9
+_AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
+"""(3, 9): of a matrix, row by row, what is odd in it: of a rotation its axis by twice the sine of its angle;
+of ``a b^T`` it is ``b x a``."""
+_TRACE: Final = EYE.ravel()
+LEAST_MOTION_TICKS: Final = 10.0
+"""With less motion in the window a contact that is older than the window is judged by its evidence alone."""
+
+
+class Rivals(NamedTuple):
+    """How well each state explains one span.
+
+    ``evidence`` (7,) in nats against any one of them, and ``rms`` (7,), the whitened residual that is left.
+    """
+
+    evidence: Array
+    rms: Array
+
+
+def inseparable(label: Contact, rivals: Rivals, idle: bool) -> tuple[Contact, ...]:
+    """The other states that the motion does not tell from ``label``.
+
+    Those whose evidence does not fall decisively short of the label's. And where the motion is ``idle``: all
+    that fit, since standing still in one more direction says nothing then; and what these contain, since that
+    fits with them.
+    """
+    close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
+    if idle:
+        fits = close | (rivals.rms < AS_WELL * max(1.0, rivals.rms[label.column]))
+        fitting = [state for state, fit in zip(STATES, fits, strict=True) if fit]
+        close = np.array([any(other.contains(state) for other in fitting) for state in STATES])
+    return tuple(state for state, near in zip(STATES, close, strict=True) if near and state is not label)
+
+
+def is_idle(label: Contact, window: Window, older: bool) -> bool:
+    """Whether the motion makes no use of the freedom that ``label`` leaves.
+
+    ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others.
+    """
+    judged = not older or float(window.activity.sum()) >= LEAST_MOTION_TICKS
+    return judged and used_directions(window) < SIX - label.codimension
+
+
+def tempered(probability: Array, sureness: float) -> Array:
+    """Posterior (..., 7), up to a constant, to the power of ``sureness``: the order of the states stays, one
+    and all (T31)."""
+    power = probability**sureness
+    return np.asarray(power / power.sum(axis=-1, keepdims=True))
+
+
+def restricted(idle: bool, window: Window, tick_s: float) -> float:
+    """Probability that the object is moved in so few directions on purpose (T30).
+
+    So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
+    other directions.
+    """
+    moved_s = tick_s * float(window.activity.sum())
+    return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if idle else 0.0
+
+
+def shared(probability: Array, label: Contact, others: tuple[Contact, ...], purpose: float) -> Array:
+    """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
+
+    The most probable contact among them gives to all the others, as likely as motion is restricted on
+    ``purpose``. That is the label itself, but for the label of a Viterbi path or of some time ago. The order
+    of the states stays, and a distribution stays one.
+    """
+    if not others or label is Contact.FREE:
+        return probability
+    alike = [state.column for state in (label, *others)]
+    giver = max((c for c in alike if c != Contact.FREE.column), key=lambda c: (probability[c], c == alike[0]))
+    share = np.zeros(len(STATES))
+    share[alike] = 1.0
+    share[giver] = FIRST_CHOICE
+    share /= share.sum()
+    change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
+    # as far as the giver stays ahead of those that are behind it
+    lead, loss = probability[giver] - probability, change - change[giver]
+    behind = (loss > 0.0) & (lead >= 0.0)
+    most = np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0)
+    return np.asarray(probability + min(purpose, ALMOST * float(most)) * change)
+
+
+def used_directions(window: Window) -> int:
+    """How many of its six directions the object moves in, beyond the noise: the rank of its twists (T24).
+
+    Each step of ``STRIDE_TICKS`` has a twist in the world's frame, which stays the same as long as the object
+    turns about one axis: that is one direction, however far it goes. Translation in a plane is two.
+    """
+    if len(window) <= STRIDE_TICKS:
+        return 0
+    pose = window.zeta[:, : T[-1] + 1].T.copy()  # R comes before T; numbers of all ticks side by side
+    rotation, place = pose[: T[0]].reshape(3, 3, -1), pose[T[0] :]
+    place -= place.sum(axis=1, keepdims=True) / len(window)
+    before, after = place[:, :-STRIDE_TICKS], place[:, STRIDE_TICKS:]
+    step = (rotation[:, None, :, STRIDE_TICKS:] * rotation[:, :, :-STRIDE_TICKS]).sum(axis=2).reshape(9, -1)
+    # tan of half the angle along the axis, twice: exact about an axis
+    turned = _AXIS @ step / np.maximum(0.5 + 0.5 * (_TRACE @ step), TINY)
+    middle = 0.5 * (before + after)
+    shifted = after - before - _AXIS @ (middle[:, None] * turned).reshape(9, -1)
+    twist = np.concatenate([shifted, turned])
+    weight = window.activity[STRIDE_TICKS:] + TINY
+    power = (twist * weight) @ twist.T / weight.sum()
+    position, rotational = 2.0 * window.usual_variance
+    lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
+    sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)
+    return int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
+
+
+def rivals_since(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> Rivals:
+    """How well each state explains the ticks since about ``onset``, against the label.
+
+    Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
+    just that onset on. -inf where none is left.
+    """
+    slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
+    span = np.array([onset - slack, onset + slack + 1])
+    evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
+    since = np.full(len(STATES), onset)
+    for column, bank in enumerate(banks):
+        first, end = bank.onset.searchsorted(span)  # they are in order
+        if first < end:
+            best = first + bank.joint[first:end].argmax()
+            evidence[column], rms[column] = bank.log_likelihood[best], bank.rms[best]
+            since[column] = bank.onset[best]
+    evidence[-1], rms[-1] = 0.0, 1.0
+    if label is not Contact.FREE:
+        evidence -= _evidence(banks[label.column], since)
+    evidence[label.column] = 0.0
+    return Rivals(evidence, rms)
+
+
+def _evidence(bank: Bank, since: Index) -> Array:
+    """A contact's evidence against free motion ``since`` some ticks, between its hypotheses: the best of each
+    onset, and none that is far behind."""
+    near = np.flatnonzero(bank.joint >= bank.best - FAR_NATS)
+    near = near[best_of(bank.onset[near], bank.joint[near])]
+    return np.interp(since, bank.onset[near], bank.log_likelihood[near])

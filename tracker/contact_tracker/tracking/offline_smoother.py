@@ -1,0 +1,252 @@
+"""The tracker, offline: the online pass once forward, then Viterbi and smoothing over what it met.
+
+That is concluded piece by piece, as soon as what comes later cannot change it any more: memory does not grow
+with the recording.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker import hmm
+from contact_tracker.config.parameters import Model
+from contact_tracker.hypotheses.bank_update import Alive
+from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.motion import tick_averaging
+from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.window import Window
+from contact_tracker.states import CONTACTS, STATES
+from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.batch_update import Glimpse
+from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.finished_segment import Closed
+from contact_tracker.tracking.forward_pass import Seen, forward, glimpses
+from contact_tracker.tracking.measurement_update import FREE
+from contact_tracker.tracking.row_buffer import Columns
+from contact_tracker.tracking.segment_fit import Stretch, Told, tell
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.tracking.state import TrackerState
+
+Array = NDArray[np.float64]
+
+PIECE_TICKS: Final = 1200
+"""A recording is concluded in pieces of about so many ticks; a shorter one at once, at its end."""
+TOLERANCE: Final = 1e-6
+"""By so much, at most, may later data still change a posterior that is told."""
+ROOM_BYTES: Final = 60_000_000
+"""Where later data may change everything for hours (an object at rest), so much of it is kept open. Then the
+older half is told as it is known."""
+_FEW: Final = 256
+_TOGETHER: Final = 32
+"""So many ticks go through the trellis at once: one by one, between all that a tick does, they take twice as
+long."""
+
+_TICK: Final = np.dtype(
+    [
+        ("start_ns", np.int64),
+        ("stamp_ns", np.int64),
+        ("count", np.float64),
+        ("zeta", np.float64, 25),
+        ("excess", np.float64, 2),
+        ("residual", np.float64, len(CONTACTS)),
+    ]
+)
+_POSTERIOR: Final = np.dtype([("probability", np.float64, len(STATES))])
+
+
+def segment(
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    knowledge: Knowledge = NOTHING,
+    executor: Executor | None = None,
+    watch: Callable[[Seen], None] | None = None,
+) -> Segmentation:
+    """Segment a whole recording.
+
+    Parameters
+    ----------
+    poses : validated poses in order of time.
+    progress : called now and then with the number of poses read so far.
+    knowledge : what is known of the object and its surroundings.
+    executor : of processes that fit elements to segments while the recording is read on; without, this one.
+    watch : called with each tick of the forward pass.
+
+    Returns
+    -------
+    Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
+    """
+    return Segmentation.join(
+        list(pieces(poses, model, progress, knowledge, executor, watch, Detail.GEOMETRY))
+    )
+
+
+def pieces(
+    poses: Iterable[Pose],
+    model: Model,
+    progress: Callable[[int], None] | None = None,
+    knowledge: Knowledge = NOTHING,
+    executor: Executor | None = None,
+    watch: Callable[[Seen], None] | None = None,
+    online: Detail = Detail.SHARED,
+) -> Iterator[Segmentation]:
+    """What ``segment`` finds, piece by piece and in bounded memory.
+
+    Each piece holds the segments that were concluded since the one before with their beliefs, and what was
+    filtered since then: that is ahead of the beliefs, tells as much as ``online`` asks for, and nothing with
+    mere ``Detail.WEIGHTS``.
+    """
+    segmenter = Segmenter(executor)
+    if watch is None and online < Detail.SHARED:
+        for state, some in glimpses(poses, model, progress, knowledge):
+            for glimpse in some:
+                segmenter.note(state, glimpse)
+                if segmenter.due:
+                    yield segmenter.conclude()
+    else:
+        for seen in forward(poses, model, progress, knowledge, online):
+            segmenter.note(seen.state, seen.glimpse, seen.belief if online >= Detail.SHARED else None)
+            if watch is not None:
+                watch(seen)
+            if segmenter.due:
+                yield segmenter.conclude()
+    yield segmenter.finish()
+
+
+class Segmenter:
+    """Takes in the ticks of a forward pass and tells segments as they become certain."""
+
+    def __init__(self, executor: Executor | None = None) -> None:
+        self._executor = executor
+        self._forward: hmm.Forward | None = None
+        self._waiting: list[tuple[Alive, Array, tuple[Any, ...]]] = []
+        self._past, self._survivors = hmm.Past(), hmm.Survivors()
+        self._due = PIECE_TICKS
+        self._state: TrackerState
+        self._newest: Glimpse
+        self._outliers = 0  # that were told
+        self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet told
+        self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
+        self._path: deque[hmm.Stretch] = deque()
+        self._jobs: deque[Closed] = deque()
+        self._online: list[Belief] = []
+        self._filtered: list[Beliefs] = []
+
+    def note(self, state: TrackerState, seen: Glimpse, belief: Belief | None = None) -> None:
+        """Take in the next tick of those that have led to the ``state``, and what was said of it."""
+        tick = seen.tick
+        if self._forward is None:
+            self._forward = hmm.Forward(seen.entry)
+        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, seen.residual)
+        self._waiting.append((seen.alive, seen.change, row))
+        if len(self._waiting) == _TOGETHER:
+            self._followed()
+        if belief is not None:
+            self._online.append(belief)
+        if len(self._online) == _FEW:  # objects are large
+            self._filtered.append(Beliefs.of(self._online))
+            self._online.clear()
+        self._state, self._newest = state, seen
+
+    @property
+    def open_ticks(self) -> int:
+        """How many ticks have no posterior yet that stays."""
+        return len(self._past) + len(self._waiting)
+
+    @property
+    def due(self) -> bool:
+        """Whether it is worth while to look for what is certain by now."""
+        return self.open_ticks >= self._due or self._past.size > ROOM_BYTES
+
+    def conclude(self) -> Segmentation:
+        """What has become certain since the last time."""
+        living = self._followed()
+        posterior, certain = self._past.look_back(living, TOLERANCE)
+        if self._past.size > ROOM_BYTES:
+            certain = max(certain, len(posterior) // 2)
+        self._smoothed(posterior[:certain])
+        self._decided(self._survivors.decide(living))
+        self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
+        waiting = len(self._jobs)
+        self._begin(final=False)
+        return self._tell(len(self._jobs) if self._executor is None else waiting)
+
+    def finish(self) -> Segmentation:
+        """The recording has ended: all the rest."""
+        if self._forward is None:
+            return Segmentation()
+        living = self._followed()
+        if len(self._past):
+            self._smoothed(self._past.posterior(living))
+        self._decided(self._survivors.finish(living))
+        self._begin(final=True)
+        return self._tell(len(self._jobs))
+
+    def _followed(self) -> hmm.Living:
+        """What is alive after the last tick, the trellis being grown up to it."""
+        assert self._forward is not None
+        for alive, change, row in self._waiting:
+            step = self._forward.advance(*alive, change)
+            self._past.append(step)
+            self._survivors.append(step)
+            self._ticks.append(row)
+        self._waiting.clear()
+        return self._forward.living
+
+    def _smoothed(self, posterior: Array) -> None:
+        self._past.drop(len(posterior))
+        for row in ambiguity.tempered(posterior, self._state.model.certainty.sureness):
+            self._posterior.append((row,))
+
+    def _decided(self, stretches: Iterable[hmm.Stretch]) -> None:
+        """Free motion is remembered tick by tick; a run of free ticks is one stretch."""
+        for state, onset, end in stretches:
+            if self._path and state == self._path[-1][0] == FREE:
+                onset = self._path.pop()[1]
+            self._path.append((state, onset, end))
+
+    def _begin(self, final: bool) -> None:
+        """Fit the stretches of which all is known; free motion at the end may go on."""
+        while self._path and self._path[0][2] - self._first <= len(self._posterior):
+            state, onset, end = self._path[0]
+            if state == FREE and len(self._path) == 1 and not final:
+                return
+            self._path.popleft()
+            count = end - onset
+            rows = self._ticks.take(count)
+            last = not len(self._ticks)
+            end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
+            posterior = self._posterior.take(count)["probability"]
+            self._jobs.append(Closed(state, rows, end_ns, posterior, self._fit(state, rows)))
+            self._first, self._before = end, rows["zeta"][-1]
+
+    def _fit(self, column: int, rows: NDArray[np.void]) -> Callable[[], Told]:
+        """Have the elements of a segment fitted, with today's estimate of the noise."""
+        state, noise = self._state, self._newest.tick.noise
+        assert state.averaging is not None
+        window = Window(
+            self._first + np.arange(len(rows)),
+            rows["zeta"],
+            tick_averaging.tick_variances(noise, rows["count"], state.model),
+            rows["excess"],
+            tick_averaging.tick_unevenness(noise, rows["count"]),
+            self._before if self._first else None,
+        )
+        stretch = Stretch(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
+        if self._executor is None:
+            return partial(tell, stretch)
+        return self._executor.submit(tell, stretch).result
+
+    def _tell(self, count: int) -> Segmentation:
+        """The oldest ``count`` segments that are being fitted, and what was filtered meanwhile."""
+        found = [self._jobs.popleft().told() for _ in range(count)]
+        online, self._online = [*self._filtered, Beliefs.of(self._online)], []
+        self._filtered.clear()
+        outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers
+        beliefs = Beliefs.join([of_one for _, of_one in found])
+        return Segmentation(tuple(one for one, _ in found), beliefs, Beliefs.join(online), outliers)

@@ -1,0 +1,96 @@
+"""What the ticks of a segment tell when its ends are known: its elements, and what else fits."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.birth_proposals import Frame, beginnings, named
+from contact_tracker.hypotheses.contact_geometry import geometry_of
+from contact_tracker.hypotheses.refinement import polish
+from contact_tracker.landmarks.element_pairs import assumptions
+from contact_tracker.landmarks.landmark_memory import NOTHING_MET
+from contact_tracker.landmarks.prior_map import Knowledge
+from contact_tracker.motion.lifted_pose import T
+from contact_tracker.motion.window import Window
+from contact_tracker.states import Contact
+from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.state import scales_of
+
+Array = NDArray[np.float64]
+
+LONGEST_TICKS: Final = 6000
+"""Of a longer segment so many ticks are looked at."""
+PIECE_TICKS: Final = 60
+"""They are chosen in pieces of so many: motion shows in steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Ticks of one contact: all of a segment, and what is needed to look at them."""
+
+    window: Window
+    contact: Contact
+    model: Model
+    knowledge: Knowledge
+    origin_m: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Of one segment, as in ``Belief``."""
+
+    geometry: ContactGeometry | None
+    inseparable: tuple[Contact, ...]
+    restricted: float
+
+
+def tell(stretch: Stretch) -> Told:
+    """All contacts are fitted to the ticks of a segment from scratch."""
+    model, knowledge, label, origin_m = stretch.model, stretch.knowledge, stretch.contact, stretch.origin_m
+    window = _most_moving(stretch.window)
+    scales = scales_of(model)
+    idle = ambiguity.is_idle(label, window, older=False)
+    fits = [_fitted(contact, window, stretch) for contact in CONTACT_MODELS]
+    rivals = ambiguity.Rivals(
+        np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
+        np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
+    )
+    others = ambiguity.inseparable(label, rivals, idle)
+    inseparable = tuple(other for other in others if knowledge.allows(other))
+    restricted = ambiguity.restricted(idle, window, model.tick_s)
+    if label is Contact.FREE:
+        return Told(None, inseparable, restricted)
+    contact = CONTACT_MODELS[label.column]
+    window = window.with_error(model.noise.beyond_floor[label.column])
+    fitted, information = polish(fits[label.column], contact, window, scales)
+    pair = assumptions(knowledge, contact)[fitted.pair[0]]
+    geometry = named(geometry_of(fitted, 0, contact, scales, window, origin_m, information), pair)
+    return Told(geometry, inseparable, restricted)
+
+
+def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
+    """The best hypothesis of a contact about a whole stretch, if there can be one."""
+    place_m = window.zeta[:, T].mean(axis=0)
+    frame = Frame.around(stretch.origin_m, place_m)
+    begins = beginnings(contact, stretch.knowledge, NOTHING_MET, 0.0, frame)
+    own = window.with_error(stretch.model.noise.beyond_floor[contact.contact.column])
+    return bank_update.fit_stretch(contact, own, scales_of(stretch.model), begins)
+
+
+def _most_moving(window: Window) -> Window:
+    """The window itself, or where it is very long its pieces with the most motion, in their order."""
+    if len(window) <= LONGEST_TICKS:
+        return window
+    pieces = len(window) // PIECE_TICKS
+    by_piece = window.activity[: pieces * PIECE_TICKS].reshape(pieces, PIECE_TICKS).sum(axis=1)
+    chosen = np.sort(np.argsort(-by_piece, kind="stable")[: LONGEST_TICKS // PIECE_TICKS])
+    rows = (chosen[:, None] * PIECE_TICKS + np.arange(PIECE_TICKS)).ravel()
+    before = window.before if not rows[0] else window.zeta[rows[0] - 1]
+    return replace(window.pick(rows), before=before)

@@ -1,0 +1,154 @@
+"""What the tracker believes of a whole recording: its segments, and the beliefs of all its ticks."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Self, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.packing import pack, unpack
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.belief import Belief, Segment
+
+Array = NDArray[np.float64]
+
+BELIEF: Final = np.dtype(
+    [
+        ("stamp_ns", np.int64),
+        ("onset_ns", np.int64),
+        ("probability", np.float64, len(STATES)),
+        ("residual", np.float64, len(CONTACTS)),
+        ("restricted", np.float64),
+        ("geometry", np.int64),
+        ("inseparable", np.bool_, len(STATES)),
+        ("contact", np.int8),
+    ],
+    align=True,
+)
+"""A belief as a row: ``contact`` and ``inseparable`` by column, the number of its ``geometry`` or -1."""
+
+
+class Beliefs(Sequence[Belief]):
+    """T beliefs, kept as columns: hours of them fit into memory. Those that are asked for become ``Belief``.
+
+    Parameters
+    ----------
+    rows : (T,) of dtype ``BELIEF``.
+    geometries : that rows name by number, packed (see ``packing``).
+    """
+
+    def __init__(self, rows: NDArray[np.void] | None = None, geometries: Sequence[Array] = ()) -> None:
+        self.rows = np.zeros(0, BELIEF) if rows is None else rows
+        self.geometries = geometries
+        self._read: tuple[int, ContactGeometry | None] = (-1, None)
+
+    @classmethod
+    def of(cls, beliefs: Iterable[Belief]) -> Self:
+        """From beliefs one by one; what has one geometry in common shares it."""
+        rows: list[tuple[Any, ...]] = []
+        geometries: dict[int, tuple[int, ContactGeometry]] = {}
+        for b in beliefs:
+            number = -1
+            if b.geometry is not None:
+                number, _ = geometries.setdefault(id(b.geometry), (len(geometries), b.geometry))
+            others = [state in b.inseparable for state in STATES]
+            told = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.restricted, number)
+            rows.append((*told, others, b.contact.column))
+        return cls(np.array(rows, BELIEF), [pack(geometry) for _, geometry in geometries.values()])
+
+    @classmethod
+    def join(cls, parts: Sequence["Beliefs"]) -> Self:
+        """Beliefs one after the other."""
+        rows = np.concatenate([np.zeros(0, BELIEF), *(part.rows for part in parts)])
+        before = np.cumsum([0, *(len(part.geometries) for part in parts)])[:-1]
+        has_one = rows["geometry"] >= 0
+        rows["geometry"][has_one] += np.repeat(before, [len(part) for part in parts])[has_one]
+        return cls(rows, [packed for part in parts for packed in part.geometries])
+
+    def with_probability(self, probability: Array) -> "Beliefs":
+        """The same with other posteriors (T, 7)."""
+        rows = self.rows.copy()
+        rows["probability"] = probability
+        return Beliefs(rows, self.geometries)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Belief: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Beliefs": ...
+    def __getitem__(self, index: int | slice) -> "Belief | Beliefs":
+        if isinstance(index, slice):
+            return Beliefs(self.rows[index], self.geometries)
+        row = self.rows[index]
+        return Belief(
+            int(row["stamp_ns"]),
+            STATES[row["contact"]],
+            row["probability"].copy(),
+            int(row["onset_ns"]),
+            self._geometry(int(row["geometry"])),
+            row["residual"].copy(),
+            tuple(state for state, open in zip(STATES, row["inseparable"], strict=True) if open),
+            float(row["restricted"]),
+        )
+
+    @property
+    def stamp_ns(self) -> NDArray[np.int64]:
+        return np.asarray(self.rows["stamp_ns"])
+
+    @property
+    def probability(self) -> Array:
+        """(T, 7)"""
+        return np.asarray(self.rows["probability"])
+
+    @property
+    def residual(self) -> Array:
+        """(T, 6)"""
+        return np.asarray(self.rows["residual"])
+
+    @property
+    def contacts(self) -> list[Contact]:
+        return [STATES[column] for column in self.rows["contact"]]
+
+    def _geometry(self, number: int) -> ContactGeometry | None:
+        """Neighbours often share it."""
+        if number < 0:
+            return None
+        if self._read[0] != number:
+            self._read = (number, unpack(self.geometries[number]))
+        return self._read[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """The offline answer for T ticks.
+
+    Parameters
+    ----------
+    segments : the Viterbi path, in order, covering every tick.
+    beliefs : T beliefs with the Viterbi label and the smoothed posterior.
+    filtered : T beliefs as ``step`` gave them, from data up to each tick only.
+    outliers : poses that were left out because they stood far from their neighbours.
+    """
+
+    segments: tuple[Segment, ...] = ()
+    beliefs: Beliefs = field(default_factory=Beliefs)
+    filtered: Beliefs = field(default_factory=Beliefs)
+    outliers: int = 0
+
+    @classmethod
+    def join(cls, parts: Sequence["Segmentation"]) -> Self:
+        """Parts of one recording, one after the other."""
+        return cls(
+            tuple(segment for part in parts for segment in part.segments),
+            Beliefs.join([part.beliefs for part in parts]),
+            Beliefs.join([part.filtered for part in parts]),
+            sum(part.outliers for part in parts),
+        )
+
+    @property
+    def stamp_ns(self) -> NDArray[np.int64]:
+        return self.beliefs.stamp_ns

@@ -1,0 +1,124 @@
+"""Start and change of the states: the hidden Markov model's arrays from the lattice and from what was seen.
+
+The containment lattice gives a prior of a known weight, ``prior_changes``; counts of calibration add to it
+(docs/models.md). So nothing is impossible, and few data leave the lattice as it is.
+"""
+
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from contact_tracker.config.parameters import Model, Transitions
+from contact_tracker.states import CONTACTS, STATES, Contact
+
+Array = NDArray[np.float64]
+
+AT_REST: Final = 0.02
+"""Share of the changes that happen in a tick without visible motion."""
+FREE: Final = Contact.FREE.column
+
+
+def initial(transitions: Transitions) -> Array:
+    """Probability (7,) of the state in which a recording begins: mean of the Dirichlet posterior."""
+    first = transitions.initial_f_f
+    others = (1.0 - first) / (len(STATES) - 1)
+    prior = np.array([first if state is Contact.FF else others for state in STATES])
+    return _mixed(prior, np.array(transitions.seen.begins), transitions.prior_changes)
+
+
+def leave_per_s(transitions: Transitions) -> Array:
+    """Rate (7,) at which each state is left while the object moves: mean of the gamma posterior."""
+    weight, seen = transitions.prior_changes, transitions.seen
+    left = weight + np.array(seen.changes).sum(axis=1)
+    return np.asarray(left / (weight / transitions.leave_per_s + np.array(seen.moving_s)))
+
+
+def split(transitions: Transitions) -> Array:
+    """Where one goes (7, 7) from a state (row) that is left: rows are means of Dirichlet posteriors.
+
+    The prior is the lattice: gaining or losing one step of it, and leaving the surface or meeting it, are
+    likely; what skips a step is rarer by ``skip``; the same contact with other elements is rarer still.
+    """
+    lattice = np.full((len(STATES), len(STATES)), transitions.skip)
+    for i, a in enumerate(STATES):
+        for j, b in enumerate(STATES):
+            if a is b:
+                lattice[i, j] = 0.0 if a is Contact.FREE else transitions.skip**2
+            elif Contact.FREE in (a, b) or _adjacent(a, b):
+                lattice[i, j] = 1.0
+    prior = lattice / lattice.sum(axis=1, keepdims=True)
+    return _mixed(prior, np.array(transitions.seen.changes), transitions.prior_changes)
+
+
+def log_initial(model: Model) -> Array:
+    """Log probability (7,) of the state in which a recording begins."""
+    return np.log(initial(model.transitions))
+
+
+def exposure(activity: float) -> float:
+    """As how much of a tick in motion one of this ``activity`` (0 at rest, 1 in motion) counts.
+
+    Contacts change by moving: at rest what was believed hardly loosens.
+    """
+    return max(activity, AT_REST)
+
+
+class Chances(NamedTuple):
+    """What a tick may bring, in logs: ``change`` (7, 7), row to column, at the boundary before it; and that a
+    state will ``stay`` (7,) through it.
+
+    Free motion has no onset to remember: it stays free by ``change``.
+    """
+
+    change: Array
+    stay: Array
+
+
+def chances(model: Model, exposure: float) -> Chances:
+    """Those of a tick of this ``exposure``.
+
+    A state changes no more than once, unless the exposure is that of many ticks.
+    """
+    rate, log_split = _rates(model.transitions)
+    stay = -rate * (model.tick_s * exposure)
+    if exposure > 1.0:
+        return Chances(_often(model, exposure, np.exp(stay)), stay)
+    # without any exposure nothing changes
+    change = np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
+    change[FREE, FREE] = stay[FREE]
+    return Chances(change, stay)
+
+
+def _often(model: Model, exposure: float, stay: Array) -> Array:
+    """Log chances (7, 7) of being elsewhere, or there again, however often it has changed meanwhile."""
+    rate, log_split = _rates(model.transitions)
+    generator = rate[:, None] * (np.exp(log_split) - np.eye(len(STATES)))
+    chance = expm(generator * (model.tick_s * exposure))
+    lasted = np.where(np.arange(len(STATES)) == FREE, 0.0, stay)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(np.maximum(chance - np.diag(lasted), 0.0)))
+
+
+@lru_cache(maxsize=8)
+def _rates(transitions: Transitions) -> tuple[Array, Array]:
+    """Rate of leaving (7,) and log of the split (7, 7), read-only."""
+    with np.errstate(divide="ignore"):
+        rate, log_split = leave_per_s(transitions), np.log(split(transitions))
+    for values in (rate, log_split):
+        values.flags.writeable = False
+    return rate, log_split
+
+
+def _mixed(prior: Array, counts: Array, weight: float) -> Array:
+    """Probabilities along the last axis from ``counts`` and a ``prior`` that weighs as much as so many."""
+    return np.asarray((weight * prior + counts) / (weight + counts.sum(axis=-1, keepdims=True)))
+
+
+def _adjacent(a: Contact, b: Contact) -> bool:
+    """Whether one of the two contains the other, and no third contact lies between."""
+    upper, lower = (a, b) if a.contains(b) else (b, a)
+    between = [c for c in CONTACTS if c not in (a, b) and upper.contains(c) and c.contains(lower)]
+    return upper.contains(lower) and not between
