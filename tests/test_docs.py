@@ -75,7 +75,7 @@ def test_the_calibration_on_the_models_page_runs_as_it_is_written(tmp_path: Path
     done = carried_out(step, tmp_path)
     assert done.returncode == 0, done.stderr
     assert_shown(step, done.stdout)
-    assert load_model(str(tmp_path / "mine.toml")).transitions.seen.begins[0] == 2.0
+    assert load_model(str(tmp_path / "mine.toml")).transitions.counts.begins[0] == 2.0
 
 
 def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str]":

@@ -20,8 +20,8 @@ from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.ambiguity import tempered
-from contact_tracker.tracking.forward_pass import Pass, forward
-from contact_tracker.tracking.transition_model import chances, log_initial
+from contact_tracker.tracking.forward_pass import RecordedPass, forward
+from contact_tracker.tracking.transition_model import log_initial, tick_transitions
 from fixed_windows import Emission, Recorded, Windows
 from scores import OFFLINE, Answer, Method, Score
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
@@ -39,12 +39,12 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
     The trellis lacks what was pruned in the very tick, which weighs next to nothing.
     """
     monkeypatch.setattr(
-        "contact_tracker.tracking.ambiguity.is_idle", lambda *_, **__: False
+        "contact_tracker.tracking.ambiguity.underuses_freedom", lambda *_, **__: False
     )  # the bare posterior
     poses = recorded(FACE_TO_EDGE).poses[300:540]
     tracked = tracking.track(poses, MODEL, (0.5, 0.2))
-    seen = Pass.over(forward(poses, MODEL))
-    transition = np.array([chances(MODEL, exposure).change for exposure in seen.exposure])
+    seen = RecordedPass.over(forward(poses, MODEL))
+    transition = np.array([tick_transitions(MODEL, exposure).log_transition for exposure in seen.exposure])
     whole, ticks = seen.trellis, len(seen.beliefs)
     assert ticks == 12
     for lag_s, lag in ((0.5, 5), (0.2, 2)):
@@ -52,7 +52,7 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
             until = min(tick + lag + 1, ticks)
             known = whole._replace(alive=whole.alive[:until], log_likelihood=whole.log_likelihood[:until])
             posterior, _ = hmm.smooth(known, log_initial(MODEL), transition[:until])
-            told = tempered(posterior[tick], MODEL.certainty.sureness)
+            told = tempered(posterior[tick], MODEL.certainty.posterior_power)
             np.testing.assert_allclose(tracked.lagged[lag_s][tick], told, atol=1e-5)
     online = np.array([belief.probability for belief in tracked.segmentation.filtered])
     assert np.abs(tracked.lagged[0.2] - online).max() > 1e-3  # there is something to know later

@@ -19,7 +19,7 @@ from contact_tracker.adaptation.comparison import (
     is_moving,
     relative_evidence,
 )
-from contact_tracker.adaptation.mixture import doubted, mixture
+from contact_tracker.adaptation.mixture import mixture, spread_out
 from contact_tracker.adaptation.side_by_side import RATE_POSES, RATIO_POSES
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import evaluate
@@ -31,9 +31,9 @@ from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.forward_pass import Pass, forward
+from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.transition_model import chances, log_initial
+from contact_tracker.tracking.transition_model import log_initial, tick_transitions
 from distortions import interpolated, low_pass, moving_average, turned
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from smooth_motion import moving
@@ -165,8 +165,8 @@ def test_a_pose_at_a_time_is_what_the_readme_shows() -> None:
 
 def test_evidence_is_that_of_all_paths() -> None:
     """As smoothing over all hypotheses counts it, but for those that were dropped."""
-    whole = Pass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))
-    steps = np.array([chances(MODEL, exposed).change for exposed in whole.exposure])
+    whole = RecordedPass.over(forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL))
+    steps = np.array([tick_transitions(MODEL, exposed).log_transition for exposed in whole.exposure])
     _, expected = hmm.smooth(whole.trellis, log_initial(MODEL), steps)
     *_, last = forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL)
     assert last.state.log_evidence == pytest.approx(expected, abs=0.05)
@@ -179,7 +179,7 @@ def test_free_motion_is_the_same_for_all_that_are_compared() -> None:
     large = TickEvidence(1.0, face, np.array([1e-8, 1e-6]), 1.0)
     one, other = relative_evidence([small, large], MODEL.motion)
     assert one == 1.0
-    three_constraints = 3 * 0.5 * np.log(100.0) * MODEL.motion.independence
+    three_constraints = 3 * 0.5 * np.log(100.0) * MODEL.motion.likelihood_exponent
     assert other - one == pytest.approx(three_constraints, rel=0.01)
     free = np.eye(7)[Contact.FREE.column]
     still_free = [tick._replace(posterior=free) for tick in (small, large)]
@@ -248,12 +248,12 @@ def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -
         label = STATES[int(posterior.argmax())]
         beliefs.append(Belief(5, label, posterior, 3, None, np.full(6, np.nan)))
     both = mixture(beliefs, np.array([log_weight for _, log_weight in trackers]))
-    for probability in (both.probability, doubted(both.probability)):
+    for probability in (both.probability, spread_out(both.probability)):
         assert (probability >= 0.0).all()
         assert probability.sum() == pytest.approx(1.0)
     assert both.contact is STATES[int(both.probability.argmax())]
     assert both.onset_ns <= both.stamp_ns
-    assert doubted(both.probability).max() < 0.6
+    assert spread_out(both.probability).max() < 0.6
 
 
 def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
@@ -271,7 +271,7 @@ def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
     assert known.is_decided
     assert known.best is not None
     assert known.best.averaging is not None
-    assert known.best.averaging.learnt.noise.sigma_position_m == pytest.approx(3e-4)
+    assert known.best.averaging.stream.noise.sigma_position_m == pytest.approx(3e-4)
     assert tracker.start(given).model == known.best.model
 
 

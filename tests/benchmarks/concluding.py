@@ -15,11 +15,11 @@ from dataclasses import replace
 from typing import Any
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.motion.sliding import NOTHING_SEEN
+from contact_tracker.motion.sliding import EMPTY_WINDOW
 from contact_tracker.recording import open_log
-from contact_tracker.tracking.forward_pass import Seen, forward
+from contact_tracker.tracking.forward_pass import FilteredTick, forward
 from contact_tracker.tracking.offline_smoother import Segmenter
-from contact_tracker.tracking.segment_fit import Told
+from contact_tracker.tracking.segment_fit import SegmentFit
 
 
 class NoFits(Executor):
@@ -27,33 +27,35 @@ class NoFits(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         future: Future[Any] = Future()
-        future.set_result(Told(None, (), 0.0))
+        future.set_result(SegmentFit(None, (), 0.0))
         return future
 
 
-def recorded(path: str) -> list[Seen]:
+def recorded(path: str) -> list[FilteredTick]:
     """The online pass; of the states only what does not grow."""
     once, model = [], load_model("default")
     for seen in forward(open_log(path), model):
-        state = seen.state._replace(banks=(), sliding=NOTHING_SEEN)
+        state = seen.state._replace(banks=(), sliding_window=EMPTY_WINDOW)
         once.append(seen._replace(state=state))
     return once
 
 
-def repeated(once: list[Seen], ticks: int) -> Iterator[Seen]:
+def repeated(once: list[FilteredTick], ticks: int) -> Iterator[FilteredTick]:
     """``once`` over and over, each time later."""
     tick_ns = once[0].state.model.tick_ns
     for number in range(ticks):
         row = number % len(once)
         seen, later = once[row], number - row
         later_ns = later * tick_ns
-        alive = seen.state.alive._replace(onset=seen.state.alive.onset + later)
-        state = seen.state._replace(change=once[max(row, 1)].state.change, alive=alive)
+        alive = seen.state.live_hypotheses._replace(onset=seen.state.live_hypotheses.onset + later)
+        state = seen.state._replace(
+            log_transition=once[max(row, 1)].state.log_transition, live_hypotheses=alive
+        )
         start_ns, stamp_ns = seen.tick.start_ns + later_ns, seen.tick.stamp_ns + later_ns
         onset_ns = seen.belief.onset_ns + later_ns
         belief = replace(seen.belief, stamp_ns=stamp_ns, onset_ns=onset_ns)
         tick = replace(seen.tick, start_ns=start_ns, stamp_ns=stamp_ns)
-        yield Seen(state, tick, belief)
+        yield FilteredTick(state, tick, belief)
 
 
 def main() -> None:

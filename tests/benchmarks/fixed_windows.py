@@ -29,7 +29,7 @@ from contact_tracker.hmm import fixed_lag
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
-from contact_tracker.tracking.transition_model import split
+from contact_tracker.tracking.transition_model import destinations
 from scores import LAGS_S, OFFLINE, Answer, Method, Score, Scores
 
 Array = NDArray[np.float64]
@@ -165,7 +165,7 @@ def _chain(recordings: Sequence[Recorded], model: Model, states: Ints, step_s: f
     main = [r.scored.within(Subset.IDENTIFIABLE) for r in recordings]
     seconds = sum(float(m.seconds[m.subsets[Subset.ALL]].sum()) for m in main)
     leave = min(0.5, step_s * (1 + sum(len(m.changes) for m in main)) / seconds)
-    change = split(model.transitions)[np.ix_(states, states)] * (1 - np.eye(len(states)))
+    change = destinations(model.transitions)[np.ix_(states, states)] * (1 - np.eye(len(states)))
     total = change.sum(axis=1, keepdims=True)
     matrix = (1 - leave) * np.eye(len(states)) + leave * np.divide(
         change, total, out=np.eye(len(states)), where=total > 0
@@ -212,7 +212,7 @@ def filtered(log_density: Array, log_initial: Array, log_transition: Array, lag:
         if now:
             past, left = (
                 fixed_lag.inherited(past, left, log_transition),
-                hmm.enter(left, log_transition),
+                hmm.birth_log_weights(left, log_transition),
             )
         past = np.stack([fixed_lag.grown(past[s], s) for s in range(states)])
         left = left + density

@@ -63,11 +63,11 @@ def follow(state: TrackerState, poses: Poses) -> Iterator[tuple[TrackerState, Ta
     """Each tick that ends within the poses; of what averaging takes all that end in a batch have a share."""
     for batch in poses.batches():
         began_s = time.process_time()
-        state, closed = tracker.gather_some(state, batch)
+        state, closed = tracker.accumulate_poses(state, batch)
         share_s = (time.process_time() - began_s) / max(len(closed), 1)
         for tick in closed:
             began_s = time.process_time()
-            state, _ = tracker.observe(state, tick, Detail.WEIGHTS)
+            state, _ = tracker.update(state, tick, Detail.WEIGHTS)
             yield state, Taken(share_s + time.process_time() - began_s, sum(map(len, state.banks)))
 
 

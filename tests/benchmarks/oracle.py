@@ -24,15 +24,15 @@ from contact_tracker.geometry.elements import ContactGeometry, shifted
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import bank_update, evidence
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.birth import Begins, fresh
-from contact_tracker.hypotheses.element_prior import given
-from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
+from contact_tracker.hypotheses.element_prior import element_priors
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.landmarks.prior_map import Accuracy, known_to
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.state import scales_of
-from contact_tracker.tracking.transition_model import chances, exposure, log_initial
+from contact_tracker.tracking.transition_model import hazard_exposure, log_initial, tick_transitions
 from tracking import Tracked
 
 Array = NDArray[np.float64]
@@ -128,15 +128,15 @@ def evidence_of_truth(phase: Phase, window: Window, origin_m: Array, model: Mode
         return 0.0
     scales = scales_of(model)
     seen = evidence.log_ratio(CONTACT_MODELS[phase.contact.column], x[None], window, scales)
-    return scales.independence * float(seen.log_ratio[0, first:].sum())
+    return scales.likelihood_exponent * float(seen.log_ratio[0, first:].sum())
 
 
 def log_prior(label: Ints, window: Window, model: Model) -> float:
     """Log probability of the labels (W,) of ticks, if nothing was known but how much the object moves."""
     log_probability, contacts = float(log_initial(model)[label[0]]), np.arange(FREE)
-    for before, now, activity in zip(label[:-1], label[1:], window.activity[1:], strict=True):
-        exposed = exposure(float(activity))
-        step, stay = chances(model, exposed)
+    for before, now, activity in zip(label[:-1], label[1:], window.motion_ratio[1:], strict=True):
+        exposed = hazard_exposure(float(activity))
+        step, stay = tick_transitions(model, exposed)
         step[contacts, contacts] = np.logaddexp(step[contacts, contacts], stay[contacts])
         log_probability += float(step[before, now])
     return log_probability
@@ -146,7 +146,9 @@ def within(start_ns: int, end_ns: int, tracked: Tracked) -> Window:
     """The ticks with frames of this span only."""
     inside = (tracked.start_ns >= start_ns) & (tracked.stamp_ns <= end_ns) & (tracked.frames > 0)
     ticks = tracked.window
-    return Window(ticks.index[inside], ticks.zeta[inside], ticks.variance[inside], ticks.excess[inside])
+    return Window(
+        ticks.index[inside], ticks.zeta[inside], ticks.variance[inside], ticks.innovation_excess[inside]
+    )
 
 
 def _true_x(phase: Phase, window: Window, origin_m: Array) -> Array | None:
@@ -156,17 +158,17 @@ def _true_x(phase: Phase, window: Window, origin_m: Array) -> Array | None:
     contact = CONTACT_MODELS[phase.contact.column]
     anchors = contact.anchors(window.zeta[:, T].mean(axis=0))
     ours, theirs = phase.geometry.object, shifted(phase.geometry.environment, -origin_m)
-    (x,) = given(contact, [(known_to(ours, Accuracy()), known_to(theirs, Accuracy()))])[0].mean
+    (x,) = element_priors(contact, [(known_to(ours, Accuracy()), known_to(theirs, Accuracy()))])[0].mean
     return contact.family.normalise(x, anchors)
 
 
-def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> tuple[Array, int]:
+def _fit_all(true: Contact, x: Array | None, window: Window, scales: EvidenceParameters) -> tuple[Array, int]:
     """Evidence (7,) of the states, and the most constrained of them that fits."""
     log_evidence, excess = np.zeros(len(STATES)), np.full(len(STATES), np.inf)
     excess[FREE] = 0.0
     for contact in CONTACT_MODELS:
         column, family = contact.contact.column, contact.family
-        fits = [bank_update.fit_stretch(contact, window, scales)]
+        fits = [bank_update.fit_window(contact, window, scales)]
         if contact.contact is true and x is not None:
             fits.append(_from_truth(contact, x, window, scales))
         best = max(fits, key=lambda fit: float(fit.log_likelihood[0]))
@@ -180,12 +182,14 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: Scales) -> 
     return log_evidence, int(np.argmax(rank))
 
 
-def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Scales) -> Bank:
+def _from_truth(contact: ContactModel, x: Array, window: Window, scales: EvidenceParameters) -> Bank:
     """The minimum next to x."""
-    new = fresh(contact)
+    new = uninformed_proposal(contact)
     for _ in range(ROUNDS):
-        begin = Begins(new.rows.having(searched=0, known_mean=x), np.ones_like(new.told))
-        fitted = bank_update.fit_stretch(contact, window, scales, begin)
+        begin = BirthProposals(
+            new.rows.replace_columns(needs_search=0, prior_mean=x), np.ones_like(new.is_given)
+        )
+        fitted = bank_update.fit_window(contact, window, scales, begin)
         x = fitted.x[0]
     return fitted
 
@@ -194,11 +198,14 @@ def _chain(log_evidence: Array, windows: list[Window], model: Model) -> Ints:
     """The most probable label (P,) of each phase, whose evidence is (P, 7), in the chain of all of them."""
     stay, change = np.zeros(log_evidence.shape), np.zeros((*log_evidence.shape, len(STATES)))
     for row, window in enumerate(windows):
-        activity = window.activity
+        activity = window.motion_ratio
         stay[row] = sum(
-            (chances(model, exposure(a)).stay for a in activity[1:].tolist()), np.zeros(len(STATES))
+            (tick_transitions(model, hazard_exposure(a)).log_survival for a in activity[1:].tolist()),
+            np.zeros(len(STATES)),
         )
-        change[row] = chances(model, exposure(float(activity[0]) if len(window) else 0.0)).change
+        change[row] = tick_transitions(
+            model, hazard_exposure(float(activity[0]) if len(window) else 0.0)
+        ).log_transition
     count, states = log_evidence.shape
     number = np.arange(count * states).reshape(count, states)
     trellis = hmm.Trellis(

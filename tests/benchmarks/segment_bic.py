@@ -22,7 +22,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.scoring import UNSCORED, Scoring, tick_in_force
 from contact_tracker.hypotheses import bank_update
-from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
@@ -57,7 +57,7 @@ def answers(poses: Poses, scored: Scoring, tracked: Tracked, model: Model) -> di
     }
 
 
-def _true_segments(scored: Scoring, tracked: Tracked, scales: Scales) -> Answer:
+def _true_segments(scored: Scoring, tracked: Tracked, scales: EvidenceParameters) -> Answer:
     """Each true phase is judged by the ticks within it."""
     begins = np.append(True, np.diff(scored.truth) != 0)
     run = np.cumsum(begins) - 1
@@ -71,7 +71,9 @@ def _true_segments(scored: Scoring, tracked: Tracked, scales: Scales) -> Answer:
     return Answer.most_probable(row[run], probability)
 
 
-def _posteriors(spans: list[tuple[int, int]], tracked: Tracked, scales: Scales) -> tuple[Array, Ints]:
+def _posteriors(
+    spans: list[tuple[int, int]], tracked: Tracked, scales: EvidenceParameters
+) -> tuple[Array, Ints]:
     """Posterior (P, 7) of the spans of time with ticks enough, and each span's row in it (-1: none)."""
     found: list[Array] = []
     row: list[int] = []
@@ -84,12 +86,12 @@ def _posteriors(spans: list[tuple[int, int]], tracked: Tracked, scales: Scales) 
     return np.array(found).reshape(-1, len(STATES)), np.array(row, np.int64)
 
 
-def posterior(window: Window, scales: Scales) -> Array:
+def posterior(window: Window, scales: EvidenceParameters) -> Array:
     """Posterior (7,) of the states for the samples of a window, by their criteria."""
     chi_sq, parameters = np.zeros(len(STATES)), np.zeros(len(STATES))
     for model in CONTACT_MODELS:
         column, family = model.contact.column, model.family
-        fitted = bank_update.fit_stretch(model, window, scales)
+        fitted = bank_update.fit_window(model, window, scales)
         chi_sq[column] = fitted.rms[0] ** 2 * family.ROWS * len(window)
         parameters[column] = family.PARAMETERS
     return from_criteria(criteria(chi_sq, parameters, len(window)))

@@ -14,10 +14,10 @@ from contact_tracker.evaluation.elements import Deviation
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.hypotheses import bank_update
-from contact_tracker.hypotheses.contact_geometry import geometry_of
-from contact_tracker.hypotheses.refinement import polish
+from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.tick_averaging import tick_unevenness, tick_variances
+from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
@@ -109,9 +109,9 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
     """What the segmenter finds of a segment with this label and just these poses."""
     state, closed = tracker.start(load_model()), []
     for pose in poses:
-        state, some = tracker.gather(state, pose)
+        state, some = tracker.accumulate_pose(state, pose)
         closed += some
-    state, some = tracker.gather_rest(state)
+    state, some = tracker.close_tick(state)
     closed += some
     assert state.averaging is not None
     noise = closed[-1].noise
@@ -120,9 +120,11 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
         np.arange(len(closed)),
         np.array([tick.zeta for tick in closed]),
         tick_variances(noise, counts, state.model),
-        np.array([[tick.excess.position_m2, tick.excess.rotation_rad2] for tick in closed]),
-        tick_unevenness(noise, counts),
+        np.array(
+            [[tick.innovation_excess.position_m2, tick.innovation_excess.rotation_rad2] for tick in closed]
+        ),
+        tick_anisotropy(noise, counts),
     )
     model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
-    fitted, information = polish(bank_update.fit_stretch(model, window, scales), model, window, scales)
-    return geometry_of(fitted, 0, model, scales, window, state.averaging.origin_m, information)
+    fitted, information = refine(bank_update.fit_window(model, window, scales), model, window, scales)
+    return contact_geometry(fitted, 0, model, scales, window, state.averaging.origin_m, information)

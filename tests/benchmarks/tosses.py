@@ -26,7 +26,7 @@ from contact_tracker.adaptation import segment
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log, read_metadata, read_truth
@@ -47,10 +47,10 @@ class Scores(NamedTuple):
     online: NDArray[np.int64]
 
 
-def known(level: str, metadata: dict[str, str]) -> Knowledge:
+def known(level: str, metadata: dict[str, str]) -> PriorMap:
     """What ``level`` knows of a recording with this metadata."""
     if level == "nothing":
-        return NOTHING
+        return EMPTY_MAP
     *normal, offset_m = map(float, metadata["table_plane_n_h"].split())
     plane = {"name": "table", "normal": normal, "offset_m": offset_m, **SIGMA}
     tables: dict[str, Any] = {"environment": {"plane": [plane]}}

@@ -12,9 +12,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.forward_pass import Pass, Seen
+from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass
 from contact_tracker.tracking.offline_smoother import Segmenter
-from contact_tracker.tracking.posterior import looking_back
+from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import TrackerState
 from scores import LAGS_S, OFFLINE, Answer, Method
@@ -42,27 +42,27 @@ class Tracked(NamedTuple):
 
 def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Tracked:
     """One pass over at least one pose, which looks back as far as the longest lag."""
-    state, seen, segmenter = tracker.start(model, max(lags_s)), Pass(), Segmenter()
+    state, seen, segmenter = tracker.start(model, max(lags_s)), RecordedPass(), Segmenter()
     lags = {lag_s: round(lag_s / model.tick_s) for lag_s in lags_s}
     lagged: dict[float, list[Array]] = {lag_s: [] for lag_s in lags_s}
 
     def follow(state: TrackerState, closed: list[Tick]) -> TrackerState:
         for tick in closed:
-            state, belief = tracker.observe(state, tick)
-            now = Seen(state, tick, belief)
+            state, belief = tracker.update(state, tick)
+            now = FilteredTick(state, tick, belief)
             seen.note(now)
             segmenter.note(state, now.glimpse, belief)
             for lag_s, lag in lags.items():
                 if len(seen.beliefs) > lag:
-                    lagged[lag_s].append(looking_back(state, len(state.recent) - 1 - lag).probability)
+                    lagged[lag_s].append(lagged_belief(state, len(state.recent) - 1 - lag).probability)
         return state
 
     for pose in poses:
-        state = follow(*tracker.gather(state, pose))
-    state = follow(*tracker.gather_rest(state))
+        state = follow(*tracker.accumulate_pose(state, pose))
+    state = follow(*tracker.close_tick(state))
     for lag_s, lag in lags.items():  # the stream has ended: the last ticks are known as well as they will be
         rows = range(max(len(state.recent) - lag, 0), len(state.recent))
-        lagged[lag_s] += [looking_back(state, row).probability for row in rows]
+        lagged[lag_s] += [lagged_belief(state, row).probability for row in rows]
     return Tracked(
         segmenter.finish(),
         {lag_s: np.array(told) for lag_s, told in lagged.items()},

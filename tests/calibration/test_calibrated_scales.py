@@ -14,7 +14,7 @@ from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
 from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, find_stretches, refined
 from contact_tracker.calibration.tick_stream import Observed, observe
 from contact_tracker.config.loading import limits, load_model
-from contact_tracker.config.parameters import Model, Seen
+from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.errors import UsageError
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
@@ -164,7 +164,7 @@ def test_what_hardly_lowers_the_loss_stays_and_nothing_leaves_its_range():
         assert limits(key)[0] < value_of(model, key) < limits(key)[1]
         return 1.0 - 1e-5 * value_of(model, key)
 
-    for key in ("motion.foreknowledge", "geometry.reach_m"):
+    for key in ("motion.prior_predictive_share", "geometry.reach_m"):
         start = with_value(MODEL, key, 0.9)
         assert coordinate_search(start, [key], flat)[0] == start
     assert coordinate_search(MODEL, [], lambda model: 1 / 0) == (MODEL, ())
@@ -174,7 +174,7 @@ def test_the_table_names_parameters_of_the_model():
     assert len({learned.key for learned in LEARNED}) == len(LEARNED)
     for learned in LEARNED:
         value = value_of(MODEL, learned.key)
-        kind = {How.COUNTS: Seen, How.CONTACTS: tuple}.get(learned.how, float)
+        kind = {How.COUNTS: TransitionCounts, How.CONTACTS: tuple}.get(learned.how, float)
         assert isinstance(value, kind)
         assert with_value(MODEL, learned.key, value) == MODEL
     assert with_value(MODEL, "tick_s", 0.2).tick_s == 0.2
@@ -183,7 +183,7 @@ def test_the_table_names_parameters_of_the_model():
 def test_parameters_are_chosen_by_key_or_by_table():
     assert {learned.how for learned in select([])} == set(How) - {How.SEARCH, How.CONTACTS}
     keys = [learned.key for learned in select(["transitions", "geometry.reach_m"])]
-    assert keys == ["transitions.seen", "geometry.reach_m"]
+    assert keys == ["transitions.counts", "geometry.reach_m"]
     tables = {f.name for f in fields(Model) if is_dataclass(f.type)}
     assert {learned.key.partition(".")[0] for learned in select(sorted(tables & {"noise", "motion"}))} == {
         "noise",

@@ -10,17 +10,17 @@ from chain_oracle import NOTHING, N, believed, prior, some_model, walk
 from contact_tracker.calibration.e_step import BelievedStates, KnownStates
 from contact_tracker.calibration.tick_stream import UNKNOWN, labels, runs
 from contact_tracker.calibration.transition_em import count, learn_transitions, log_prior
-from contact_tracker.config.parameters import Seen
+from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import Contact
 from contact_tracker.tracking.transition_model import (
     AT_REST,
     FREE,
-    chances,
+    destinations,
     initial,
     leave_per_s,
     log_initial,
-    split,
+    tick_transitions,
 )
 
 
@@ -39,11 +39,11 @@ def test_rates_and_splits_of_a_simulated_chain_are_recovered(silence, runs_, lea
     rng = np.random.default_rng(4)
     true = some_model(rng, new_elements=False)
     learned = learn_transitions(prior(1e-3), chains(rng, true, runs_, 300, silence)).model.transitions
-    changes = np.array(learned.seen.changes).sum(axis=1)
+    changes = np.array(learned.counts.changes).sum(axis=1)
     assert changes.min() > least
     off = np.log(leave_per_s(learned) / leave_per_s(true.transitions))
     assert np.abs(off * np.sqrt(changes)).max() < 3.5  # standard deviations of a Poisson count
-    p, q = split(true.transitions), split(learned)
+    p, q = destinations(true.transitions), destinations(learned)
     spread = np.sqrt(p * (1.0 - p) / changes[:, None]) + 1e-3
     assert np.abs((q - p) / spread).max() < 4.0
     assert np.abs(initial(learned) - initial(true.transitions)).max() < 4.0 * np.sqrt(0.25 / runs_)
@@ -73,9 +73,9 @@ def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_e
 def test_through_a_silence_of_the_truth_all_ways_are_weighed():
     model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, AT_REST, 0.7])
     label = np.array([3, UNKNOWN, UNKNOWN, UNKNOWN, 1])
-    steps = np.exp([chances(model, a).change for a in exposure])
+    steps = np.exp([tick_transitions(model, a).log_transition for a in exposure])
     for step, a in zip(steps, exposure, strict=True):
-        np.fill_diagonal(step, np.exp(chances(model, a).stay))
+        np.fill_diagonal(step, np.exp(tick_transitions(model, a).log_survival))
     total, changes, stays = 0.0, np.zeros((5, N, N)), np.zeros((5, N))
     for between in product(range(N), repeat=3):
         path = [3, *between, 1]
@@ -110,7 +110,7 @@ def test_truth_that_covers_a_part_teaches_of_that_part_only():
 def test_what_tells_nothing_leaves_the_prior(label):
     chain = KnownStates(np.array(label, np.int64), np.ones(len(label)))
     learned = learn_transitions(prior(), [chain]).model.transitions
-    np.testing.assert_allclose(split(learned), split(prior().transitions))
+    np.testing.assert_allclose(destinations(learned), destinations(prior().transitions))
     np.testing.assert_allclose(leave_per_s(learned), leave_per_s(prior().transitions))
 
 
@@ -138,13 +138,13 @@ def test_em_never_lowers_the_posterior_and_ends_at_its_top(prior_changes):
     top = log_posterior(learning.model)
     assert top == pytest.approx(learning.log_posterior[-1], abs=0.01)
     for _ in range(20):  # any other transitions are less probable
-        seen = learning.model.transitions.seen
-        moved = Seen(
+        seen = learning.model.transitions.counts
+        moved = TransitionCounts(
             tuple(np.array(seen.begins) * np.exp(rng.normal(size=N) * 0.3)),
             tuple(np.array(seen.moving_s) * np.exp(rng.normal(size=N) * 0.3)),
             tuple(map(tuple, (np.array(seen.changes) * np.exp(rng.normal(size=(N, N)) * 0.3)).tolist())),
         )
-        other = replace(learning.model, transitions=replace(learning.model.transitions, seen=moved))
+        other = replace(learning.model, transitions=replace(learning.model.transitions, counts=moved))
         assert log_posterior(other) < top
 
 
@@ -155,7 +155,7 @@ def test_states_believed_for_certain_teach_what_known_states_teach():
     sure = [
         BelievedStates.of(believed(k.label, start, k.exposure, rng, 0.05), k.exposure, start) for k in known
     ]
-    a, b = (learn_transitions(start, some).model.transitions.seen for some in (known, sure))
+    a, b = (learn_transitions(start, some).model.transitions.counts for some in (known, sure))
     np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
     np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
     off = np.array(b.changes) - np.array(a.changes)
@@ -181,9 +181,9 @@ def test_what_was_seen_before_is_forgotten_so_that_the_same_data_teach_the_same(
     some = believed_chains(rng, some_model(rng), start, 0.4, 3)
     once = learn_transitions(start, some).model
     twice = learn_transitions(once, some).model
-    assert once.transitions.seen != NOTHING
-    np.testing.assert_allclose(twice.transitions.seen.changes, once.transitions.seen.changes, atol=0.05)
-    np.testing.assert_allclose(twice.transitions.seen.moving_s, once.transitions.seen.moving_s, atol=0.05)
+    assert once.transitions.counts != NOTHING
+    np.testing.assert_allclose(twice.transitions.counts.changes, once.transitions.counts.changes, atol=0.05)
+    np.testing.assert_allclose(twice.transitions.counts.moving_s, once.transitions.counts.moving_s, atol=0.05)
 
 
 def test_ticks_take_their_label_from_the_truth_in_their_middle():

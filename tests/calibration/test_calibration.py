@@ -82,16 +82,18 @@ def test_a_model_is_learned_and_its_file_says_from_what(
     assert not re.search(r"\b20\d\d\b", text)  # no date
     model = load_model("mine.toml")
     assert model.name == "mine"
-    assert np.argwhere(np.array(model.transitions.seen.changes) > 0.5).tolist() == [[0, 1], [0, 2], [1, 0]]
-    assert model.transitions.seen.begins == (2.0, 1.0, *(0.0,) * 5)
-    assert 6.0 < sum(model.transitions.seen.moving_s) < 3 * 3.8
+    assert np.argwhere(np.array(model.transitions.counts.changes) > 0.5).tolist() == [[0, 1], [0, 2], [1, 0]]
+    assert model.transitions.counts.begins == (2.0, 1.0, *(0.0,) * 5)
+    assert 6.0 < sum(model.transitions.counts.moving_s) < 3 * 3.8
     assert model.search == MODEL.search
     weight = f"{MODEL.transitions.prior_changes:g} changes"
     assert all(word in out for word in ("3 recordings", "noise.floor_position_m", weight))
     # the same data teach the same, also from what was learned before
     assert run([*command, "--start", "mine.toml"]) == 0
     later = load_model("mine.toml")
-    np.testing.assert_allclose(later.transitions.seen.moving_s, model.transitions.seen.moving_s, rtol=0.02)
+    np.testing.assert_allclose(
+        later.transitions.counts.moving_s, model.transitions.counts.moving_s, rtol=0.02
+    )
     assert later.noise == model.noise
     assert run([*command, "--start", "mine.toml"]) == 0
     assert load_model("mine.toml") == later
@@ -145,7 +147,7 @@ def test_without_truth_there_is_belief_to_learn_from(
     out, err = capsys.readouterr()
     assert "truth of 0" in out
     assert "one recording: nothing can be held out" in err
-    seen = load_model(str(output)).transitions.seen
+    seen = load_model(str(output)).transitions.counts
     assert sum(seen.begins) == pytest.approx(1.0, abs=0.02)
     assert 1.5 < sum(seen.moving_s) < 3.8
     assert sum(map(sum, seen.changes)) > 0.1
@@ -228,7 +230,7 @@ def test_recordings_too_short_to_teach_leave_the_model_as_it_was(
     wanted = select(["transitions", "noise.floor_position_m"])
     found = calibrate(Plan((Source(str(log)),), MODEL, wanted, 0), Runner(1))
     assert found.lesson.model.noise == MODEL.noise
-    assert sum(found.lesson.model.transitions.seen.moving_s) < poses / 50.0 + 0.1
+    assert sum(found.lesson.model.transitions.counts.moving_s) < poses / 50.0 + 0.1
 
 
 def test_of_a_damaged_recording_what_is_readable_is_learned_from(
@@ -272,12 +274,12 @@ positive = st.floats(1e-9, 1e6)
 @settings(max_examples=25, deadline=None)
 @given(name=names, seed=st.integers(0, 2**32 - 1), sigma=positive, empty=st.booleans(), header=st.text())
 def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty, header):
-    seen = NOTHING if empty else some_model(np.random.default_rng(seed)).transitions.seen
+    seen = NOTHING if empty else some_model(np.random.default_rng(seed)).transitions.counts
     model = replace(
         MODEL,
         name=name,
         noise=replace(MODEL.noise, sigma_position_m=sigma),
-        transitions=replace(MODEL.transitions, seen=seen),
+        transitions=replace(MODEL.transitions, counts=seen),
     )
     path = tmp_path_factory.mktemp("written") / "model.toml"
     path.write_text(model_text(model, [header, "a\nb"]), encoding="utf-8")

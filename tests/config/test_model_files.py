@@ -19,7 +19,7 @@ from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.posterior import touching
+from contact_tracker.tracking.posterior import label_geometry
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
@@ -111,7 +111,7 @@ def test_impacts_differ_in_time_and_in_how_well_things_fit():
     assert impacts.tick_s < 0.2 * default.tick_s
     assert impacts.noise.floor_position_m > 10 * impacts.noise.sigma_position_m
     assert impacts.transitions.leave_per_s > 10 * default.transitions.leave_per_s
-    same = {"leave_per_s", "prior_changes", "seen"}
+    same = {"leave_per_s", "prior_changes", "counts"}
     ours, theirs = asdict(impacts.transitions), asdict(default.transitions)
     assert {k: v for k, v in ours.items() if k not in same} == {
         k: v for k, v in theirs.items() if k not in same
@@ -128,13 +128,13 @@ SEEN = {"begins": {"free": 2.0}, "moving_s": {"f-f": 3.5}, "changes": {"f-f": {"
 
 
 def with_seen(table):
-    return toml(DEFAULT | {"transitions": DEFAULT["transitions"] | {"seen": table}})
+    return toml(DEFAULT | {"transitions": DEFAULT["transitions"] | {"counts": table}})
 
 
 def test_what_is_missing_in_a_table_of_contacts_was_not_seen(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(with_seen(SEEN))
-    seen = load_model(str(path)).transitions.seen
+    seen = load_model(str(path)).transitions.counts
     assert seen.begins == (0.0,) * 6 + (2.0,)
     assert seen.moving_s == (3.5, *(0.0,) * 6)
     assert seen.changes[0] == (0.0, 1.5, *(0.0,) * 5)
@@ -158,7 +158,7 @@ def test_what_is_missing_in_a_table_of_contacts_was_not_seen(tmp_path):
 )
 def test_tables_of_contacts_are_checked_to_the_last_number(tmp_path, table, key, reason):
     error = refused(tmp_path, with_seen(SEEN | table))
-    assert error.key == f"transitions.seen.{key}"
+    assert error.key == f"transitions.counts.{key}"
     assert reason in error.reason
 
 
@@ -198,7 +198,7 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
         (None, "tick_s", 1e-9),
         (None, "tick_s", 1e6),
         ("geometry", "reach_m", 1e-200),
-        ("motion", "foreknowledge", 1.5),
+        ("motion", "prior_predictive_share", 1.5),
         ("noise", "floor_position_m", 1e-200),
     ],
 )
@@ -313,7 +313,7 @@ def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
 def test_where_a_contact_that_may_be_off_touches_is_known_less_well():
     state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
     loose = state._replace(model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
-    plain, off = (touching(one, Contact.VF).object.covariance.trace() for one in (state, loose))
+    plain, off = (label_geometry(one, Contact.VF).object.covariance.trace() for one in (state, loose))
     assert off > 1.01 * plain
 
 

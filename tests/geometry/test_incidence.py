@@ -13,7 +13,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Line, Plane, Point, numbers
 from contact_tracker.geometry.incidence import LENGTH_M, incident
 from contact_tracker.hypotheses.contact_geometry import shifted
-from contact_tracker.hypotheses.element_prior import given as prior_given
+from contact_tracker.hypotheses.element_prior import element_priors as prior_given
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
@@ -158,7 +158,7 @@ def test_an_edge_through_the_vertex_that_was_met_is_recognised_sooner():
     change_ns = next(i.start_ns for i in recording.truth.intervals if i.contact is Contact.EF)
 
     def delay_s(recognised):
-        model = replace(MODEL, geometry=replace(MODEL.geometry, recognised=recognised))
+        model = replace(MODEL, geometry=replace(MODEL.geometry, revisit_prior=recognised))
         beliefs = [seen.belief for seen in forward(recording.poses, model, detail=Detail.SHARED)]
         since = [b for b in beliefs if b.stamp_ns >= change_ns]
         right = [b.contact is Contact.EF for b in since]
@@ -166,7 +166,7 @@ def test_an_edge_through_the_vertex_that_was_met_is_recognised_sooner():
         assert right[-1]
         return (since[last_wrong + 1].stamp_ns - change_ns) / 1e9
 
-    assert delay_s(MODEL.geometry.recognised) < delay_s(1e-9) - 0.3
+    assert delay_s(MODEL.geometry.revisit_prior) < delay_s(1e-9) - 0.3
 
 
 @pytest.mark.parametrize("kind", ["e", "v"])

@@ -63,7 +63,7 @@ def test_the_filter_is_the_smoother_that_has_no_future(seed):
     for b, (alive, likelihood) in enumerate(
         zip(case.trellis.alive, case.trellis.log_likelihood, strict=True), start=1
     ):
-        fresh = hmm.enter(log_left, case.log_transition[b - 1]) if b > 1 else log_left
+        fresh = hmm.birth_log_weights(log_left, case.log_transition[b - 1]) if b > 1 else log_left
         begins = alive[case.onset[alive] == b - 1]
         entry[begins] = fresh[case.state[begins]]
         log_left = hmm.by_state(entry[alive] + likelihood, case.state[alive], case.states)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from chain_oracle import believed, some_model, walk
 from contact_tracker import hmm
-from contact_tracker.tracking.transition_model import chances, log_initial
+from contact_tracker.tracking.transition_model import log_initial, tick_transitions
 from trellis_cases import Case
 
 TOLERANCE = 1e-6
@@ -17,7 +17,7 @@ many = settings(max_examples=40, deadline=None)
 
 def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
     """Concluded every so many ticks: path, posterior, and after which ticks how many were told."""
-    forward, past, survivors = hmm.Forward(log_initial), hmm.Past(), hmm.Survivors()
+    forward, past, survivors = hmm.ForwardFilter(log_initial), hmm.OpenTicks(), hmm.Survivors()
     path, posterior, told = [], [], []
     for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
         step = forward.advance(trellis.state[alive], trellis.onset[alive], likelihood, log_transition[b - 1])
@@ -27,7 +27,7 @@ def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
             probability, certain = past.look_back(forward.living, tolerance)
             posterior.append(probability[:certain])
             past.drop(certain)
-            path += survivors.decide(forward.living)
+            path += survivors.decided_prefix(forward.living)
             told.append((past.first, survivors.first))
     if len(past):
         posterior.append(past.look_back(forward.living, tolerance)[0])
@@ -43,7 +43,7 @@ def whole(trellis, log_initial, log_transition):
 
 def pruned(trellis, log_initial, log_transition, margin=20.0):
     """Without what is hopeless, as the tracker leaves it out."""
-    forward, hopeless = hmm.Forward(log_initial), np.zeros(len(trellis.state), bool)
+    forward, hopeless = hmm.ForwardFilter(log_initial), np.zeros(len(trellis.state), bool)
     alive, value = [], []
     for b, (before, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True)):
         kept = ~hopeless[before]
@@ -79,7 +79,7 @@ def test_pieces_of_any_trellis_are_the_whole(seed, every):
 def test_pieces_of_a_recording_are_the_whole_and_are_told_soon(blur):
     rng = np.random.default_rng(7)
     model, exposure = some_model(rng), rng.uniform(0.02, 1.0, 150)
-    chain = log_initial(model), np.array([chances(model, e).change for e in exposure])
+    chain = log_initial(model), np.array([tick_transitions(model, e).log_transition for e in exposure])
     trellis = pruned(believed(walk(model, exposure, rng), model, exposure, rng, blur), *chain)
     expected_path, expected = whole(trellis, *chain)
     path, posterior, told = run(trellis, *chain, every=30)
@@ -102,7 +102,7 @@ def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
     case = Case(seed, sizes=((3, 6), (4, 5)), death=0.1, absent=0.0, forbidden=0.0)
     trellis, (initial, change) = case.trellis, case.model
     cut = case.ticks - 1
-    forward, past = hmm.Forward(initial), hmm.Past()
+    forward, past = hmm.ForwardFilter(initial), hmm.OpenTicks()
     for b in range(cut):
         alive = trellis.alive[b]
         past.append(
@@ -120,7 +120,7 @@ def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
     for tolerance in (TOLERANCE, *(spread + 1e-9), *np.maximum(spread - 1e-9, 0.0)):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("contact_tracker.hmm.smoother._CHECKED", checked)
-            certain = past.certain(forward.living, float(tolerance))
+            certain = past.count_decided(forward.living, float(tolerance))
         assert certain == int(np.argmax(np.append(spread, np.inf) > tolerance + 1e-12))
 
 
@@ -131,7 +131,7 @@ def test_futures_may_agree_on_now_and_not_on_before():
         tick: np.where(np.eye(3)[:, [before]] * np.eye(3)[0], 0.0, -np.inf)
         for tick, before in ((20, 1), (40, 2))
     }
-    forward, past = hmm.Forward(np.log(np.full(3, 1 / 3))), hmm.Past()
+    forward, past = hmm.ForwardFilter(np.log(np.full(3, 1 / 3))), hmm.OpenTicks()
     for tick in range(64):
         alive = (
             [(1, 0)] * (tick < 20)
@@ -173,7 +173,7 @@ def test_what_is_alive_and_the_digits_stay_bounded_for_hours(evidence, certain):
     """One contact for a long time; and rest, in which nothing can be told: then all of it stays open."""
     rng, ticks = np.random.default_rng(1), 4000
     change = np.log(np.full((3, 3), 0.01))
-    forward, past, survivors = hmm.Forward(np.log(np.full(3, 1 / 3))), hmm.Past(), hmm.Survivors()
+    forward, past, survivors = hmm.ForwardFilter(np.log(np.full(3, 1 / 3))), hmm.OpenTicks(), hmm.Survivors()
     for state, onset, value in hours(ticks, evidence, rng):
         step = forward.advance(state, onset, value, change)
         past.append(step)
@@ -196,7 +196,7 @@ def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
     """A weight that can just be told from zero, and is divided by more than one."""
     change = np.log(np.array([[0.9, 0.1], [0.1, 0.9]]))
     for behind in np.arange(-747.0, -738.0, 0.05):
-        forward = hmm.Forward(np.log([0.5, 0.5]))
+        forward = hmm.ForwardFilter(np.log([0.5, 0.5]))
         forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), change)
         state, onset = np.array([0, 0, 0, 0, 1]), np.array([0, 1, 1, 1, 0])
         forward.advance(state, onset, np.array([behind, 0.0, 0.0, 0.0, 0.0]), change)
@@ -207,7 +207,7 @@ def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
 
 def test_what_has_not_begun_is_refused():
     forward, one, none, change = (
-        hmm.Forward(np.zeros(2)),
+        hmm.ForwardFilter(np.zeros(2)),
         np.zeros(1, np.int64),
         np.zeros(1),
         np.zeros((2, 2)),
@@ -217,7 +217,7 @@ def test_what_has_not_begun_is_refused():
         forward.advance(one, one + 1, none, change)
         with pytest.raises(ValueError, match="nothing has begun"):
             forward.advance(one, one + gone, none, change)
-        forward = hmm.Forward(np.zeros(2))
+        forward = hmm.ForwardFilter(np.zeros(2))
         forward.advance(one, one, none, change)
     with pytest.raises(ValueError, match="no path"):
         forward.advance(one, one + 1, none + np.nan, change)

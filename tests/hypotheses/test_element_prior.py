@@ -10,12 +10,12 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, face_face
 from contact_tracker.geometry.elements import Line, by_foot, canonical, numbers
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.birth_proposals import Frame, beginnings
-from contact_tracker.hypotheses.element_prior import Given, by_feet, given
+from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
+from contact_tracker.hypotheses.element_prior import ElementPrior, by_feet, element_priors
 from contact_tracker.hypotheses.pruning import Birth, add
-from contact_tracker.landmarks.element_pairs import UNLISTED, assumptions
-from contact_tracker.landmarks.landmark_memory import NOTHING_MET
-from contact_tracker.landmarks.prior_map import NOTHING, Accuracy, Knowledge, Known, Up, known_to
+from contact_tracker.landmarks.element_pairs import UNLISTED, element_pairs
+from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, Up, known_to
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
@@ -39,9 +39,9 @@ def touching(contact):
 def prior(model, object=True, environment=True):
     poses, ours, theirs = touching(model.contact)
     pair = ours if object else None, theirs if environment else None
-    known, (pivot,) = given(model, [pair])
+    known, (pivot,) = element_priors(model, [pair])
     anchors = np.where(np.isnan(pivot), model.anchors(poses.position_m.mean(axis=0)), pivot)
-    return Given(known.mean[0], known.information[0]), anchors
+    return ElementPrior(known.mean[0], known.information[0]), anchors
 
 
 @each_contact
@@ -60,13 +60,15 @@ def test_a_known_face_tells_where_the_other_one_looks(side):
     both, _ = prior(model)
     reversed_ = both.mean.copy()
     reversed_[face_face.M if side == "environment" else face_face.N] *= -1.0
-    knowledge = Knowledge(**{side: (Known("table", elements[side == "environment"]),)})
-    begins = beginnings(model, knowledge, NOTHING_MET, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
+    knowledge = PriorMap(**{side: (NamedElement("table", elements[side == "environment"]),)})
+    begins = propose_births(model, knowledge, EMPTY_MEMORY, 0.0, Frame.around(np.zeros(3), np.zeros(3)))
     turn = poses.rotation[0]
     bank = add(
-        blank(model, 1).having(x=reversed_), model, Birth(begins, 7, 0, 1, 0.0, np.zeros((0, 7)), turn)
+        blank(model, 1).replace_columns(x=reversed_),
+        model,
+        Birth(begins, 7, 0, 1, 0.0, np.zeros((0, 7)), turn),
     )
-    knows = bank.source > 0
+    knows = bank.prior_index > 0
     assert knows.any()
     np.testing.assert_allclose(bank.x[knows, :6], [both.mean[:6]] * knows.sum(), atol=1e-9)
     np.testing.assert_array_equal(bank.x[~knows], [reversed_] * (~knows).sum())
@@ -119,9 +121,9 @@ def test_of_one_element_only_its_own_part_is_given(model):
 
 
 def knowledge(**changes):
-    corners = [Known(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
-    table = Known("table", touching(CONTACTS[3])[2])
-    return Knowledge(**({"object": tuple(corners), "environment": (table,)} | changes))
+    corners = [NamedElement(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
+    table = NamedElement("table", touching(CONTACTS[3])[2])
+    return PriorMap(**({"object": tuple(corners), "environment": (table,)} | changes))
 
 
 def test_a_line_told_the_other_way_is_known_as_exactly():
@@ -146,7 +148,7 @@ def test_a_line_told_the_other_way_is_known_as_exactly():
 def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
     known = knowledge(object_complete=complete[0], environment_complete=complete[1])
     for model in CONTACT_MODELS:
-        pairs = assumptions(known, model)
+        pairs = element_pairs(known, model)
         object_kind, _, environment_kind = model.contact.value
         impossible = (complete[0] and object_kind != "v") or (complete[1] and environment_kind != "f")
         assert sum(np.exp(pair.log_share) for pair in pairs) == pytest.approx(0.0 if impossible else 1.0)
@@ -155,7 +157,7 @@ def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
 
 def test_what_is_known_touches_as_often_as_what_is_not():
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
-    pairs = assumptions(knowledge(), v_f)
+    pairs = element_pairs(knowledge(), v_f)
     assert len(pairs) == 5 * 2
     unknown = [pair for pair in pairs if pair.environment is None]
     assert sum(np.exp(pair.log_share) for pair in unknown) == pytest.approx(UNLISTED)
@@ -164,9 +166,9 @@ def test_what_is_known_touches_as_often_as_what_is_not():
 
 def test_nothing_known_is_one_unknown_pair():
     for model in CONTACT_MODELS:
-        (pair,) = assumptions(NOTHING, model)
+        (pair,) = element_pairs(EMPTY_MAP, model)
         assert (pair.touching, pair.log_share, pair.certain) == ((None, None), 0.0, False)
-        known, pivot = given(model, [pair.pair((0.0, 0.0, 0.0))])
+        known, pivot = element_priors(model, [pair.pair((0.0, 0.0, 0.0))])
         assert not known.information.any()
         assert np.isnan(pivot).all()
 
@@ -174,12 +176,12 @@ def test_nothing_known_is_one_unknown_pair():
 def test_up_is_a_prior_on_the_normal_of_unknown_faces_only():
     up = Up(np.array([0.0, 0.6, 0.8]), 0.02)
     for model in CONTACT_MODELS:
-        pairs = assumptions(knowledge(up=up), model)
+        pairs = element_pairs(knowledge(up=up), model)
         for pair in pairs:
             assert (pair.up is up) == (pair.environment is None and model.contact.value.endswith("f"))
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
-    (pair,) = assumptions(Knowledge(up=up), v_f)
-    known, _ = given(v_f, [pair.pair((5.0, 6.0, 7.0))])
+    (pair,) = element_pairs(PriorMap(up=up), v_f)
+    known, _ = element_priors(v_f, [pair.pair((5.0, 6.0, 7.0))])
     mean, information = known.mean[0], known.information[0]
     np.testing.assert_allclose(mean[3:6], up.direction)
     tilt = np.array([0, 0, 0, 0.0, 0.8, -0.6, 0])
@@ -192,7 +194,9 @@ def test_a_line_is_recognised_wherever_along_it_its_point_is(along_m):
     simulated = simulate(Scenario((Phase(Contact.FE, 4.0),)), 2)
     edge = simulated.truth.intervals[0].geometry.environment
     told = known_to(replace(edge, point_m=edge.point_m + along_m * edge.direction), Accuracy())
-    *_, last = forward(simulated.poses, load_model(), knowledge=Knowledge(environment=(Known("rail", told),)))
+    *_, last = forward(
+        simulated.poses, load_model(), knowledge=PriorMap(environment=(NamedElement("rail", told),))
+    )
     assert last.belief.geometry.environment.name == "rail"
 
 
@@ -204,8 +208,10 @@ def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model
     _, ours, theirs = touching(model.contact)
     near_m = np.array([0.4, -0.3, 0.8])
     unknown = None, None
-    known, pivot = given(model, [(ours, theirs), (None, theirs), unknown])
-    expected, feet = given(model, [(ours, by_foot(theirs, near_m)), (None, by_foot(theirs, near_m)), unknown])
+    known, pivot = element_priors(model, [(ours, theirs), (None, theirs), unknown])
+    expected, feet = element_priors(
+        model, [(ours, by_foot(theirs, near_m)), (None, by_foot(theirs, near_m)), unknown]
+    )
     moved, found = by_feet(model, known, pivot, near_m)
     np.testing.assert_allclose(moved.mean, expected.mean, atol=1e-14)
     np.testing.assert_allclose(found, feet, atol=1e-14)
@@ -216,7 +222,7 @@ def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model
 @each_contact
 def test_what_begins_hangs_on_where_the_body_is_only_by_an_edge_of_the_surroundings(model):
     _, ours, theirs = touching(model.contact)
-    known = Knowledge(environment=(Known("theirs", theirs),), object=(Known("ours", ours),))
+    known = PriorMap(environment=(NamedElement("theirs", theirs),), object=(NamedElement("ours", ours),))
     frames = (Frame.around(np.zeros(3), place_m) for place_m in np.diag([1.0, 2.0]) @ np.ones((2, 3)))
-    here, there = (beginnings(model, known, NOTHING_MET, 0.0, frame) for frame in frames)
+    here, there = (propose_births(model, known, EMPTY_MEMORY, 0.0, frame) for frame in frames)
     assert (here is there) == (not model.contact.value.endswith("e"))

@@ -13,12 +13,14 @@ from scipy.stats import norm
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import evidence, gauss_newton
-from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-SCALES = Scales(reach_m=0.3, body_radius_m=0.1, foreknowledge=0.3, independence=1.0, tick_s=0.1)
+SCALES = EvidenceParameters(
+    reach_m=0.3, body_radius_m=0.1, prior_predictive_share=0.3, likelihood_exponent=1.0, tick_s=0.1
+)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -51,18 +53,29 @@ def test_a_window_that_moves_on_loses_none_of_what_it_said(model, seed, first):
 def test_a_window_that_grows_tick_by_tick_is_the_one_of_all_ticks(model, seed, most):
     seen, _ = window(np.random.default_rng(seed), model)
     uneven = np.tile(1e-9 * np.diag([1.0, 2.0, -3.0]), (len(seen), 1, 1))
-    grown = Window(seen.index[:0], seen.zeta[:0], seen.variance[:0], seen.excess[:0])
+    grown = Window(seen.index[:0], seen.zeta[:0], seen.variance[:0], seen.innovation_excess[:0])
     for row in range(len(seen)):
         rows = slice(max(row + 1 - most, 0), row + 1)
         variance = seen.variance[rows] * (row + 1)  # of all ticks anew
-        grown = grown.then(row, seen.zeta[row], seen.excess[row], variance, uneven[rows])
-        known = replace(seen, variance=seen.variance * (row + 1), uneven=uneven).cut(rows.start, rows.stop)
-        for name in ("index", "zeta", "variance", "excess", "uneven", "inverse", "unheld", "travel"):
-            rounding = 1e-14 if name in ("unheld", "travel") else 0.0
+        grown = grown.then(row, seen.zeta[row], seen.innovation_excess[row], variance, uneven[rows])
+        known = replace(seen, variance=seen.variance * (row + 1), position_anisotropy=uneven).cut(
+            rows.start, rows.stop
+        )
+        for name in (
+            "index",
+            "zeta",
+            "variance",
+            "innovation_excess",
+            "position_anisotropy",
+            "inverse",
+            "displacement_variance",
+            "travel",
+        ):
+            rounding = 1e-14 if name in ("displacement_variance", "travel") else 0.0
             np.testing.assert_allclose(getattr(grown, name), getattr(known, name), rounding, err_msg=name)
-        assert grown.latest_activity == known.activity[-1]
+        assert grown.latest_motion_ratio == known.motion_ratio[-1]
         assert (grown.before is None) == (known.before is None)
-    for name in ("inverse", "unheld"):
+    for name in ("inverse", "displacement_variance"):
         noisier = grown.with_error((1e-9, 1e-9))
         np.testing.assert_array_equal(getattr(noisier, name), getattr(grown, name))
 
@@ -87,7 +100,7 @@ def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
     for b in range(len(x)):
         for tick in range(len(seen)):
             position, rotation = seen.variance[tick]
-            free_position, free_rotation = seen.excess[tick]
+            free_position, free_rotation = seen.innovation_excess[tick]
             lever_sq = measured.lever_sq[b, tick]
             for row in range(model.family.ROWS):
                 held, moved = rotation, free_rotation
@@ -136,7 +149,7 @@ def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
 def test_at_rest_a_tick_says_nothing(model):
     """However well or badly the hypothesis fits, and wherever it touches."""
     seen, x = window(np.random.default_rng(1), model)
-    still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.excess))
+    still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.innovation_excess))
     np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
 
 

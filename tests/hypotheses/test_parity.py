@@ -14,14 +14,14 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts.parameter_layout import directions
 from contact_tracker.hypotheses import bank_update, gauss_newton, global_search
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.bank_update import Moment
-from contact_tracker.hypotheses.birth import Begins, fresh
-from contact_tracker.hypotheses.element_prior import Given
-from contact_tracker.hypotheses.evidence import Scales, weak_prior
+from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
+from contact_tracker.hypotheses.element_prior import ElementPrior
+from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.pruning import Births, prune, residual
 from contact_tracker.hypotheses.quadratic_prior import Prior
-from contact_tracker.hypotheses.refit import before
-from contact_tracker.hypotheses.schedule import FAR_NATS, MET_PATIENCE, patience
+from contact_tracker.hypotheses.refit import prior_at_anchors
+from contact_tracker.hypotheses.schedule import FAR_NATS, MET_PATIENCE, burn_in_ticks
+from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
@@ -32,14 +32,16 @@ from short_recordings import FACE_TO_EDGE, MODEL, recorded
 compiled_kernels = pytest.importorskip("contact_tracker.hypotheses.compiled.kernels")
 kernels = pytest.importorskip("kernel_parts")
 both = kernels.both
-GROWS = ("first", "moments", "place_sum", "weight", "told", "lasted", "x")
+GROWS = ("onset_row", "second_moment", "weighted_position_sum", "weight", "effective_ticks", "log_prior", "x")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
 INFORMATION = np.random.default_rng(5).normal(size=(9, 12)) * 10.0 ** np.linspace(0.0, 4.0, 9)[:, None]
 COUNT = 12
 REACH_M = 0.3
 BEYOND = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6), (0.0, 0.0))
-SCALES = Scales(REACH_M, body_radius_m=0.1, foreknowledge=0.3, independence=0.6, tick_s=0.1)
+SCALES = EvidenceParameters(
+    REACH_M, body_radius_m=0.1, prior_predictive_share=0.3, likelihood_exponent=0.6, tick_s=0.1
+)
 
 
 def problem(model, rng):
@@ -206,20 +208,20 @@ def test_what_others_offer_agrees(model):
         bank = state.banks[model.contact.column]
         some = rng.random((3, len(bank)))
         behind = rng.choice([0.0, -FAR_NATS, np.nextafter(-FAR_NATS, -np.inf), -50.0, np.nan], len(bank))
-        bank = bank.having(
+        bank = bank.replace_columns(
             rms=np.where(some[0] < 0.8, 2.0, 1.0),  # these fit
-            entry=0.0,
+            log_birth_weight=0.0,
             log_likelihood=np.where(some[1] < 0.5, 0.0, behind),
-            grace=np.where(some[2] < 0.3, bank.told, 0.0),
+            protected_until=np.where(some[2] < 0.3, bank.effective_ticks, 0.0),
         )
-        giver = global_search.givers(bank, model, SCALES)
+        giver = global_search.best_donors(bank, model, SCALES)
         compiled_ = kernels.givers(bank, model, REACH_M)
-        known, every = before(bank, model, SCALES).prior, np.arange(len(bank))
-        cost = gauss_newton.every_cost(model.family, bank.moments, bank.row_weight, known, bank.x)
+        known, every = prior_at_anchors(bank, model, SCALES).prior, np.arange(len(bank))
+        cost = gauss_newton.every_cost(model.family, bank.second_moment, bank.row_weight, known, bank.x)
         np.testing.assert_array_equal(compiled_ == every, giver == every)
         np.testing.assert_allclose(cost[compiled_, every], cost[giver, every], rtol=1e-6)  # some are as good
         takers += (giver != np.arange(len(bank))).sum()
-        all_ask = global_search.givers(bank.having(grace=np.inf), model, SCALES)
+        all_ask = global_search.best_donors(bank.replace_columns(protected_until=np.inf), model, SCALES)
         refused += (giver != all_ask).sum()
     assert (takers and refused) or model.contact is Contact.FF  # which has one minimum
 
@@ -228,18 +230,23 @@ def test_what_others_offer_agrees(model):
 def test_a_tick_is_taken_in_alike(k):
     """With what begins in it, what searches, which contacts do in turn, and what is dropped."""
     seen = passed()
-    numpy, kernel = both(lambda: tracker.observe(seen[k].state, seen[k + 1].tick)[0])
+    numpy, kernel = both(lambda: tracker.update(seen[k].state, seen[k + 1].tick)[0])
     for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
-        for name in ("number", "onset", "source", "met"):
+        for name in ("number", "onset", "prior_index", "from_landmark"):
             np.testing.assert_array_equal(getattr(compiled_, name), getattr(reference, name))
         for bank in (reference, compiled_):  # who begins together shares a window
             np.testing.assert_array_equal(bank.onsets.onset, np.unique(bank.onset))
         np.testing.assert_array_equal(compiled_.onsets.onset_ns, reference.onsets.onset_ns)
-        assert_same_columns(reference, compiled_, ("told", "moments", "first", "entry", "lasted"), 1e-6)
-        assert_same_columns(reference, compiled_, ("grace",), 1e-9)
-        matters = reference.joint > -30.0
-        np.testing.assert_allclose(compiled_.joint[matters], reference.joint[matters], atol=2e-2)
-    np.testing.assert_allclose(kernel.log_left, numpy.log_left, atol=1e-2)
+        assert_same_columns(
+            reference,
+            compiled_,
+            ("effective_ticks", "second_moment", "onset_row", "log_birth_weight", "log_prior"),
+            1e-6,
+        )
+        assert_same_columns(reference, compiled_, ("protected_until",), 1e-9)
+        matters = reference.log_weight > -30.0
+        np.testing.assert_allclose(compiled_.log_weight[matters], reference.log_weight[matters], atol=2e-2)
+    np.testing.assert_allclose(kernel.log_state_weight, numpy.log_state_weight, atol=1e-2)
     np.testing.assert_allclose(kernel.residual, numpy.residual, rtol=1e-3)
 
 
@@ -252,70 +259,82 @@ def test_what_begins_joins_alike(model, old, many):
     k = next(k for k in range(9, 12) if not global_search.is_due(model, k))
     before_, window = passed()[k - 1].state, passed()[k].state.window
     bank = before_.banks[column] if old else blank(model, 0, 2)
-    bank = bank.having(certain=rng.random(len(bank)) > 0.5)
-    bank = replace(bank, past=rng.random((len(bank), 2, 7)))
+    bank = bank.replace_columns(elements_known=rng.random(len(bank)) > 0.5)
+    bank = replace(bank, lag_history=rng.random((len(bank), 2, 7)))
     size = model.family.SIZE
     known = np.eye(size) * (rng.random((many, 1, size)) > 0.5) * 1e4
     mean = model.family.normalise(rng.normal(size=(many, size)), np.zeros(6))
     for first in (d for d in (model.family.FORM.d1, model.family.FORM.d2) if d >= 0):
         mean[rng.random(many) > 0.5, first : first + 3] = 0.0  # of these a part is known, if anything
     searched = rng.random(many) > 0.5
-    rows = blank(model, many).having(
+    rows = blank(model, many).replace_columns(
         onset=0,
-        source=1 + np.arange(many),
-        known_mean=mean,
-        known=known,
-        searched=searched,
-        grace=np.where(searched, patience(model.needed), 0.0),
-        met=rng.random(many) > 0.5,
+        prior_index=1 + np.arange(many),
+        prior_mean=mean,
+        prior_information=known,
+        needs_search=searched,
+        protected_until=np.where(searched, burn_in_ticks(model.needed), 0.0),
+        from_landmark=rng.random(many) > 0.5,
     )
-    begins = Begins(rows, Given(mean, known).told(model)).sharing(-rng.random(many))
+    begins = BirthProposals(rows, ElementPrior(mean, known).is_given(model)).sharing(-rng.random(many))
     turn = Rotation.random(random_state=8).as_matrix()
-    args = [(blank(other, 0, 2), fresh(other).pick([])) for other in CONTACT_MODELS]
+    args = [(blank(other, 0, 2), uninformed_proposal(other).pick([])) for other in CONTACT_MODELS]
     args[column] = bank, begins
     banks, all_begin = zip(*args, strict=True)
     entry = np.array([-2.0, -2.0, -2.0, -2.0, -2.0, -2.0, 0.0])
     births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
     shorter = window.cut(3, None)  # it has lost some
-    moment = Moment(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
+    moment = TickInput(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
     advanced = both(bank_update.update, banks, [moment], BEYOND, SCALES, margin=1e4)
     numpy, kernel = (living.banks[column] for living in advanced)
-    told = [weighed for living in advanced for weighed in living.weighed]
-    for name in ("entry", "log_left", "residual"):
+    told = [weighed for living in advanced for weighed in living.tick_weights]
+    for name in ("log_birth_weight", "log_state_weight", "residual"):
         np.testing.assert_allclose(*(getattr(weighed, name) for weighed in told), atol=5e-3)
-    np.testing.assert_array_equal(*(weighed.leaders for weighed in told))
+    np.testing.assert_array_equal(*(weighed.best_rows for weighed in told))
     for name in ("state", "onset"):
-        np.testing.assert_array_equal(*(getattr(weighed.alive, name) for weighed in told))
+        np.testing.assert_array_equal(*(getattr(weighed.live_hypotheses, name) for weighed in told))
     new = kernel.number >= 1000
     assert new.sum() == many
-    np.testing.assert_array_equal(kernel.grace[new], numpy.grace[new])
-    for name in ("number", "onset", "source", "met", "searched", "pair"):
+    np.testing.assert_array_equal(kernel.protected_until[new], numpy.protected_until[new])
+    for name in ("number", "onset", "prior_index", "from_landmark", "needs_search", "known_pair_index"):
         np.testing.assert_array_equal(getattr(kernel, name), getattr(numpy, name))
     np.testing.assert_array_equal(kernel.onsets.onset_ns, numpy.onsets.onset_ns)
-    assert_same_columns(numpy, kernel, ("known", "known_mean", "moments", "entry", "told", "lasted"), 1e-9)
-    assert_same_columns(numpy, kernel, ("settled", "earned"), 1e-9)
-    assert kernel.earned.any() == old
+    assert_same_columns(
+        numpy,
+        kernel,
+        (
+            "prior_information",
+            "prior_mean",
+            "second_moment",
+            "log_birth_weight",
+            "effective_ticks",
+            "log_prior",
+        ),
+        1e-9,
+    )
+    assert_same_columns(numpy, kernel, ("llr_before_window", "gain_before_window"), 1e-9)
+    assert kernel.gain_before_window.any() == old
     assert_same_columns(numpy, kernel, ("x", "row_weight"), 1e-3)
     np.testing.assert_allclose(kernel.log_likelihood, numpy.log_likelihood, atol=1e-3)
-    np.testing.assert_array_equal(kernel.past, numpy.past)
+    np.testing.assert_array_equal(kernel.lag_history, numpy.lag_history)
 
 
 @settings(max_examples=30, deadline=None)
 @given(seed=seeds, model=st.sampled_from(CONTACT_MODELS))
 def test_the_same_hypotheses_search(seed, model):
     rng, count = np.random.default_rng(seed), 60
-    bank = blank(model, count).seeing(told=rng.uniform(0.0, 40.0, count))
-    bank = bank.having(
-        searched=rng.random(count) > 0.2,
-        met=rng.random(count) > 0.5,
-        source=rng.random(count) > 0.5,
+    bank = blank(model, count).replace_onset_columns(effective_ticks=rng.uniform(0.0, 40.0, count))
+    bank = bank.replace_columns(
+        needs_search=rng.random(count) > 0.2,
+        from_landmark=rng.random(count) > 0.5,
+        prior_index=rng.random(count) > 0.5,
         rms=rng.uniform(1.0, 3.0, count),
         log_likelihood=np.where(np.arange(count) == 7, np.nan, -40.0 * rng.random(count)),
     )
-    found = global_search.lost(bank, model)
+    found = global_search.select_for_search(bank, model)
     assert set(kernels.lost(bank, model)) == set(found)
-    share = np.where(bank.met, MET_PATIENCE, 1.0)
-    hopeless = (bank.joint < -FAR_NATS) & (bank.told > share * patience(model.needed))
+    share = np.where(bank.from_landmark, MET_PATIENCE, 1.0)
+    hopeless = (bank.log_weight < -FAR_NATS) & (bank.effective_ticks > share * burn_in_ticks(model.needed))
     assert not hopeless[found].any()
 
 
@@ -324,15 +343,15 @@ def test_the_same_hypotheses_search(seed, model):
 def test_what_is_dropped_agrees(seed, margin, model):
     rng = np.random.default_rng(seed)
     count, now = int(rng.integers(0, 60)), 800
-    bank = blank(model, count).having(
+    bank = blank(model, count).replace_columns(
         onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
-        grace=np.where(rng.random(count) < 0.3, rng.integers(0, 40, count), 0.0),
+        protected_until=np.where(rng.random(count) < 0.3, rng.integers(0, 40, count), 0.0),
         log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
-        entry=-1.0,
+        log_birth_weight=-1.0,
         number=np.arange(count),
         rms=rng.random(count),
     )
-    onsets = blank(model, now + 1).onsets.having(told=rng.integers(0, 40, now + 1))
+    onsets = blank(model, now + 1).onsets.replace_columns(effective_ticks=rng.integers(0, 40, now + 1))
     bank = replace(bank, onsets=onsets)
     numpy = prune(bank, now, -2.5, margin)
     rows, words, since, log_weight, told, leader = kernels.dropped(bank, model, now, -2.5, margin)
@@ -340,9 +359,9 @@ def test_what_is_dropped_agrees(seed, margin, model):
     np.testing.assert_array_equal(since, numpy.onsets.words)
     assert set(numpy.onsets.onset) == set(numpy.onset)
     np.testing.assert_array_equal(bank.number[rows], numpy.number)
-    np.testing.assert_allclose(log_weight, numpy.log_weight, rtol=1e-12)
+    np.testing.assert_allclose(log_weight, numpy.log_total_weight, rtol=1e-12)
     np.testing.assert_equal(told, residual(numpy))
-    assert leader == numpy.leader
+    assert leader == numpy.best_row
 
 
 def assert_same_columns(numpy, kernel, names, rel):
@@ -371,12 +390,12 @@ def test_kernels_refuse_what_they_do_not_know():
     with pytest.raises(ValueError, match="not a table of this contact"):
         kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
     for onset in ([1, 2], [-3, 1]):
-        bank = blank(model, 2).having(onset=onset)
+        bank = blank(model, 2).replace_columns(onset=onset)
         with pytest.raises(ValueError, match="without its onset"):
             kernels.dropped(bank, model, 1, 0.0, 10.0)
         with pytest.raises(ValueError, match="without its onset"):
             prune(bank, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="not in order"):
-        kernels.dropped(blank(model, 2).having(onset=[1, 0]), model, 1, 0.0, 10.0)
+        kernels.dropped(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="no family of this form"):
         compiled_kernels.Model((0, 1, 2, 3, 4), (1, 2, 3, 4), (9, {}), (7, {}), True, 1.0, 2.0, [], [], 3)

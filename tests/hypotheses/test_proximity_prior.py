@@ -9,24 +9,24 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hmm import log_sum_exp
-from contact_tracker.hypotheses.birth_proposals import Frame, beginnings
-from contact_tracker.hypotheses.evidence import Scales
-from contact_tracker.hypotheses.proximity_prior import FREE, foreseen, meeting
-from contact_tracker.landmarks.element_pairs import assumptions
-from contact_tracker.landmarks.landmark_memory import Memory
-from contact_tracker.landmarks.prior_map import NOTHING
+from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.proximity_prior import FREE, proximity_evidence, reweight_transitions
+from contact_tracker.landmarks.element_pairs import element_pairs
+from contact_tracker.landmarks.landmark_memory import LandmarkMemory
+from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import Window
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.prediction import outlook
-from contact_tracker.tracking.transition_model import chances
+from contact_tracker.tracking.prediction import predict_transitions
+from contact_tracker.tracking.transition_model import tick_transitions
 from cube_on_table import CUBE_M, CUBE_ON_TABLE, TABLE
 
 MODEL = load_model()
-SCALES = Scales(0.3, 0.1, 0.03, 1.0, 0.1)
+SCALES = EvidenceParameters(0.3, 0.1, 0.03, 1.0, 0.1)
 ON_EDGE = np.array([[1, 0, 0], [0, 1, -1], [0, 1, 1]]) / np.sqrt([[1], [2], [2]])
 
 
@@ -39,8 +39,10 @@ def tick(rotation, height_m):
 def meetings(newest, knowledge=CUBE_ON_TABLE):
     found = []
     for model in CONTACT_MODELS:
-        begins = beginnings(model, knowledge, Memory(), 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12]))
-        found.append((assumptions(knowledge, model), meeting(model, begins, newest, SCALES)))
+        begins = propose_births(
+            model, knowledge, LandmarkMemory(), 0.0, Frame.around(np.zeros(3), newest.zeta[-1, 9:12])
+        )
+        found.append((element_pairs(knowledge, model), proximity_evidence(model, begins, newest, SCALES)))
     return found
 
 
@@ -52,7 +54,7 @@ def log_odds(rotation, height_m):
 def expected(rotation, height_m, activity=1.0):
     """Log rates of change and of staying, the object being there."""
     met = [m for _, m in meetings(tick(rotation, height_m))]
-    return foreseen(*chances(MODEL, activity), met)
+    return reweight_transitions(*tick_transitions(MODEL, activity), met)
 
 
 def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
@@ -64,7 +66,8 @@ def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
     state, _ = tracker.step(state, poses[1])
     loose = replace(MODEL, noise=replace(MODEL.noise, contact_position_m=(0, 0, 0, 3e-3, 0, 0, 0)))
     before, after = (
-        outlook(state._replace(model=model), state.window).change[FREE] for model in (MODEL, loose)
+        predict_transitions(state._replace(model=model), state.window).log_transition[FREE]
+        for model in (MODEL, loose)
     )
     assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0
 
@@ -96,10 +99,10 @@ def test_the_touching_elements_are_named():
 
 
 def test_without_known_pairs_nothing_changes():
-    for knowledge in (NOTHING, knowledge_from({"environment": {"plane": [TABLE]}})):
+    for knowledge in (EMPTY_MAP, knowledge_from({"environment": {"plane": [TABLE]}})):
         met = [m for _, m in meetings(tick(np.eye(3), 0.1), knowledge)]
-        change, stay = chances(MODEL, 1.0)
-        for ours, theirs in zip(foreseen(change, stay, met), (change, stay), strict=True):
+        change, stay = tick_transitions(MODEL, 1.0)
+        for ours, theirs in zip(reweight_transitions(change, stay, met), (change, stay), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 

@@ -15,10 +15,10 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.birth import fresh
-from contact_tracker.hypotheses.global_search import givers, is_due, lost, patient
-from contact_tracker.hypotheses.pruning import Birth, add, is_near, prune
-from contact_tracker.hypotheses.refit import caught, follow, grow, waits
+from contact_tracker.hypotheses.birth import uninformed_proposal
+from contact_tracker.hypotheses.global_search import best_donors, in_burn_in, is_due, select_for_search
+from contact_tracker.hypotheses.pruning import Birth, add, prune, within_far_margin
+from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import (
     AT_THE_NOISE,
     DUE,
@@ -29,7 +29,7 @@ from contact_tracker.hypotheses.schedule import (
     MET_PATIENCE,
     WAIT_NATS,
     YOUNG,
-    patience,
+    burn_in_ticks,
 )
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
@@ -98,21 +98,30 @@ def test_with_a_wider_margin_the_same_is_said() -> None:
 
 def grace_at_birth(begins, model):
     birth = Birth(begins, 0, 0, 0, 0.0, np.zeros((0, len(STATES))), np.eye(3))
-    return float(add(blank(model, 0), model, birth).grace[0])
+    return float(add(blank(model, 0), model, birth).protected_until[0])
 
 
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     """Three rows a pose tell five unknowns sooner than one row eight."""
-    told = np.array([0.9, 1.1]) * patience(model.family.PARAMETERS / model.family.ROWS)
-    bank = blank(model, 2).having(log_likelihood=-1000.0, rms=10.0, number=[0, 1])
-    bank = bank.having(grace=grace_at_birth(fresh(model), model)).seeing(told=told)
+    told = np.array([0.9, 1.1]) * burn_in_ticks(model.family.PARAMETERS / model.family.ROWS)
+    bank = blank(model, 2).replace_columns(log_likelihood=-1000.0, rms=10.0, number=[0, 1])
+    bank = bank.replace_columns(
+        protected_until=grace_at_birth(uninformed_proposal(model), model)
+    ).replace_onset_columns(effective_ticks=told)
     assert prune(bank, 5, 0.0, 40.0).number.tolist() == [0]
-    impatient, near = bank.pick(np.array([1])), bank.having(log_likelihood=-1.0).pick(np.array([1]))
-    assert not len(lost(impatient, model))
-    assert len(lost(near, model)) == DUE[int(told[1])]
+    impatient, near = bank.pick(np.array([1])), bank.replace_columns(log_likelihood=-1.0).pick(np.array([1]))
+    assert not len(select_for_search(impatient, model))
+    assert len(select_for_search(near, model)) == DUE[int(told[1])]
     due = int(np.flatnonzero(DUE[: int(told[0]) + 1])[-1])
-    assert len(lost(bank.seeing(told=float(due)).pick(np.array([0])), model)) == 1
+    assert (
+        len(
+            select_for_search(
+                bank.replace_onset_columns(effective_ticks=float(due)).pick(np.array([0])), model
+            )
+        )
+        == 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,24 +134,28 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
 )
 def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searching, kept):
     """Part of its geometry is known."""
-    bank = blank(EDGE_FACE, 2).having(met=[0, 1], log_likelihood=-1000.0, number=[0, 1])
-    new = fresh(EDGE_FACE)
-    bank = bank.having(grace=grace_at_birth(replace(new, rows=new.rows.having(met=1)), EDGE_FACE))
-    bank = bank.seeing(told=told * patience(EDGE_FACE.needed))
-    assert patient(bank, EDGE_FACE).tolist() == searching
+    bank = blank(EDGE_FACE, 2).replace_columns(from_landmark=[0, 1], log_likelihood=-1000.0, number=[0, 1])
+    new = uninformed_proposal(EDGE_FACE)
+    bank = bank.replace_columns(
+        protected_until=grace_at_birth(
+            replace(new, rows=new.rows.replace_columns(from_landmark=1)), EDGE_FACE
+        )
+    )
+    bank = bank.replace_onset_columns(effective_ticks=told * burn_in_ticks(EDGE_FACE.needed))
+    assert in_burn_in(bank, EDGE_FACE).tolist() == searching
     assert prune(bank, 5, 0.0, 20.0).number.tolist() == kept
 
 
 def test_what_is_far_behind():
     behind = [-FAR_NATS, -1.01 * FAR_NATS, np.nan]
-    bank = blank(EDGE_FACE, 3).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
-    assert is_near(bank).tolist() == [True, False, False]
+    bank = blank(EDGE_FACE, 3).replace_columns(log_birth_weight=1.0, log_likelihood=np.array(behind) - 1.0)
+    assert within_far_margin(bank).tolist() == [True, False, False]
 
 
 def test_what_is_behind_waits():
     behind = [-WAIT_NATS, -1.01 * WAIT_NATS, np.nan]
-    bank = blank(EDGE_FACE, 3).having(entry=1.0, log_likelihood=np.array(behind) - 1.0)
-    assert waits(bank).tolist() == [False, True, True]
+    bank = blank(EDGE_FACE, 3).replace_columns(log_birth_weight=1.0, log_likelihood=np.array(behind) - 1.0)
+    assert is_deferred(bank).tolist() == [False, True, True]
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
@@ -154,25 +167,27 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
     state, window = seen[39].state, seen[40].state.window
     assert not is_due(model, 40)
     bank = state.banks[model.contact.column]
-    near = (bank.joint > -WAIT_NATS) & (bank.told > 10.0)
+    near = (bank.log_weight > -WAIT_NATS) & (bank.effective_ticks > 10.0)
     off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
-    knocked = bank.having(x=np.where(near[:, None], off, bank.x))
-    stepped = follow(grow(knocked, model, window), model, window, scales)
-    fallen = near & (stepped.joint < bank.joint - FALL_NATS) & (stepped.rms > AT_THE_NOISE)
+    knocked = bank.replace_columns(x=np.where(near[:, None], off, bank.x))
+    stepped = refit(accumulate(knocked, model, window), model, window, scales)
+    fallen = near & (stepped.log_weight < bank.log_weight - FALL_NATS) & (stepped.rms > AT_THE_NOISE)
     assert fallen.any()
     state = state._replace(
         banks=(*state.banks[: model.contact.column], knocked, *state.banks[model.contact.column + 1 :])
     )
-    after = tracker.observe(state, seen[40].tick)[0].banks[model.contact.column]
+    after = tracker.update(state, seen[40].tick)[0].banks[model.contact.column]
     right = seen[40].state.banks[model.contact.column]
     for number in bank.number[fallen]:
-        assert after.joint[after.number == number] == pytest.approx(
-            right.joint[right.number == number], abs=0.2
+        assert after.log_weight[after.number == number] == pytest.approx(
+            right.log_weight[right.number == number], abs=0.2
         )
-    far = caught(stepped, bank.joint - 1.1 * WAIT_NATS, model, window, scales)
-    assert (far.grace > stepped.grace).any()
-    np.testing.assert_array_equal(far.having(grace=stepped.grace).words, stepped.words)  # without more steps
-    hopeless = caught(stepped, bank.joint - 1.1 * GRACE_NATS, model, window, scales)
+    far = recover_fallen(stepped, bank.log_weight - 1.1 * WAIT_NATS, model, window, scales)
+    assert (far.protected_until > stepped.protected_until).any()
+    np.testing.assert_array_equal(
+        far.replace_columns(protected_until=stepped.protected_until).words, stepped.words
+    )  # without more steps
+    hopeless = recover_fallen(stepped, bank.log_weight - 1.1 * GRACE_NATS, model, window, scales)
     np.testing.assert_array_equal(hopeless.words, stepped.words)
 
 
@@ -183,42 +198,48 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
     state, column = seen[k - 1].state, model.contact.column
-    bank = state.banks[column].pick(np.flatnonzero(state.banks[column].told > 3.0))
+    bank = state.banks[column].pick(np.flatnonzero(state.banks[column].effective_ticks > 3.0))
     off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
     held = np.arange(len(bank)) % 4 < 2  # to what is false
-    bank = bank.having(
-        source=held,
-        known_mean=np.where(held[:, None], off, 0.0),
-        known=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
+    bank = bank.replace_columns(
+        prior_index=held,
+        prior_mean=np.where(held[:, None], off, 0.0),
+        prior_information=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
     )
     group = np.arange(len(bank)) % 3
     was = np.array([-0.9 * WAIT_NATS, -1.1 * WAIT_NATS, -1.1 * GRACE_NATS])[group]
     told_too_much = bank.log_likelihood + 100.0  # by which it falls
     long = np.arange(len(bank)) % 8 == 0  # some have more than they would get
-    bank = bank.having(log_likelihood=told_too_much, entry=was - told_too_much, grace=1e3 * long)
+    bank = bank.replace_columns(
+        log_likelihood=told_too_much, log_birth_weight=was - told_too_much, protected_until=1e3 * long
+    )
     state = state._replace(
         model=pruning.with_margin(MODEL, np.inf),
         banks=(*state.banks[:column], bank, *state.banks[column + 1 :]),
     )
-    after = tracker.observe(state, seen[k].tick)[0].banks[column]
+    after = tracker.update(state, seen[k].tick)[0].banks[column]
     stays = np.isin(bank.number, after.number)
     after, group = after.pick(np.flatnonzero(np.isin(after.number, bank.number))), group[stays]
-    assert (after.grace[long[stays]] == 1e3).all()
+    assert (after.protected_until[long[stays]] == 1e3).all()
     after, group = after.pick(np.flatnonzero(~long[stays])), group[~long[stays]]
-    has_grace, near = after.grace > 0.0, group == 0
+    has_grace, near = after.protected_until > 0.0, group == 0
     assert set(group) == {0, 1, 2}
     assert has_grace[near].any()
     assert has_grace[group == 1].any() == is_due(model, k)  # else it waits, and has not learnt that it falls
     assert not has_grace[group == 2].any()
-    np.testing.assert_allclose(after.grace[has_grace], after.told[has_grace] + GRACE_TICKS)
+    np.testing.assert_allclose(
+        after.protected_until[has_grace], after.effective_ticks[has_grace] + GRACE_TICKS
+    )
     if not is_due(model, k):  # else they have taken geometry of others since
         assert (after.rms[near] < AT_THE_NOISE).any()
         np.testing.assert_array_equal(has_grace[near], after.rms[near] > AT_THE_NOISE)
 
 
 def test_grace_keeps_what_is_hopeless_until_it_ends():
-    bank = blank(EDGE_FACE, 3).having(grace=[0.0, 30.0, 29.9], log_likelihood=-1e3, number=[0, 1, 2])
-    assert prune(bank.seeing(told=30.0), 3, 0.0, 20.0).number.tolist() == [1]
+    bank = blank(EDGE_FACE, 3).replace_columns(
+        protected_until=[0.0, 30.0, 29.9], log_likelihood=-1e3, number=[0, 1, 2]
+    )
+    assert prune(bank.replace_onset_columns(effective_ticks=30.0), 3, 0.0, 20.0).number.tolist() == [1]
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
@@ -245,34 +266,36 @@ def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkey
     assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
     state = seen[start - 1].state
     bank = state.banks[column]
-    near = (bank.told > patience(model.needed)) & (bank.joint > -WAIT_NATS)
-    near[bank.leader] = False
+    near = (bank.effective_ticks > burn_in_ticks(model.needed)) & (bank.log_weight > -WAIT_NATS)
+    near[bank.best_row] = False
     row = int(np.flatnonzero(near)[-1])
     this = np.arange(len(bank)) == row
-    knocked = bank.having(
+    knocked = bank.replace_columns(
         x=np.where(this[:, None], model.turned(bank.x, np.eye(3)[[1, 2, 0]]), bank.x),
         log_likelihood=np.where(this, -1e3, bank.log_likelihood),
         rms=np.where(this, 50.0, bank.rms),
-        grace=np.where(this & has_grace, bank.told + GRACE_TICKS, bank.grace),
+        protected_until=np.where(this & has_grace, bank.effective_ticks + GRACE_TICKS, bank.protected_until),
     )
     state = state._replace(banks=(*state.banks[:column], knocked, *state.banks[column + 1 :]))
     for later in seen[start : start + 3]:
         assert knocked.number[row] in state.banks[column].number
-        state, _ = tracker.observe(state, later.tick)
+        state, _ = tracker.update(state, later.tick)
     bank = state.banks[column]
-    assert (bank.joint[bank.number == knocked.number[row]] > -FAR_NATS).tolist() == [True] * has_grace
+    assert (bank.log_weight[bank.number == knocked.number[row]] > -FAR_NATS).tolist() == [True] * has_grace
 
 
 def giver_and_taker() -> Bank:
     """One that fits, and one that has seen 20 ticks and does not."""
     model, seen = EDGE_FACE, next(islice(forward(recorded(FACE_TO_EDGE).poses, MODEL), 39, None))
     bank = seen.state.banks[model.contact.column]
-    fitting, lost_one = bank.leader, int(np.flatnonzero(bank.told > 10.0)[0])
+    fitting, lost_one = bank.best_row, int(np.flatnonzero(bank.effective_ticks > 10.0)[0])
     two = bank.pick(np.array([fitting, lost_one]))
     x = np.array([two.x[0], model.turned(two.x, np.eye(3)[[1, 2, 0]])[1]])
     assert two.onset[0] != two.onset[1]
-    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], 60.0, 20.0))
-    return two.having(x=x, rms=[1.0, 50.0], entry=0.0, log_likelihood=0.0, searched=1, grace=0.0)
+    two = two.replace_onset_columns(effective_ticks=np.where(two.onsets.onset == two.onset[0], 60.0, 20.0))
+    return two.replace_columns(
+        x=x, rms=[1.0, 50.0], log_birth_weight=0.0, log_likelihood=0.0, needs_search=1, protected_until=0.0
+    )
 
 
 @pytest.mark.parametrize("told", [3.0, 60.0])
@@ -280,16 +303,18 @@ def giver_and_taker() -> Bank:
 def test_who_is_hopeless_offers_nothing(told, behind):
     """Unless it is so young that it may only not have found its minimum yet."""
     two = giver_and_taker()
-    two = two.seeing(told=np.where(two.onsets.onset == two.onset[0], told, 20.0))
-    two = two.having(log_likelihood=[-behind * FAR_NATS, 0.0])
-    offered = told < patience(EDGE_FACE.needed) or behind < 1.0
-    assert givers(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if offered else 1]
+    two = two.replace_onset_columns(effective_ticks=np.where(two.onsets.onset == two.onset[0], told, 20.0))
+    two = two.replace_columns(log_likelihood=[-behind * FAR_NATS, 0.0])
+    offered = told < burn_in_ticks(EDGE_FACE.needed) or behind < 1.0
+    assert best_donors(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if offered else 1]
 
 
 @pytest.mark.parametrize("grace", [19.9, 20.0])
 @pytest.mark.parametrize("behind", [1.0, 1.01])
 def test_who_is_hopeless_takes_nothing(grace, behind):
     """Unless it has grace."""
-    two = giver_and_taker().having(grace=[0.0, grace], log_likelihood=[0.0, -behind * FAR_NATS])
+    two = giver_and_taker().replace_columns(
+        protected_until=[0.0, grace], log_likelihood=[0.0, -behind * FAR_NATS]
+    )
     takes = behind == 1.0 or grace == 20.0
-    assert givers(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if takes else 1]
+    assert best_donors(two, EDGE_FACE, scales_of(MODEL)).tolist() == [0, 0 if takes else 1]

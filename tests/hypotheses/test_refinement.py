@@ -16,8 +16,8 @@ from contact_tracker.evaluation.bound import cramer_rao
 from contact_tracker.evaluation.elements import angle_rad, deviation
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.hypotheses import bank_update
-from contact_tracker.hypotheses.ar1_noise import Errors, learnt, new_in
-from contact_tracker.hypotheses.refinement import FIRST_ECHO, polish
+from contact_tracker.hypotheses.ar1_noise import Ar1Noise, estimate_ar1, whiten_ar1
+from contact_tracker.hypotheses.refinement import FIRST_ECHO, refine
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.simulate import Scenario, simulate
@@ -73,7 +73,7 @@ def test_covariances_know_of_errors_that_last(contact, monkeypatch):
         return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
 
     known = normalised()
-    monkeypatch.setattr("contact_tracker.hypotheses.ar1_noise.MOST_ECHO", 0.0)
+    monkeypatch.setattr("contact_tracker.hypotheses.ar1_noise.MOST_CORRELATION", 0.0)
     assert 0.5 < known < 2.5
     assert known < 0.6 * normalised()
 
@@ -89,13 +89,13 @@ def test_size_and_echo_of_errors_are_learned_from_residuals(seed, echo):
     for tick in range(1, count):
         left = echo ** (index[tick] - index[tick - 1])
         errors[:, tick] = left * errors[:, tick - 1] + np.sqrt(1.0 - left**2) * new[:, tick]
-    np.testing.assert_allclose(new_in(errors, np.full(1, echo), index), new, atol=1e-9)
+    np.testing.assert_allclose(whiten_ar1(errors, np.full(1, echo), index), new, atol=1e-9)
     shapes = np.stack([np.ones(count), index / 400.0, np.sin(index / 5.0), np.cos(index / 5.0)], axis=1)
     left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
-    start = Errors(np.ones(1), np.full(1, FIRST_ECHO))
+    start = Ar1Noise(np.ones(1), np.full(1, FIRST_ECHO))
     for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
-        found = learnt(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
-        assert abs(found.echo - echo) < 0.3
+        found = estimate_ar1(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
+        assert abs(found.correlation - echo) < 0.3
         assert 0.5 < 4.0 * found.weight < 2.0
 
 
@@ -183,6 +183,6 @@ def test_poses_that_are_held_exactly_leave_a_finite_geometry(contact):
     scales = scales_of(load_model())
     zeta = np.tile(lift(np.eye(3), np.zeros(3)), (count, 1))
     rest = Window(np.arange(count), zeta, np.tile([1e-9, 1e-8], (count, 1)), np.zeros((count, 2)))
-    polished = polish(bank_update.fit_stretch(model, rest, scales), model, rest, scales)
+    polished = refine(bank_update.fit_window(model, rest, scales), model, rest, scales)
     assert np.isfinite(polished.bank.x).all()
     assert np.isfinite(polished.information).all()

@@ -13,11 +13,11 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, by_foot, numbers
 from contact_tracker.geometry.incidence import LENGTH_M
 from contact_tracker.geometry.vectors import sphere_tangent
-from contact_tracker.hypotheses.birth import Begins
-from contact_tracker.hypotheses.birth_proposals import Frame, beginnings
-from contact_tracker.landmarks.association import are_same, filled
-from contact_tracker.landmarks.landmark_memory import KEPT, LAST, LOOSE_RAD, Memory
-from contact_tracker.landmarks.prior_map import NOTHING, Accuracy, Knowledge, Known, known_to
+from contact_tracker.hypotheses.birth import BirthProposals
+from contact_tracker.hypotheses.birth_proposals import Frame, propose_births
+from contact_tracker.landmarks.association import fuse, is_same_element
+from contact_tracker.landmarks.landmark_memory import KEPT, LAST, LOOSE_RAD, LandmarkMemory
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, known_to
 from contact_tracker.states import Contact
 
 ORIGIN = np.zeros(3)
@@ -27,48 +27,48 @@ TABLE = Plane(np.array([0.0, 0.0, 1.0]), -0.1, 1e-8 * np.eye(4))
 ON_THE_TABLE = ContactGeometry(EDGE, TABLE)
 
 
-def offers(memory: Memory, contact: Contact) -> Begins:
+def offers(memory: LandmarkMemory, contact: Contact) -> BirthProposals:
     model = CONTACT_MODELS[contact.column]
-    return beginnings(model, NOTHING, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
+    return propose_births(model, EMPTY_MAP, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
 
 
 def test_nothing_met_offers_nothing():
     for model in CONTACT_MODELS:
-        begins = offers(Memory(), model.contact)
-        assert begins.many == 1
-        assert begins.rows.source[0] == 0
-        assert begins.rows.searched[0]
+        begins = offers(LandmarkMemory(), model.contact)
+        assert begins.count == 1
+        assert begins.rows.prior_index[0] == 0
+        assert begins.rows.needs_search[0]
 
 
 def test_the_same_elements_are_offered_again_and_shares_add_up():
-    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
+    memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
     begins = offers(memory, Contact.EF)
-    assert begins.many == 4  # nothing, the edge, the table, both
+    assert begins.count == 4  # nothing, the edge, the table, both
     assert np.exp(begins.log_share).sum() == pytest.approx(1.0)
-    assert not begins.rows.certain.any()
+    assert not begins.rows.elements_known.any()
     # the edge's direction or the table's normal may be open, and is searched for
-    assert list(begins.rows.searched) == [True, True, True, False]
+    assert list(begins.rows.needs_search) == [True, True, True, False]
 
 
 def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():
-    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN).learn(ON_THE_TABLE, 5, 100, ORIGIN)
+    memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN).insert(ON_THE_TABLE, 5, 100, ORIGIN)
     assert len(memory.object) == 1
     for onset_ns in range(10):
-        memory = memory.learn(ON_THE_TABLE, onset_ns, 100, ORIGIN)
+        memory = memory.insert(ON_THE_TABLE, onset_ns, 100, ORIGIN)
     assert [met.onset_ns for met in memory.object] == list(range(10 - KEPT, 10))
 
 
 def test_what_is_met_again_is_offered_once():
-    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
+    memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
     other_end = replace(EDGE, direction=-ALONG, point_m=EDGE.point_m + 0.3 * ALONG + [2e-4, 0.0, 0.0])
     for again in (ON_THE_TABLE, replace(ON_THE_TABLE, object=other_end)):
-        begins = offers(memory.learn(again, 7, 100, ORIGIN), Contact.EF)
-        assert begins.many == 4
-        edges = begins.rows.known_mean[begins.rows.known_mean[:, :3].any(axis=1), :3]
+        begins = offers(memory.insert(again, 7, 100, ORIGIN), Contact.EF)
+        assert begins.count == 4
+        edges = begins.rows.prior_mean[begins.rows.prior_mean[:, :3].any(axis=1), :3]
         np.testing.assert_array_equal(edges[0], edges[1])
         np.testing.assert_allclose(edges[0], again.object.direction, atol=LOOSE_RAD)
     # beside those four the edge met first and its table, each with what touched last
-    assert offers(memory.learn(elsewhere(ON_THE_TABLE, 0.01), 7, 100, ORIGIN), Contact.EF).many == 6
+    assert offers(memory.insert(elsewhere(ON_THE_TABLE, 0.01), 7, 100, ORIGIN), Contact.EF).count == 6
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_what_is_met_again_is_offered_once():
 def test_elements_are_the_same_within_four_standard_deviations_of_both(first, off):
     """Along one direction, in which ``off`` is as far as one standard deviation."""
     for many, same in ((5.6, True), (5.7, False)):  # each is uncertain: their difference is by sqrt 2
-        assert are_same(first, with_numbers(first, numbers(first) + many * np.array(off))) is same
+        assert is_same_element(first, with_numbers(first, numbers(first) + many * np.array(off))) is same
 
 
 def with_numbers(element: Element, values: np.ndarray) -> Element:
@@ -106,16 +106,16 @@ def test_a_line_is_the_same_wherever_it_is_told_and_in_either_direction(values, 
     if flips:
         flip = np.repeat([-1.0, 1.0], 3)
         again = replace(again, direction=-direction, covariance=flip[:, None] * again.covariance * flip)
-    assert are_same(line, again)
+    assert is_same_element(line, again)
     across = np.cross(direction, values[6:9] + np.array([3.0, 0.0, 0.0]))
     beside = replace(again, point_m=again.point_m + 0.05 * across / np.linalg.norm(across))
-    assert not are_same(line, beside)
+    assert not is_same_element(line, beside)
 
 
 @pytest.mark.parametrize("offset_m", [-0.1, 0.0])
 def test_faces_that_look_the_other_way_are_others(offset_m):
     table = replace(TABLE, offset_m=offset_m)
-    assert not are_same(table, replace(table, normal=-table.normal, offset_m=-offset_m))
+    assert not is_same_element(table, replace(table, normal=-table.normal, offset_m=-offset_m))
 
 
 @pytest.mark.parametrize("far_m", [1.0, 30.0, 1e6])
@@ -123,19 +123,19 @@ def test_what_is_open_in_one_direction_is_judged_by_the_others(far_m):
     point = Point(ORIGIN, np.diag([far_m**2, 9e-8, 9e-8]))
     line = Line(np.array([0.0, 0.0, 1.0]), ORIGIN, np.diag([4e-6, 4e-6, 0.0, far_m**2, 9e-8, 0.0]))
     for element in (point, line):
-        assert are_same(element, replace(element, point_m=np.array([0.3 * far_m, 1e-3, 0.0])))
-        assert not are_same(element, replace(element, point_m=np.array([0.0, 0.05, 0.0])))
+        assert is_same_element(element, replace(element, point_m=np.array([0.3 * far_m, 1e-3, 0.0])))
+        assert not is_same_element(element, replace(element, point_m=np.array([0.0, 0.05, 0.0])))
 
 
 def test_what_is_met_again_is_known_as_it_was_where_it_tells_nothing():
     """Two faces slide on each other wherever they lie: f-f says nothing of the table's height."""
     vague = replace(TABLE, offset_m=-0.05, covariance=np.diag([1e-8, 1e-8, 1e-8, 0.3**2]))
-    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
-    again = memory.learn(replace(ON_THE_TABLE, environment=vague), 7, 100, ORIGIN)
+    memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
+    again = memory.insert(replace(ON_THE_TABLE, environment=vague), 7, 100, ORIGIN)
     begins = offers(again, Contact.VF)
-    heights = begins.rows.known[:, -1, -1]
+    heights = begins.rows.prior_information[:, -1, -1]
     assert set(np.rint(1e-6 * heights[heights > 0.0])) == {10.0}  # 0.3 mm and a little, as after the first
-    np.testing.assert_allclose(begins.rows.known_mean[heights > 0.0, -1], -0.1, atol=1e-6)
+    np.testing.assert_allclose(begins.rows.prior_mean[heights > 0.0, -1], -0.1, atol=1e-6)
 
 
 def uneven(element: Element, rng: np.random.Generator) -> Element:
@@ -161,7 +161,7 @@ def test_what_both_times_were_alike_stays_as_it_was(element):
     """What is met again may have been assumed: that is no second witness."""
     later = uneven(element, np.random.default_rng(2))
     for earlier in (later, told_otherwise(later)):
-        found = filled(later, earlier)
+        found = fuse(later, earlier)
         np.testing.assert_allclose(numbers(found), numbers(later), atol=1e-9)
         np.testing.assert_allclose(found.covariance, later.covariance, atol=1e-9 * later.covariance.max())
 
@@ -176,7 +176,7 @@ def test_what_is_told_does_not_hang_on_how_lines_are(element, seed):
     )
     values[:3] /= np.linalg.norm(values[:3])
     earlier = uneven(with_numbers(element, values), rng)
-    expected, found = filled(later, earlier), filled(later, told_otherwise(earlier))
+    expected, found = fuse(later, earlier), fuse(later, told_otherwise(earlier))
     np.testing.assert_allclose(numbers(found), numbers(expected), atol=1e-5)
     np.testing.assert_allclose(found.covariance, expected.covariance, atol=1e-2 * expected.covariance.max())
     for one in (later, earlier):  # some of each
@@ -189,10 +189,10 @@ def test_what_is_known_well_is_kept_beside_what_is_known_badly(turn_rad):
     known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
     turned = np.array([np.sin(turn_rad), 0.6 * np.cos(turn_rad), 0.8 * np.cos(turn_rad)])
     vague = known_to(Line(turned, EDGE.point_m), Accuracy(position_m=3e-4, rotation_rad=turn_rad / 1.5))
-    for found in (filled(known, vague), filled(vague, known)):
+    for found in (fuse(known, vague), fuse(vague, known)):
         assert np.linalg.norm(np.cross(found.direction, ALONG)) < 2e-4
         np.testing.assert_allclose(found.point_m, EDGE.point_m, atol=3e-4)
-    assert are_same(known, vague) is are_same(vague, known) is True
+    assert is_same_element(known, vague) is is_same_element(vague, known) is True
 
 
 def test_whether_lines_are_the_same_does_not_hang_on_which_is_called_the_first():
@@ -201,9 +201,9 @@ def test_whether_lines_are_the_same_does_not_hang_on_which_is_called_the_first()
     turned = np.array([np.sin(1.0), 0.6 * np.cos(1.0), 0.8 * np.cos(1.0)])
     places = EDGE.point_m + 8e-4 * np.random.default_rng(7).normal(size=(100, 3))
     vague = [known_to(Line(turned, place), Accuracy(position_m=3e-4, rotation_rad=0.4)) for place in places]
-    same = [are_same(known, one) for one in vague]
+    same = [is_same_element(known, one) for one in vague]
     assert 5 < sum(same) < 95
-    assert same == [are_same(one, known) for one in vague]
+    assert same == [is_same_element(one, known) for one in vague]
 
 
 def test_a_line_is_told_where_it_was_met_last():
@@ -212,7 +212,7 @@ def test_a_line_is_told_where_it_was_met_last():
     before = known_to(
         replace(EDGE, direction=-ALONG, point_m=EDGE.point_m + 1.0 * ALONG), Accuracy(1e-3, 1e-3)
     )
-    found = filled(later, before)
+    found = fuse(later, before)
     np.testing.assert_allclose(numbers(found), numbers(later), atol=1e-12)
 
 
@@ -222,7 +222,7 @@ def test_a_way_that_only_one_has_seen_is_told_however_far_it_turns(turn_rad):
     first, second = (np.diag([(1e-3, 0.6)[i] ** 2, (0.6, 1e-3)[i] ** 2, 0.0, 1e-6]) for i in (0, 1))
     turned = np.array([0.0, np.sin(turn_rad), np.cos(turn_rad)])
     later, earlier = Plane(np.array([0.0, 0.0, 1.0]), 0.0, first), Plane(turned, 0.0, second)
-    np.testing.assert_allclose(filled(later, earlier).normal, turned, atol=2e-3)
+    np.testing.assert_allclose(fuse(later, earlier).normal, turned, atol=2e-3)
 
 
 @pytest.mark.parametrize("vague_m", [1.0, 30.0, 1000.0])
@@ -236,7 +236,7 @@ def test_what_is_told_is_a_covariance(vague_m):
             Point(p, 9e-8 * np.eye(3) + vague_m**2 * np.outer(w, w))
             for p, w in zip(np.zeros((2, 3)), ways, strict=True)
         ]
-        found = np.linalg.eigvalsh(filled(*points).covariance)
+        found = np.linalg.eigvalsh(fuse(*points).covariance)
         assert found[0] > 4e-8
         if np.linalg.norm(np.cross(*ways)) > 0.2:
             assert found[-1] < 1e-5
@@ -249,7 +249,7 @@ def test_each_way_is_told_as_it_was_last_unless_it_was_known_far_better(later, e
     """Of points, in common axes; the last one was known better by more than twice, whichever is so in all."""
     rng = np.random.default_rng(1)
     axes, places = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=(2, 3))
-    found = filled(
+    found = fuse(
         *(Point(p, axes @ np.diag(v) @ axes.T) for p, v in zip(places, (later, earlier), strict=True))
     )
     expected = axes @ np.diag([*later[:2], earlier[2]]) @ axes.T
@@ -263,7 +263,7 @@ def test_what_is_told_turns_and_stretches_with_space():
     points = [uneven(Point(place), rng) for place in rng.normal(size=(2, 3))]
     stretch = rng.normal(size=(3, 3))
     stretched = [Point(stretch @ p.point_m, stretch @ p.covariance @ stretch.T) for p in points]
-    found, expected = filled(*stretched), filled(*points)
+    found, expected = fuse(*stretched), fuse(*points)
     np.testing.assert_allclose(found.point_m, stretch @ expected.point_m, atol=1e-6)
     np.testing.assert_allclose(found.covariance, stretch @ expected.covariance @ stretch.T, atol=1e-9)
     assert np.abs(expected.point_m - points[0].point_m).max() > 1e-3  # something was known better before
@@ -276,30 +276,30 @@ def test_what_was_learnt_on_top_is_not_counted_twice():
     before = Point(rng.normal(size=3), a @ a.T + 0.1 * np.eye(3))
     gain = before.covariance @ row.T / (row @ before.covariance @ row.T + 0.01)
     after = Point(before.point_m + 0.1 * gain[:, 0], before.covariance - gain @ row @ before.covariance)
-    found = filled(after, before)
+    found = fuse(after, before)
     np.testing.assert_allclose(found.point_m, after.point_m, atol=1e-9)
     np.testing.assert_allclose(found.covariance, after.covariance, atol=1e-9)
 
 
 def test_a_contact_can_teach_more_when_it_has_lasted_half_as_long_again():
-    memory = Memory()
+    memory = LandmarkMemory()
     assert memory.is_due(10, 20)
-    memory = memory.learn(ON_THE_TABLE, 10, 20, ORIGIN)
+    memory = memory.insert(ON_THE_TABLE, 10, 20, ORIGIN)
     assert [memory.is_due(10, stamp_ns) for stamp_ns in (21, 24, 25, 40)] == [False, False, True, True]
     assert memory.is_due(11, 21)  # another contact
-    memory = memory.learn(CORNER, 30, 40, ORIGIN).learn(ON_THE_TABLE, 10, 50, ORIGIN)
+    memory = memory.insert(CORNER, 30, 40, ORIGIN).insert(ON_THE_TABLE, 10, 50, ORIGIN)
     assert [memory.is_due(10, stamp_ns) for stamp_ns in (65, 70)] == [False, True]
 
 
 def test_a_vertex_may_be_anywhere_on_the_edge_that_turned():
     """From e-f to v-f the plane stays, and the vertex lies on the edge."""
-    memory = Memory().learn(ON_THE_TABLE, 5, 100, ORIGIN)
+    memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
     begins, size = offers(memory, Contact.VF), 7
-    assert begins.many == 4  # nothing, an end of the edge, the table, both
+    assert begins.count == 4  # nothing, an end of the edge, the table, both
     (both,) = [
-        i for i in range(4) if begins.rows.known_mean[i, :3].any() and begins.rows.known_mean[i, 3:].any()
+        i for i in range(4) if begins.rows.prior_mean[i, :3].any() and begins.rows.prior_mean[i, 3:].any()
     ]
-    information = begins.rows.known[both]
+    information = begins.rows.prior_information[both]
     assert information.shape == (size, size)
     on_point = np.linalg.inv(information[:3, :3])
     assert np.sqrt(ALONG @ on_point @ ALONG) == pytest.approx(LENGTH_M, rel=0.01)
@@ -317,29 +317,29 @@ def elsewhere(geometry: ContactGeometry, off_m: float) -> ContactGeometry:
 
 
 def test_elements_go_together_that_may_touch_each_other_again():
-    memory = Memory()
+    memory = LandmarkMemory()
     for onset_ns in range(0, 6, 2):  # edges met at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
-        memory = memory.learn(elsewhere(ON_THE_TABLE, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
-        memory = memory.learn(elsewhere(CORNER, 0.01 * onset_ns + 0.01), onset_ns + 1, 100, ORIGIN)
+        memory = memory.insert(elsewhere(ON_THE_TABLE, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
+        memory = memory.insert(elsewhere(CORNER, 0.01 * onset_ns + 0.01), onset_ns + 1, 100, ORIGIN)
     # nothing; 5 and its table with an unknown one; 3-5, 5-4, 5-5; an end of the edge with the table of 5
-    assert offers(memory, Contact.VF).many == 1 + 2 + 3 + 1
+    assert offers(memory, Contact.VF).count == 1 + 2 + 3 + 1
     # nothing; 4 and the table of 5 with an unknown one; 2-5, 4-5; an edge through the corner on its table
-    assert offers(memory, Contact.EF).many == 1 + 2 + 2 + 1
+    assert offers(memory, Contact.EF).count == 1 + 2 + 2 + 1
     # nothing; 4 with an unknown one; an edge through the corner of 5 and one in its table
     edges = offers(memory, Contact.EE)
-    assert edges.many == 3
-    directions = edges.rows.known_mean[:, [0, 1, 2, 6, 7, 8]]
-    through = ~np.isnan(edges.rows.pivot).all(axis=1) & ~directions.any(axis=1)
-    (pivot,) = edges.rows.pivot[through]
+    assert edges.count == 3
+    directions = edges.rows.prior_mean[:, [0, 1, 2, 6, 7, 8]]
+    through = ~np.isnan(edges.rows.line_anchor).all(axis=1) & ~directions.any(axis=1)
+    (pivot,) = edges.rows.line_anchor[through]
     np.testing.assert_allclose(pivot[~np.isnan(pivot)], [0.15, 0.2, 0.3])
 
 
 def test_elements_of_the_last_contact_are_likelier_than_others():
-    memory = Memory()
+    memory = LandmarkMemory()
     for onset_ns in range(2):
-        memory = memory.learn(elsewhere(CORNER, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
+        memory = memory.insert(elsewhere(CORNER, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
     begins = offers(memory, Contact.VF)
-    share = np.exp(begins.log_share[begins.rows.source > 0])
+    share = np.exp(begins.log_share[begins.rows.prior_index > 0])
     assert share.sum() == pytest.approx(0.5)
     assert share.max() / share.min() == pytest.approx(LAST)  # of all pairs one at least is of the last
 
@@ -356,33 +356,39 @@ SECOND = ContactGeometry(Point(np.array([-0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TA
     ],
 )
 def test_all_that_was_met_is_offered_beside_a_table_that_the_user_knows(before, contact, many):
-    knowledge, memory = Knowledge(environment=(Known("table", TABLE),)), Memory()
+    knowledge, memory = PriorMap(environment=(NamedElement("table", TABLE),)), LandmarkMemory()
     for onset_ns, geometry in enumerate(before):
         told = replace(geometry, environment=replace(TABLE, name="table"))
-        memory = memory.learn(told, onset_ns, 100, ORIGIN)
+        memory = memory.insert(told, onset_ns, 100, ORIGIN)
     model = CONTACT_MODELS[contact.column]
-    begins = beginnings(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
-    on_table = begins.rows.known[:, model.family.FORM.d2 :, model.family.FORM.d2 :].any(axis=(1, 2))
-    assert (begins.rows.met & on_table).sum() == many
+    begins = propose_births(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
+    on_table = begins.rows.prior_information[:, model.family.FORM.d2 :, model.family.FORM.d2 :].any(
+        axis=(1, 2)
+    )
+    assert (begins.rows.from_landmark & on_table).sum() == many
 
 
 def test_what_touched_last_may_touch_all_that_was_met_and_what_is_new_the_latest():
     wall = Plane(np.array([1.0, 0.0, 0.0]), -0.3, 1e-8 * np.eye(4))
-    memory = Memory().learn(CORNER, 1, 100, ORIGIN).learn(replace(SECOND, environment=wall), 2, 100, ORIGIN)
+    memory = (
+        LandmarkMemory()
+        .insert(CORNER, 1, 100, ORIGIN)
+        .insert(replace(SECOND, environment=wall), 2, 100, ORIGIN)
+    )
     begins = offers(memory, Contact.VF)
-    new = ~begins.rows.known[:, :3].any(axis=(1, 2))
-    np.testing.assert_allclose(begins.rows.known_mean[new & begins.rows.met][:, 3:6], [wall.normal])
-    last = (begins.rows.known_mean[:, :3] == SECOND.object.point_m).all(axis=1)
-    beside = {tuple(normal) for normal in begins.rows.known_mean[last, 3:6]}
+    new = ~begins.rows.prior_information[:, :3].any(axis=(1, 2))
+    np.testing.assert_allclose(begins.rows.prior_mean[new & begins.rows.from_landmark][:, 3:6], [wall.normal])
+    last = (begins.rows.prior_mean[:, :3] == SECOND.object.point_m).all(axis=1)
+    beside = {tuple(normal) for normal in begins.rows.prior_mean[last, 3:6]}
     assert beside == {(0.0, 0.0, 0.0), tuple(TABLE.normal), tuple(wall.normal)}
 
 
 def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():
     """It is not remembered, but was part of the last contact all the same."""
     table = replace(TABLE, name="table")
-    knowledge = Knowledge(environment=(Known("table", TABLE),))
-    memory = Memory().learn(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)
+    knowledge = PriorMap(environment=(NamedElement("table", TABLE),))
+    memory = LandmarkMemory().insert(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)
     model = CONTACT_MODELS[Contact.EF.column]
-    begins = beginnings(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
-    on_table = ~np.isnan(begins.rows.pivot[:, 0]) & begins.rows.known_mean[:, 6:9].any(axis=1)
+    begins = propose_births(model, knowledge, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
+    on_table = ~np.isnan(begins.rows.line_anchor[:, 0]) & begins.rows.prior_mean[:, 6:9].any(axis=1)
     assert on_table.any()

@@ -165,4 +165,6 @@ def test_a_jump_passes():
 @pytest.mark.parametrize("tick_s", [0.01, 0.1, 0.7])
 def test_white_jerk_moves_the_states_as_filterpy_says(tick_s):
     jerk = Q_continuous_white_noise(3, tick_s, 1.0)
-    np.testing.assert_allclose(free_motion.onward(tick_s, 1.0).jerk, np.kron(np.eye(2), jerk), rtol=1e-14)
+    np.testing.assert_allclose(
+        free_motion.transition(tick_s, 1.0).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14
+    )

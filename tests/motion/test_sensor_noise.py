@@ -20,7 +20,7 @@ each_sensor = pytest.mark.parametrize(
 
 def heard(poses, tick, prior):
     """What has been heard, and the estimate, after each ``tick`` frames of the stream."""
-    state, estimate = sensor_noise.NOTHING_HEARD, sensor_noise.begin(*prior)
+    state, estimate = sensor_noise.EMPTY_BUFFER, sensor_noise.begin(*prior)
     for first in range(0, len(poses), tick):
         state, estimate = sensor_noise.advance(state, estimate, poses[first : first + tick], prior)
         yield state, estimate
@@ -207,7 +207,7 @@ def test_too_few_frames_say_nothing(count):
     poses = moving(np.random.default_rng(9), 1.0, 30.0, 1e-3, 1e-3)[:count]
     assert np.isnan(sensor_noise.estimate_noise(poses)).all()
     _, estimate = sensor_noise.advance(
-        sensor_noise.NOTHING_HEARD, sensor_noise.begin(1e-3, 2e-3), poses, (1e-3, 2e-3)
+        sensor_noise.EMPTY_BUFFER, sensor_noise.begin(1e-3, 2e-3), poses, (1e-3, 2e-3)
     )
     assert (estimate.sigma_position_m, estimate.sigma_rotation_rad) == (1e-3, 2e-3)
 

@@ -79,7 +79,7 @@ def test_ticks_are_the_same_whatever_comes_at_once(seed, batch, rate_hz):
     assert sum(tick.count + tick.outliers for tick in whole) > 0.7 * len(poses)
     for a, b in zip(whole, portions, strict=True):
         assert (a.start_ns, a.stamp_ns, a.count, a.outliers) == (b.start_ns, b.stamp_ns, b.count, b.outliers)
-        assert a.excess == b.excess
+        assert a.innovation_excess == b.innovation_excess
         np.testing.assert_array_equal(a.zeta, b.zeta)
 
 
@@ -206,7 +206,7 @@ def test_one_frame_per_tick_is_enough():
     found = averaged(poses)
     assert len(found) == 200
     assert all(tick.count == 1 for tick in found)
-    assert any(tick.excess.position_m2 > 0 for tick in found)
+    assert any(tick.innovation_excess.position_m2 > 0 for tick in found)
 
 
 def test_a_gap_is_followed_tick_by_tick():
@@ -217,7 +217,10 @@ def test_a_gap_is_followed_tick_by_tick():
     empty = [k for k, tick in enumerate(found) if tick.count == 0]
     assert empty == list(range(21, 35))
     for k in empty:
-        assert (found[k].excess.position_m2, found[k].excess.rotation_rad2) == (0.0, 0.0)
+        assert (found[k].innovation_excess.position_m2, found[k].innovation_excess.rotation_rad2) == (
+            0.0,
+            0.0,
+        )
     assert found[20].count == 6
     assert found[35].count == 8
     # what the grid was before the gap it is after it
@@ -275,17 +278,19 @@ def test_after_a_gap_motion_goes_on_unless_it_was_long(gap_s, mute):
     at_s = (poses.stamp_ns - START_NS) * 1e-9
     present = poses[(at_s < 2.0) | (at_s >= 2.0 + gap_s)]
     found = [t for t in averaged(present) if t.start_ns - START_NS >= (2.0 + gap_s) * 1e9]
-    assert [tick.excess == NO_EXCESS for tick in found[: mute + 5]] == [True] * mute + [False] * 5
+    assert [tick.innovation_excess == NO_EXCESS for tick in found[: mute + 5]] == [True] * mute + [False] * 5
     anew = averaged(poses[at_s >= 2.0 + gap_s])
     if mute == 1:  # what is known of the motion is worth more than to begin anew
-        assert np.mean([t.excess for t in found[5:15]]) < np.mean([t.excess for t in anew[5:15]])
+        assert np.mean([t.innovation_excess for t in found[5:15]]) < np.mean(
+            [t.innovation_excess for t in anew[5:15]]
+        )
 
 
 def test_an_object_that_rests_through_a_gap_is_known_to_rest():
     rest = moving(np.random.default_rng(15), 6.0, 200.0, 3e-4, 2e-3, rms_m=0.0, rms_rad=0.0)
     at_s = (rest.stamp_ns - START_NS) * 1e-9
     found = averaged(rest[(at_s < 2.0) | (at_s >= 3.0)])
-    assert np.mean([tick.excess == NO_EXCESS for tick in found]) > 0.95
+    assert np.mean([tick.innovation_excess == NO_EXCESS for tick in found]) > 0.95
 
 
 def test_turning_the_sign_of_quaternions_changes_nothing():
@@ -297,7 +302,7 @@ def test_turning_the_sign_of_quaternions_changes_nothing():
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
     state = tick_grid.begin(MODEL, moving(np.random.default_rng(0), 1.0, 30.0))
-    position, rotation = tick_variances(state.learnt.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
+    position, rotation = tick_variances(state.stream.noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
     floor = MODEL.noise.floor_position_m**2
     assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)
     assert position[2] - floor == pytest.approx(MODEL.noise.sigma_position_m**2 / 100.0)

@@ -7,20 +7,20 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.loading import load_model
-from contact_tracker.config.parameters import Model, Seen
+from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
-from contact_tracker.tracking.transition_model import FREE, chances, log_initial
+from contact_tracker.tracking.transition_model import FREE, log_initial, tick_transitions
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 N = len(STATES)
-NOTHING = Seen((0.0,) * N, (0.0,) * N, ((0.0,) * N,) * N)
+NOTHING = TransitionCounts((0.0,) * N, (0.0,) * N, ((0.0,) * N,) * N)
 
 
 def prior(prior_changes: float = 20.0) -> Model:
     """The default model that has seen nothing."""
     model = load_model()
-    return replace(model, transitions=replace(model.transitions, prior_changes=prior_changes, seen=NOTHING))
+    return replace(model, transitions=replace(model.transitions, prior_changes=prior_changes, counts=NOTHING))
 
 
 def some_model(rng: np.random.Generator, leave_per_s: float = 1.0, new_elements: bool = True) -> Model:
@@ -30,19 +30,21 @@ def some_model(rng: np.random.Generator, leave_per_s: float = 1.0, new_elements:
     if not new_elements:
         np.fill_diagonal(changes, 0.0)
     moving = changes.sum(axis=1) / (leave_per_s * np.exp(rng.normal(size=N) * 0.3))
-    seen = Seen(tuple(rng.dirichlet(np.ones(N)) * 1e3), tuple(moving), tuple(map(tuple, changes.tolist())))
+    seen = TransitionCounts(
+        tuple(rng.dirichlet(np.ones(N)) * 1e3), tuple(moving), tuple(map(tuple, changes.tolist()))
+    )
     model = prior(1e-6)
-    return replace(model, transitions=replace(model.transitions, seen=seen))
+    return replace(model, transitions=replace(model.transitions, counts=seen))
 
 
 def walk(model: Model, exposure: Array, rng: np.random.Generator) -> Ints:
     """States (T,) of one run of the chain."""
     state = [int(rng.choice(N, p=np.exp(log_initial(model))))]
     for a in exposure[1:]:
-        if rng.random() < np.exp(chances(model, a).stay[state[-1]]):
+        if rng.random() < np.exp(tick_transitions(model, a).log_survival[state[-1]]):
             state.append(state[-1])
             continue
-        leave = np.exp(chances(model, a).change[state[-1]])
+        leave = np.exp(tick_transitions(model, a).log_transition[state[-1]])
         if state[-1] == FREE:
             leave[FREE] = 0.0
         state.append(int(rng.choice(N, p=leave / leave.sum())))
@@ -60,7 +62,9 @@ def believed(
     seen = np.eye(N)[state] + rng.normal(size=(ticks, N)) * blur
     told = np.cumsum(np.vstack([np.zeros(N), (seen - 0.5) / blur**2]), axis=0)
     told -= told[:, [FREE]]  # against free motion
-    stay = np.cumsum(np.vstack([np.zeros(N), *(chances(model, a).stay for a in exposure)]), axis=0)
+    stay = np.cumsum(
+        np.vstack([np.zeros(N), *(tick_transitions(model, a).log_survival for a in exposure)]), axis=0
+    )
     states, onset = np.tile(np.arange(N), ticks), np.repeat(np.arange(ticks), N)
     alive, value = [], []
     for b in range(1, ticks + 1):

@@ -39,7 +39,11 @@ def complete(model, moments, row_weight, prior, anchors, x):
 
 
 def _problem(model, moments, row_weight, prior, anchors):
-    bank = blank(model, len(moments)).having(row_weight=row_weight).seeing(moments=moments)
+    bank = (
+        blank(model, len(moments))
+        .replace_columns(row_weight=row_weight)
+        .replace_onset_columns(second_moment=moments)
+    )
     return *_bank(model, 1.0, bank), prior.precision, prior.information, prior.constant, anchors
 
 
@@ -55,7 +59,7 @@ def grow(bank, model, window, log_stay):
 
 
 def givers(bank, model, reach_m):
-    """Whose geometry each hypothesis takes in ``global_search.adopted``."""
+    """Whose geometry each hypothesis takes in ``global_search.exchange_geometry``."""
     return parts.offered(*_bank(model, reach_m, bank))
 
 

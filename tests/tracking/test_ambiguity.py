@@ -17,7 +17,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.hypotheses import bank_update, observability, refit
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.contact_geometry import geometry_of
+from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.tables import json_line, write_csv
@@ -38,7 +38,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def untold(label, judged, window, older):
-    return ambiguity.inseparable(label, judged, ambiguity.is_idle(label, window, older))
+    return ambiguity.indistinguishable(label, judged, ambiguity.underuses_freedom(label, window, older))
 
 
 def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):
@@ -77,7 +77,9 @@ def turning(axis, angle):
 def found(contact, window):
     """Geometry of one contact fitted to all ticks."""
     model = CONTACT_MODELS[contact.column]
-    return geometry_of(bank_update.fit_stretch(model, window, SCALES), 0, model, SCALES, window, np.zeros(3))
+    return contact_geometry(
+        bank_update.fit_window(model, window, SCALES), 0, model, SCALES, window, np.zeros(3)
+    )
 
 
 def ways(element, how):
@@ -108,11 +110,11 @@ def test_noise_feigns_as_much_as_is_said(contact):
     model = CONTACT_MODELS[contact.column]
     rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
     window = ticks(rest, np.zeros((1000, 3)))
-    bank = bank_update.fit_stretch(model, window, SCALES)
-    anchors = model.anchors(bank.place_sum / bank.weight[:, None])
+    bank = bank_update.fit_window(model, window, SCALES)
+    anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
     tangent = model.family.tangent(bank.x, anchors)[0]
     information = refit.information(bank, model, SCALES)[0]
-    feigned = observability.feigned_information(bank, model, tangent, window.variance[0])
+    feigned = observability.noise_information(bank, model, tangent, window.variance[0])
     some = 1e-6 * np.trace(feigned) * np.eye(len(feigned))
     told = eigh(information, feigned + some, eigvals_only=True)
     jittering = told[: -model.family.ROWS]
@@ -214,7 +216,9 @@ def rivals(**nats):
     """Evidence by state; the others are hopeless and fit badly, but for free motion."""
     names = [state.value.replace("-", "") for state in STATES]
     evidence = np.array([nats.get(name, -100.0) for name in names])
-    return ambiguity.Rivals(evidence, np.array([1.0 if n in nats or n == "free" else 9.0 for n in names]))
+    return ambiguity.CompetingEvidence(
+        evidence, np.array([1.0 if n in nats or n == "free" else 9.0 for n in names])
+    )
 
 
 def test_evidence_of_twenty_to_one_separates():
@@ -229,9 +233,9 @@ def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
     banks = [blank(model, 0) for model in CONTACT_MODELS]
     edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]
     evidence = [5.0, 2.0, -300.0, -1.0, 4.0]
-    banks[Contact.EF.column] = blank(edge, 5).having(onset=onsets, log_likelihood=evidence)
-    banks[Contact.VF.column] = blank(vertex, 1).having(onset=1, log_likelihood=3.0)
-    judged = ambiguity.rivals_since(banks, Contact.EF, 0, 20)
+    banks[Contact.EF.column] = blank(edge, 5).replace_columns(onset=onsets, log_likelihood=evidence)
+    banks[Contact.VF.column] = blank(vertex, 1).replace_columns(onset=1, log_likelihood=3.0)
+    judged = ambiguity.competing_evidence(banks, Contact.EF, 0, 20)
     assert judged.evidence[Contact.VF.column] == pytest.approx(3.0 - 0.5 * (5.0 + 4.0))
     assert judged.evidence[-1] == pytest.approx(-5.0)
     assert judged.evidence[Contact.FF.column] == -np.inf
@@ -258,7 +262,7 @@ def test_freedom_that_is_not_used_separates_nothing_that_fits():
 
 def test_rest_does_not_take_back_what_earlier_motion_has_told():
     rest = ticks(*kinds_of_motion()["rest"][1:])
-    rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.excess)
+    rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)
     judged = rivals(vf=50.0)
     assert untold(Contact.VF, judged, rest, older=True) == ()
     assert untold(Contact.VF, judged, rest, older=False) == (Contact.FREE,)

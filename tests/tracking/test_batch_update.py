@@ -9,17 +9,23 @@ import pytest
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.bank_update import MOST, Until
-from contact_tracker.landmarks.landmark_memory import LONGER, SURE, Memory, Met
-from contact_tracker.landmarks.prior_map import NOTHING
+from contact_tracker.hypotheses.bank_update import MOST
+from contact_tracker.hypotheses.tick_update import StopCondition
+from contact_tracker.landmarks.landmark_memory import (
+    LONGER,
+    MAP_INSERTION_PROBABILITY,
+    Landmark,
+    LandmarkMemory,
+)
+from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.tracking import batch_update as strides_
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.batch_update import strides
+from contact_tracker.tracking.batch_update import update_in_batches
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.forward_pass import forward, glimpses
-from contact_tracker.tracking.measurement_update import coming, slid_on
+from contact_tracker.tracking.forward_pass import filter_batches, forward
+from contact_tracker.tracking.measurement_update import advanced_window, predict
 from contact_tracker.tracking.state import scales_of
 from cube_on_table import CUBE_ON_TABLE
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
@@ -38,9 +44,9 @@ def with_a_rest():
 
 
 RECORDINGS = {
-    "contacts": (recorded(FACE_TO_EDGE).poses[:1200], NOTHING),
-    "edges": (recorded(EDGE_TO_EDGES).poses[:900], NOTHING),
-    "rest and gap": (with_a_rest(), NOTHING),
+    "contacts": (recorded(FACE_TO_EDGE).poses[:1200], EMPTY_MAP),
+    "edges": (recorded(EDGE_TO_EDGES).poses[:900], EMPTY_MAP),
+    "rest and gap": (with_a_rest(), EMPTY_MAP),
     "known elements": (recorded(FACE_TO_EDGE).poses[:300], CUBE_ON_TABLE),
 }
 
@@ -54,7 +60,7 @@ def one_by_one(name):
 @cache
 def some_at_a_time(name):
     poses, knowledge = RECORDINGS[name]
-    return list(glimpses(poses, MODEL, knowledge=knowledge))
+    return list(filter_batches(poses, MODEL, knowledge=knowledge))
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
@@ -63,9 +69,9 @@ def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
     seen = [glimpse for _, some in found for glimpse in some]
     assert [one.tick.stamp_ns for one in seen] == [one.tick.stamp_ns for one in expected]
     for glimpse, one in zip(seen, expected, strict=True):
-        for name_ in ("entry", "change", "residual"):
+        for name_ in ("log_birth_weight", "log_transition", "residual"):
             np.testing.assert_array_equal(getattr(glimpse, name_), getattr(one.glimpse, name_))
-        for a, b in zip(glimpse.alive, one.state.alive, strict=True):
+        for a, b in zip(glimpse.live_hypotheses, one.state.live_hypotheses, strict=True):
             np.testing.assert_array_equal(a, b)
     many = np.cumsum([len(some) for _, some in found])
     for end, (state, _) in zip(many, found, strict=True):  # the states in between are the same as well
@@ -75,20 +81,20 @@ def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
             np.testing.assert_array_equal(ours.onsets.words, theirs.onsets.words)
         for field in (
             "ticks",
-            "numbers",
+            "next_hypothesis_id",
             "outliers",
             "label",
             "free_since",
             "free_since_ns",
-            "withheld",
-            "exposure",
+            "deferred_exposure",
+            "hazard_exposure",
         ):
             assert getattr(state, field) == getattr(then, field), field
-        for field in ("log_left", "leaders"):
+        for field in ("log_state_weight", "best_rows"):
             np.testing.assert_array_equal(getattr(state, field), getattr(then, field))
         assert (state.belief.stamp_ns, state.belief.onset_ns) == (then.belief.stamp_ns, then.belief.onset_ns)
-        for ours, theirs in zip(state.reminded, then.reminded, strict=True):
-            np.testing.assert_array_equal(ours.begins.rows.words, theirs.begins.rows.words)
+        for ours, theirs in zip(state.cached_proposals, then.cached_proposals, strict=True):
+            np.testing.assert_array_equal(ours.proposals.rows.words, theirs.proposals.rows.words)
         assert state.memory.due_ns == then.memory.due_ns
         np.testing.assert_array_equal(state.window.variance, then.window.variance)
 
@@ -96,7 +102,7 @@ def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
 def test_the_recordings_have_what_strides_stop_at():
     """Else they would say little: things learnt, ticks that say nothing, and all states but one or two."""
     resting = one_by_one("rest and gap")
-    assert sum(seen.state.withheld > 0.0 for seen in resting) > 10
+    assert sum(seen.state.deferred_exposure > 0.0 for seen in resting) > 10
     assert sum(seen.tick.count == 0 for seen in resting) >= 5
     for name in ("contacts", "edges", "rest and gap"):
         assert len({tuple(seen.state.memory.due_ns.items()) for seen in one_by_one(name)}) > 3
@@ -114,7 +120,7 @@ def moments(k, count):
     seen = one_by_one("contacts")
     state, ahead = seen[k].state, []
     for later in seen[k + 1 : k + 1 + count]:
-        ahead.append(coming(state, later.tick, slid_on(state, later.tick)).moment)
+        ahead.append(predict(state, later.tick, advanced_window(state, later.tick)).tick_input)
         state = later.state
     return seen[k].state, ahead
 
@@ -124,11 +130,11 @@ def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
     """That is for whoever looks at what is believed to say; none that teaches may be passed."""
     state, ahead = moments(k, 20)
     seen = one_by_one("contacts")[k + 1 : k + 21]
-    weights = [np.exp(one.state.log_left - one.state.log_left.max()) for one in seen]
-    sureness = MODEL.certainty.sureness
+    weights = [np.exp(one.state.log_state_weight - one.state.log_state_weight.max()) for one in seen]
+    sureness = MODEL.certainty.posterior_power
     sure = [(w**sureness).max() / (w**sureness).sum() for w in weights]
-    given = state.banks, ahead, MODEL.noise.beyond_floor, scales_of(MODEL), MODEL.search.margin_nats
-    for probability in (0.5, 0.8, SURE, 0.99):
+    given = state.banks, ahead, MODEL.noise.extra_contact_variance, scales_of(MODEL), MODEL.search.margin_nats
+    for probability in (0.5, 0.8, MAP_INSERTION_PROBABILITY, 0.99):
         for due in ({}, {seen[10].belief.onset_ns: seen[10].tick.stamp_ns}):
             teaches = [
                 one.state.label is not Contact.FREE
@@ -136,14 +142,14 @@ def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
                 and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
                 for one, p in zip(seen, sure, strict=True)
             ]
-            living = bank_update.update(*given, Until(probability, sureness, due))
-            assert len(living.weighed) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
-    assert len(bank_update.update(*given).weighed) == 20
+            living = bank_update.update(*given, StopCondition(probability, sureness, due))
+            assert len(living.tick_weights) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
+    assert len(bank_update.update(*given).tick_weights) == 20
 
 
 def averaged(poses, state):
-    """All ticks, as ``strides`` takes them; and the state in which averaging begins."""
-    state, ticks = tracker.gather_some(state, poses)
+    """All ticks, as ``update_in_batches`` takes them; and the state in which averaging begins."""
+    state, ticks = tracker.accumulate_poses(state, poses)
     return state, ticks
 
 
@@ -151,12 +157,12 @@ def test_where_answers_lag_ticks_are_taken_one_by_one():
     """Hypotheses have pasts, which kernels do not see."""
     poses = recorded(FACE_TO_EDGE).poses[:400]
     start, ticks = averaged(poses, tracker.start(MODEL, lag_s=0.5))
-    taken = list(strides(start, ticks))
+    taken = list(update_in_batches(start, ticks))
     assert [len(seen) for _, seen in taken] == [1] * len(ticks)
     for tick, (state, _) in zip(ticks, taken, strict=True):
-        start, _ = tracker.observe(start, tick, Detail.WEIGHTS)
-        np.testing.assert_array_equal(state.past, start.past)
-        assert state.past.any()
+        start, _ = tracker.update(start, tick, Detail.WEIGHTS)
+        np.testing.assert_array_equal(state.lag_history, start.lag_history)
+        assert state.lag_history.any()
 
 
 def test_windows_are_worked_out_for_a_few_ticks_ahead_only(monkeypatch):
@@ -165,34 +171,37 @@ def test_windows_are_worked_out_for_a_few_ticks_ahead_only(monkeypatch):
     stamp_ns = poses.stamp_ns[0] + 5 * SECOND * np.arange(len(poses))
     start, ticks = averaged(replace(poses, stamp_ns=stamp_ns), tracker.start(MODEL))
     assert len(ticks) > 400
-    most, slidings = [], strides_._slidings
+    most, slidings = [], strides_._windows
 
     def counted(*args):
         found = slidings(*args)
         most.append(len(found))
         return found
 
-    monkeypatch.setattr(strides_, "_slidings", counted)
-    assert sum(len(seen) for _, seen in strides(start, ticks)) == len(ticks)
+    monkeypatch.setattr(strides_, "_windows", counted)
+    assert sum(len(seen) for _, seen in update_in_batches(start, ticks)) == len(ticks)
     assert max(most) == MOST
 
 
 def test_weights_that_are_no_numbers_end_a_stride():
     """With nothing of the contact that would be the first of those that weigh most."""
     state, ahead = moments(9, 3)
-    begins = (ahead[0].births.begins[0].pick([]), *ahead[0].births.begins[1:])
-    births = ahead[0].births._replace(begins=begins, entry=np.full(7, np.nan))
+    begins = (ahead[0].births.proposals[0].pick([]), *ahead[0].births.proposals[1:])
+    births = ahead[0].births._replace(proposals=begins, log_birth_weight=np.full(7, np.nan))
     banks = (blank(CONTACT_MODELS[0], 0), *state.banks[1:])
-    given = MODEL.noise.beyond_floor, scales_of(MODEL), MODEL.search.margin_nats
+    given = MODEL.noise.extra_contact_variance, scales_of(MODEL), MODEL.search.margin_nats
     living = bank_update.update(
-        banks, [ahead[0]._replace(births=births), *ahead[1:]], *given, Until(SURE, 0.5, {})
+        banks,
+        [ahead[0]._replace(births=births), *ahead[1:]],
+        *given,
+        StopCondition(MAP_INSERTION_PROBABILITY, 0.5, {}),
     )
-    assert len(living.weighed) == 1
+    assert len(living.tick_weights) == 1
 
 
 def test_what_has_taught_is_due_when_it_has_lasted_longer_by_half():
-    met = [Met(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))]
-    memory = Memory((met[0],), tuple(met[1:]))
+    met = [Landmark(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))]
+    memory = LandmarkMemory((met[0],), tuple(met[1:]))
     assert memory.due_ns == {0: 152, 500: 500}
     assert LONGER * 101 == 151.5
     assert not memory.is_due(0, 151)

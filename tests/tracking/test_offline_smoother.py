@@ -11,14 +11,14 @@ import pytest
 
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.geometry.elements import numbers
-from contact_tracker.landmarks.prior_map import NOTHING
+from contact_tracker.landmarks.prior_map import EMPTY_MAP
 from contact_tracker.motion.poses import BATCH
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.forward_pass import Pass, Seen, forward
+from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
-from contact_tracker.tracking.segment_fit import Stretch, tell
+from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.tracking.segmentation import Segmentation
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
@@ -68,10 +68,10 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
 def test_every_tick_has_the_noise_that_is_known_at_the_end():
     """What the model expects at the start, 0.5 mm, is not what its first ticks are weighed by."""
     ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
-    seen, state = Pass.over(ticks), ticks[-1].state
+    seen, state = RecordedPass.over(ticks), ticks[-1].state
     deviation_m, _ = np.sqrt(seen.window(state).variance).T
     frames = np.sqrt(seen.frames)
-    per_tick = np.hypot(state.averaging.learnt.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
+    per_tick = np.hypot(state.averaging.stream.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
     np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
     assert np.sqrt(seen.newest[0].variance[0, 0]) > 1.05 * per_tick[0]
 
@@ -127,12 +127,14 @@ def again_and_again(times):
     for number in range(times):
         for seen in ticks_seen():
             before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
-            alive, tick, change = seen.state.alive, seen.tick, seen.state.change
+            alive, tick, change = seen.state.live_hypotheses, seen.tick, seen.state.log_transition
             if number:  # nothing lasts from one to the next
-                change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.change
-            yield Seen(
+                change = change if seen is not ticks_seen()[0] else ticks_seen()[-1].state.log_transition
+            yield FilteredTick(
                 state=seen.state._replace(
-                    change=change, outliers=0, alive=alive._replace(onset=alive.onset + before)
+                    log_transition=change,
+                    outliers=0,
+                    live_hypotheses=alive._replace(onset=alive.onset + before),
                 ),
                 tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),
                 belief=replace(seen.belief, stamp_ns=seen.belief.stamp_ns + before_ns),
@@ -241,17 +243,17 @@ def test_other_processes_find_the_same(monkeypatch):
 
 
 def test_of_a_very_long_segment_the_moving_parts_are_looked_at(monkeypatch):
-    seen = Pass.over(ticks_seen())
+    seen = RecordedPass.over(ticks_seen())
     window = seen.window(ticks_seen()[-1].state).cut(0, 35)
-    rest = replace(window, excess=np.full_like(window.excess, 1e-12))
+    rest = replace(window, innovation_excess=np.full_like(window.innovation_excess, 1e-12))
     long = Window.join([rest, window, rest])
     long = replace(long, index=np.arange(len(long)))
-    stretch = Stretch(long, Contact.FF, MODEL, NOTHING, np.zeros(3))
+    stretch = SegmentTicks(long, Contact.FF, MODEL, EMPTY_MAP, np.zeros(3))
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.PIECE_TICKS", 5)
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 35)
-    some = tell(stretch)
+    some = fit_segment(stretch)
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 1000)
-    everything = tell(stretch)
+    everything = fit_segment(stretch)
     for a, b in ((some, everything),):
         # either side of a plane may be called its front
         assert abs(a.geometry.environment.normal @ b.geometry.environment.normal) > np.cos(5e-3)

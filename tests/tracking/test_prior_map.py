@@ -13,10 +13,10 @@ from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import (
-    NOTHING,
+    EMPTY_MAP,
     Accuracy,
-    Knowledge,
-    Known,
+    NamedElement,
+    PriorMap,
     Up,
     elements_of,
     known_to,
@@ -53,7 +53,7 @@ def surfaces():
 
 def known(table=None, **changes):
     elements, plane = surfaces()
-    all_of_it = Knowledge((Known("table", table or plane),), elements, None, True, True)
+    all_of_it = PriorMap((NamedElement("table", table or plane),), elements, None, True, True)
     return replace(all_of_it, **changes)
 
 
@@ -127,7 +127,7 @@ def test_contacts_that_nothing_listed_can_make_have_no_hypotheses(in_use, monkey
     in_use = in_use and compiled.in_use()
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     face = next(k for k in surfaces()[0] if k.kind == "f")
-    knowledge = Knowledge(object=(face,), object_complete=True)
+    knowledge = PriorMap(object=(face,), object_complete=True)
     for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge).filtered:
         assert belief.probability.sum() == pytest.approx(1.0)
         assert not belief.probability[[Contact.EF.column, Contact.VF.column, Contact.EE.column]].any()
@@ -157,7 +157,7 @@ def test_up_helps_where_little_has_moved():
     """The face's normal is known from the start; without it, it is anywhere for a while."""
     up = Up(surfaces()[1].normal, 0.02)
     poses = recorded().poses[:60]
-    beliefs = segment(poses, MODEL, knowledge=Knowledge(up=up)).filtered
+    beliefs = segment(poses, MODEL, knowledge=PriorMap(up=up)).filtered
     faces = [b.geometry.environment for b in beliefs if b.contact.value.endswith("f")]
     assert faces
     assert all(abs(face.normal @ up.direction) > np.cos(0.1) for face in faces)
@@ -165,7 +165,7 @@ def test_up_helps_where_little_has_moved():
 
 def test_nothing_known_is_what_it_was():
     poses = recorded().poses[:120]
-    ours, theirs = segment(poses, MODEL, knowledge=NOTHING), segment(poses, MODEL)
+    ours, theirs = segment(poses, MODEL, knowledge=EMPTY_MAP), segment(poses, MODEL)
     for a, b in zip(ours.filtered, theirs.filtered, strict=True):
         assert a.to_json() == b.to_json()
         assert a.touching == (None, None)

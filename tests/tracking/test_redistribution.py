@@ -26,7 +26,7 @@ def is_distribution(probability: np.ndarray) -> bool:
 def test_sharing_among_inseparable_states_keeps_a_distribution(posterior, label, others, purpose):
     """Also where the label is not the most probable state, as on a Viterbi path or some time ago."""
     others = tuple(state for state in STATES if state in others - {label})
-    shared = ambiguity.shared(posterior, label, others, purpose)
+    shared = ambiguity.redistribute(posterior, label, others, purpose)
     assert is_distribution(shared)
     group = [label.column, *(other.column for other in others)]
     outside = np.setdiff1d(np.arange(7), group)
@@ -41,7 +41,9 @@ def test_what_nothing_tells_apart_is_shared_whichever_of_it_is_the_label(posteri
     every = [tuple(state for state in STATES if state is not label) for label in (first, second)]
     if Contact.FREE in (first, second):
         return
-    one, other = (ambiguity.shared(posterior, c, o, 1.0) for c, o in zip((first, second), every, strict=True))
+    one, other = (
+        ambiguity.redistribute(posterior, c, o, 1.0) for c, o in zip((first, second), every, strict=True)
+    )
     assert one == pytest.approx(other, abs=1e-12)
 
 

@@ -5,13 +5,13 @@ import pytest
 
 from contact_tracker import hmm
 from contact_tracker.config.loading import load_model
-from contact_tracker.hypotheses.bank_update import Alive
+from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.forward_pass import Pass, Seen, forward
+from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.transition_model import FREE, chances, exposure, log_initial
+from contact_tracker.tracking.transition_model import FREE, hazard_exposure, log_initial, tick_transitions
 from short_recordings import FACE_TO_EDGE, recorded
 
 MODEL = load_model()
@@ -40,13 +40,13 @@ def paused(seconds: float) -> Poses:
     )
 
 
-def seen(seconds: float) -> list[Seen]:
+def seen(seconds: float) -> list[FilteredTick]:
     return list(forward(paused(seconds), MODEL))
 
 
-def still(ticks: list[Seen]) -> list[int]:
+def still(ticks: list[FilteredTick]) -> list[int]:
     """Those in which the tracker waited."""
-    return [i for i, one in enumerate(ticks) if not one.state.exposure and i]
+    return [i for i, one in enumerate(ticks) if not one.state.hazard_exposure and i]
 
 
 def test_what_rests_is_waited_for():
@@ -65,12 +65,12 @@ def test_what_rests_is_waited_for():
 
 def test_time_at_rest_counts_once_the_object_moves_on():
     ticks = seen(5.0)
-    activity = [float(one.state.window.activity[-1]) for one in ticks]
-    exposed = Pass.over(ticks).exposure
+    activity = [float(one.state.window.motion_ratio[-1]) for one in ticks]
+    exposed = RecordedPass.over(ticks).exposure
     waited = still(ticks)
-    assert exposed[waited[-1] + 1] > len(waited) * exposure(0.0)
-    assert exposed.sum() == pytest.approx(sum(map(exposure, activity)))
-    assert ticks[-1].state.withheld == 0.0
+    assert exposed[waited[-1] + 1] > len(waited) * hazard_exposure(0.0)
+    assert exposed.sum() == pytest.approx(sum(map(hazard_exposure, activity)))
+    assert ticks[-1].state.deferred_exposure == 0.0
 
 
 def test_after_rest_the_belief_is_what_it_was_loosened_with_time():
@@ -79,8 +79,8 @@ def test_after_rest_the_belief_is_what_it_was_loosened_with_time():
     rested, next_tick, contact = ticks[last].state, ticks[last + 1].tick, ticks[last].belief.contact
 
     def after(rest_s: float) -> float:
-        state = rested._replace(withheld=rest_s / MODEL.tick_s * exposure(0.0))
-        return float(tracker.observe(state, next_tick)[1].probability[contact.column])
+        state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * hazard_exposure(0.0))
+        return float(tracker.update(state, next_tick)[1].probability[contact.column])
 
     assert after(5.0) > 0.9 * ticks[last].belief.probability[contact.column] > 0.5
     assert after(5.0) > after(60.0) > after(600.0)
@@ -99,16 +99,16 @@ def test_a_rest_in_the_middle_changes_no_segment(rest_s):
 def test_what_is_withheld_at_the_end_says_nothing_of_what_was_before():
     """Spent at the last boundary, even that of an hour: the same posterior before, and the same evidence."""
     ticks = seen(5.0)
-    met = Pass.over(ticks[: still(ticks)[-1] + 1])
+    met = RecordedPass.over(ticks[: still(ticks)[-1] + 1])
     trellis, steps, initial = met.trellis, np.array(met.change), log_initial(MODEL)
     posterior, _, evidence = hmm.expect(trellis, initial, steps)
-    withheld = 3600.0 / MODEL.tick_s * exposure(0.0)
-    steps[-1] = chances(MODEL, withheld).change
+    withheld = 3600.0 / MODEL.tick_s * hazard_exposure(0.0)
+    steps[-1] = tick_transitions(MODEL, withheld).log_transition
     # contacts may have lasted, all states may begin anew, and no data tell them apart
     *alive, last = trellis.alive
     *log_likelihood, known = trellis.log_likelihood
     contact = trellis.state[last] != FREE
-    lasted = (known + chances(MODEL, withheld).stay[trellis.state[last]])[contact]
+    lasted = (known + tick_transitions(MODEL, withheld).log_survival[trellis.state[last]])[contact]
     states, count = np.arange(len(STATES)), len(trellis.state)
     spent = hmm.Trellis(
         np.append(trellis.state, states),
@@ -127,6 +127,8 @@ def test_it_is_known_after_every_tick_what_lives_and_leads():
     assert still(ticks)
     for one in ticks:
         state = one.state
-        for told, expected in zip(state.alive, Alive.of(state.banks, state.ticks - 1), strict=True):
+        for told, expected in zip(
+            state.live_hypotheses, LiveHypotheses.of(state.banks, state.ticks - 1), strict=True
+        ):
             np.testing.assert_array_equal(told, expected)
-        np.testing.assert_array_equal(state.leaders, [bank.leader for bank in state.banks])
+        np.testing.assert_array_equal(state.best_rows, [bank.best_row for bank in state.banks])

@@ -17,7 +17,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.forward_pass import forward
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.transition_model import AT_REST, chances, log_initial
+from contact_tracker.tracking.transition_model import AT_REST, log_initial, tick_transitions
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, age_s, recorded, segmented, true_contacts
 from smooth_motion import moving
 
@@ -144,7 +144,7 @@ def test_steps_are_what_the_segmenter_calls_filtered():
 @pytest.fixture
 def no_doubt(monkeypatch):
     """The bare posterior: nothing is shared with what motion cannot tell."""
-    monkeypatch.setattr("contact_tracker.tracking.ambiguity.is_idle", lambda *_, **__: False)
+    monkeypatch.setattr("contact_tracker.tracking.ambiguity.underuses_freedom", lambda *_, **__: False)
 
 
 def test_the_filter_is_the_smoother_of_what_has_been_seen(no_doubt):
@@ -247,8 +247,8 @@ def test_any_stream_gives_beliefs(stream):
 def at_rest(ticks):
     """Beliefs (ticks, 7) of an object that lies still, and what the Markov chain alone would believe."""
     beliefs, _ = run(still(20 * ticks))
-    stay = np.diag(np.append(np.exp(chances(MODEL, AT_REST).stay)[: len(CONTACTS)], 0.0))
-    step = np.exp(chances(MODEL, AT_REST).change) + stay
+    stay = np.diag(np.append(np.exp(tick_transitions(MODEL, AT_REST).log_survival)[: len(CONTACTS)], 0.0))
+    step = np.exp(tick_transitions(MODEL, AT_REST).log_transition) + stay
     chain = [np.exp(log_initial(MODEL)) @ np.linalg.matrix_power(step, t) for t in range(ticks)]
     return np.array([b.probability for b in beliefs]), np.array(chain)
 
@@ -278,9 +278,9 @@ def in_parts(poses, cuts, lag_s=0.0):
     state, said = tracker.start(MODEL, lag_s), []
     for first, end in pairwise([0, *cuts, len(poses)]):
         for pose in poses[first:end]:
-            state, closed = tracker.gather(state, pose)
+            state, closed = tracker.accumulate_pose(state, pose)
             for tick in closed:
-                state, online = tracker.observe(state, tick)
+                state, online = tracker.update(state, tick)
                 said.append(tracker.answer(state, online))
         state, rest = tracker.finish(state)
         said += rest
@@ -293,12 +293,12 @@ def test_poses_may_come_one_by_one_and_many_at_once():
     for first, end in pairwise([0, 1, 30, 33, 60, 61, 62, 200]):
         if end - first < 5:
             for pose in poses[first:end]:
-                state, closed = tracker.gather(state, pose)
+                state, closed = tracker.accumulate_pose(state, pose)
                 found += closed
         else:
-            state, closed = tracker.gather_some(state, poses[first:end])
+            state, closed = tracker.accumulate_poses(state, poses[first:end])
             found += closed
-    _, whole = tracker.gather_some(tracker.start(MODEL), poses)
+    _, whole = tracker.accumulate_poses(tracker.start(MODEL), poses)
     assert [tick.count for tick in found] == [tick.count for tick in whole]
     np.testing.assert_array_equal([tick.zeta for tick in found], [tick.zeta for tick in whole])
 
@@ -330,8 +330,8 @@ def test_an_end_within_a_tick_is_no_jolt(cuts):
         state, _ = tracker.finish(state)
     assert state.outliers == 0
     rest = 10 + len(cuts)  # the row of the rest of the tick, of which each end has made one more
-    assert not state.window.activity[rest : rest + SETTLING_TICKS].any()
-    assert state.window.activity[rest + SETTLING_TICKS :].any()
+    assert not state.window.motion_ratio[rest : rest + SETTLING_TICKS].any()
+    assert state.window.motion_ratio[rest + SETTLING_TICKS :].any()
 
 
 @pytest.mark.filterwarnings("error")

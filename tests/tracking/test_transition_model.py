@@ -7,21 +7,21 @@ import pytest
 
 from contact_tracker import hmm
 from contact_tracker.config.loading import load_model
-from contact_tracker.config.parameters import Seen
+from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.transition_model import (
     AT_REST,
-    chances,
-    exposure,
+    destinations,
+    hazard_exposure,
     initial,
     leave_per_s,
     log_initial,
-    split,
+    tick_transitions,
 )
 
-NOTHING = Seen((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)
-MODEL = replace(load_model(), transitions=replace(load_model().transitions, seen=NOTHING))
+NOTHING = TransitionCounts((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)
+MODEL = replace(load_model(), transitions=replace(load_model().transitions, counts=NOTHING))
 FREE = Contact.FREE.column
 # f-f > e-f > {v-f, e-e}, f-f > f-e > {f-v, e-e}; everything meets and leaves the surface
 LIKELY = {
@@ -41,12 +41,12 @@ each_preset = pytest.mark.parametrize("name", preset_names())
 @pytest.mark.parametrize("activity", [0.0, 0.3, 1.0])
 def test_nothing_is_impossible_and_everything_is_a_probability(name, activity):
     model = load_model(name)
-    exposed = exposure(activity)
-    leave = np.exp(chances(model, exposed).change)
-    assert np.isfinite(chances(model, exposed).change).all()
+    exposed = hazard_exposure(activity)
+    leave = np.exp(tick_transitions(model, exposed).log_transition)
+    assert np.isfinite(tick_transitions(model, exposed).log_transition).all()
     assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
     assert np.isfinite(log_initial(model)).all()
-    stay = np.exp(chances(model, exposed).stay)
+    stay = np.exp(tick_transitions(model, exposed).log_survival)
     np.testing.assert_allclose(stay, np.exp(-leave_per_s(model.transitions) * model.tick_s * exposed))
     contacts = np.arange(len(STATES)) != FREE
     np.testing.assert_allclose(leave[contacts].sum(axis=1), 1.0 - stay[contacts])
@@ -55,7 +55,7 @@ def test_nothing_is_impossible_and_everything_is_a_probability(name, activity):
 
 
 def test_one_step_of_the_lattice_is_likely_and_a_skip_is_rarer():
-    leave = np.exp(chances(MODEL, 1.0).change)
+    leave = np.exp(tick_transitions(MODEL, 1.0).log_transition)
     for a in STATES:
         likely = {b.value for b in STATES if b is not a and leave[a.column, b.column] > 0.9 * _most(leave, a)}
         assert likely == LIKELY[a.value]
@@ -83,7 +83,7 @@ def seen(rng, much=100.0):
     """Random counts of everything."""
     changes = rng.gamma(0.3, much, (7, 7))
     changes[FREE, FREE] = 0.0
-    return Seen(
+    return TransitionCounts(
         tuple(rng.gamma(0.3, much, 7)), tuple(rng.gamma(1.0, much, 7)), tuple(map(tuple, changes.tolist()))
     )
 
@@ -92,10 +92,10 @@ def test_what_was_seen_outweighs_the_lattice_by_as_many_changes_as_the_model_say
     """Against the posterior means of gamma and Dirichlet distributions, by their integrals."""
     changes = np.zeros((7, 7))
     changes[0, 1], changes[0, 6] = 30.0, 10.0
-    counted = Seen((0.0,) * 6 + (60.0,), (50.0, *(0.0,) * 6), tuple(map(tuple, changes.tolist())))
+    counted = TransitionCounts((0.0,) * 6 + (60.0,), (50.0, *(0.0,) * 6), tuple(map(tuple, changes.tolist())))
     prior = replace(MODEL.transitions, prior_changes=20.0)
-    learned = replace(prior, seen=counted)
-    before, after = split(prior), split(learned)
+    learned = replace(prior, counts=counted)
+    before, after = destinations(prior), destinations(learned)
     np.testing.assert_allclose(after[1:], before[1:])
     np.testing.assert_allclose(after[0], (before[0] * 20.0 + changes[0]) / 60.0)
     np.testing.assert_allclose(initial(learned), (initial(prior) * 20.0 + counted.begins) / 80.0)
@@ -111,26 +111,29 @@ def test_what_was_seen_outweighs_the_lattice_by_as_many_changes_as_the_model_say
 def test_whatever_was_seen_nothing_becomes_impossible(prior_changes):
     rng = np.random.default_rng(1)
     for _ in range(20):
-        learned = replace(MODEL.transitions, prior_changes=prior_changes, seen=seen(rng))
+        learned = replace(MODEL.transitions, prior_changes=prior_changes, counts=seen(rng))
         model = replace(MODEL, transitions=learned)
-        assert np.isfinite(chances(model, AT_REST).change).all()
-        leave, stay = np.exp(chances(model, 0.7).change), np.exp(chances(model, 0.7).stay)
+        assert np.isfinite(tick_transitions(model, AT_REST).log_transition).all()
+        leave, stay = (
+            np.exp(tick_transitions(model, 0.7).log_transition),
+            np.exp(tick_transitions(model, 0.7).log_survival),
+        )
         stay[FREE] = 0.0
         np.testing.assert_allclose(leave.sum(axis=1) + stay, 1.0)
         assert np.exp(log_initial(model)).sum() == pytest.approx(1.0)
     if prior_changes == 1e6:
-        np.testing.assert_allclose(split(learned), split(MODEL.transitions), atol=2e-3)
+        np.testing.assert_allclose(destinations(learned), destinations(MODEL.transitions), atol=2e-3)
 
 
 @pytest.mark.parametrize("tick_s", [0.05, 0.1, 0.4])
 def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick_s):
     """Nothing speaks for or against any hypothesis: staying is paid for in each tick but the first."""
     rng = np.random.default_rng(0)
-    model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, seen=seen(rng)))
+    model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, counts=seen(rng)))
     ticks, states = 12, len(STATES)
     exposures = rng.choice([0.0, AT_REST, 0.5, 1.0], ticks)
-    stay = np.array([chances(model, e).stay for e in exposures])
-    change = np.array([chances(model, e).change for e in exposures])
+    stay = np.array([tick_transitions(model, e).log_survival for e in exposures])
+    change = np.array([tick_transitions(model, e).log_transition for e in exposures])
     state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
     alive = [np.flatnonzero((onset < b) & ((state != FREE) | (onset == b - 1))) for b in range(1, ticks + 1)]
     stays = [
@@ -149,29 +152,36 @@ def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick
 def test_time_scales_do_not_depend_on_the_tick():
     """Leaving within a second is as probable with ten ticks as with one."""
     fine, coarse = replace(MODEL, tick_s=0.1), replace(MODEL, tick_s=1.0)
-    np.testing.assert_allclose(10 * chances(fine, 1.0).stay, chances(coarse, 1.0).stay)
+    np.testing.assert_allclose(
+        10 * tick_transitions(fine, 1.0).log_survival, tick_transitions(coarse, 1.0).log_survival
+    )
 
 
 def test_at_rest_contacts_hardly_change():
     np.testing.assert_allclose(
-        chances(MODEL, exposure(0.0)).stay, AT_REST * chances(MODEL, exposure(1.0)).stay
+        tick_transitions(MODEL, hazard_exposure(0.0)).log_survival,
+        AT_REST * tick_transitions(MODEL, hazard_exposure(1.0)).log_survival,
     )
     assert AT_REST < 0.1
 
 
 def test_without_exposure_nothing_changes():
-    leave = np.exp(chances(MODEL, 0.0).change)
+    leave = np.exp(tick_transitions(MODEL, 0.0).log_transition)
     assert leave[FREE, FREE] == 1.0
     assert leave.sum() == 1.0
-    assert not chances(MODEL, 0.0).stay.any()
+    assert not tick_transitions(MODEL, 0.0).log_survival.any()
 
 
 @pytest.mark.parametrize("exposed", [1.5, 30.0, 600.0])
 def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
     """Against as many small steps of the chain."""
     contacts = np.arange(len(STATES)) != FREE
-    step = np.exp(chances(MODEL, 1e-3).change) + np.diag(contacts * np.exp(chances(MODEL, 1e-3).stay))
+    step = np.exp(tick_transitions(MODEL, 1e-3).log_transition) + np.diag(
+        contacts * np.exp(tick_transitions(MODEL, 1e-3).log_survival)
+    )
     chain = np.linalg.matrix_power(step, round(exposed / 1e-3))
-    jump = np.exp(chances(MODEL, exposed).change) + np.diag(contacts * np.exp(chances(MODEL, exposed).stay))
+    jump = np.exp(tick_transitions(MODEL, exposed).log_transition) + np.diag(
+        contacts * np.exp(tick_transitions(MODEL, exposed).log_survival)
+    )
     np.testing.assert_allclose(jump, chain, atol=1e-3)
     np.testing.assert_allclose(jump.sum(axis=1), 1.0)

@@ -21,17 +21,17 @@ int word(const Words& rows, const std::string& column) {
 
 Where where_of(const Words& bank) {
     const auto at = [&](const std::string& column) { return word(bank, column); };
-    return {at("onset"),          at("number"),   at("source"),     at("pair"),
-            at("certain"),        at("searched"), at("met"),        at("entry"),
-            at("grace"),          at("lasted"),   at("settled"),    at("earned"),
-            at("log_likelihood"), at("rms"),      at("known_mean"), at("known"),
-            at("pivot"),          at("x"),        at("row_weight")};
+    return {at("onset"),          at("number"),   at("prior_index"),     at("known_pair_index"),
+            at("elements_known"),        at("needs_search"), at("from_landmark"),        at("log_birth_weight"),
+            at("protected_until"),          at("log_prior"),   at("llr_before_window"),    at("gain_before_window"),
+            at("log_likelihood"), at("rms"),      at("prior_mean"), at("prior_information"),
+            at("line_anchor"),          at("x"),        at("row_weight")};
 }
 
 WhereSince since_of(const Words& onsets) {
     const auto at = [&](const std::string& column) { return word(onsets, column); };
-    return {at("onset"),     at("onset_ns"), at("weight"), at("told"),
-            at("place_sum"), at("first"),    at("moments")};
+    return {at("onset"),     at("onset_ns"), at("weight"), at("effective_ticks"),
+            at("weighted_position_sum"), at("onset_row"),    at("second_moment")};
 }
 
 using Form = std::array<int, 5>;

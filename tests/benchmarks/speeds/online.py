@@ -71,14 +71,14 @@ def follow(log: Path, model: Model) -> Ticks:
     begin_s = time.process_time()
     for pose in open_log(str(log)):
         poses += 1
-        state, closed = tracker.gather(state, pose)
+        state, closed = tracker.accumulate_pose(state, pose)
         for tick in closed:
-            state, online = tracker.observe(state, tick)
+            state, online = tracker.update(state, tick)
             belief = tracker.answer(state, online)
             assert belief is not None
             now_s = time.process_time()
             cpu_s.append(now_s - begin_s)
             age_s.append(1e-9 * (belief.stamp_ns - belief.onset_ns))
-            rest.append(not state.exposure)
+            rest.append(not state.hazard_exposure)
             begin_s = now_s
     return Ticks(np.array(cpu_s), np.array(age_s), np.array(rest), poses)

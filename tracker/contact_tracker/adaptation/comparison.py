@@ -40,10 +40,13 @@ class TickEvidence(NamedTuple):
 
 def tick_evidence(before: TrackerState, after: TrackerState) -> TickEvidence:
     """Of the tick that has led from one state to the next."""
-    weight = np.exp(after.log_left - after.log_left.max())
+    weight = np.exp(after.log_state_weight - after.log_state_weight.max())
     window = after.window
-    gain, free_variance = after.log_evidence - before.log_evidence, window.excess[-1] + window.variance[-1]
-    return TickEvidence(gain, weight / weight.sum(), free_variance, window.latest_activity)
+    gain, free_variance = (
+        after.log_evidence - before.log_evidence,
+        window.innovation_excess[-1] + window.variance[-1],
+    )
+    return TickEvidence(gain, weight / weight.sum(), free_variance, window.latest_motion_ratio)
 
 
 def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
@@ -61,7 +64,7 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     withheld = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
     withheld += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
     gain = np.array([tick.gain for tick in ticks])
-    return np.asarray(gain + 0.5 * motion.independence * withheld)
+    return np.asarray(gain + 0.5 * motion.likelihood_exponent * withheld)
 
 
 def is_moving(window: Window) -> bool:

@@ -36,6 +36,6 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     return replace(source, probability=probability)
 
 
-def doubted(probability: Array) -> Array:
+def spread_out(probability: Array) -> Array:
     """Posterior (..., 7) of which nothing is sure: the poses may not be what they seem."""
     return np.asarray((1.0 - DOUBT) * probability + DOUBT / len(STATES))

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.adaptation import online
-from contact_tracker.adaptation.mixture import doubted
+from contact_tracker.adaptation.mixture import spread_out
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import inspect, is_in_doubt
-from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.tracking.belief import Belief, Detail
@@ -27,7 +27,7 @@ class OfflineTracker:
     """Segments one recording piece by piece; afterwards ``report`` says what it was adapted to."""
 
     def __init__(
-        self, model: Model, knowledge: Knowledge = NOTHING, executor: Executor | None = None
+        self, model: Model, knowledge: PriorMap = EMPTY_MAP, executor: Executor | None = None
     ) -> None:
         self._knowledge = knowledge
         self._executor = executor
@@ -91,10 +91,10 @@ def _doubted(piece: Segmentation) -> Segmentation:
     return replace(
         piece,
         segments=tuple(
-            replace(one, probability=float(doubted(np.array(one.probability)))) for one in piece.segments
+            replace(one, probability=float(spread_out(np.array(one.probability)))) for one in piece.segments
         ),
-        beliefs=piece.beliefs.with_probability(doubted(piece.beliefs.probability)),
-        filtered=piece.filtered.with_probability(doubted(piece.filtered.probability)),
+        beliefs=piece.beliefs.with_probability(spread_out(piece.beliefs.probability)),
+        filtered=piece.filtered.with_probability(spread_out(piece.filtered.probability)),
     )
 
 
@@ -122,7 +122,7 @@ def segment(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: Knowledge = NOTHING,
+    knowledge: PriorMap = EMPTY_MAP,
 ) -> Segmentation:
     """Segment a whole recording, as ``offline_smoother.segment`` does, adapted to its stream."""
     found = OfflineTracker(model, knowledge).pieces(poses, progress, Detail.GEOMETRY)

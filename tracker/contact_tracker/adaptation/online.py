@@ -4,11 +4,11 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 from contact_tracker.adaptation import side_by_side
-from contact_tracker.adaptation.mixture import doubted
+from contact_tracker.adaptation.mixture import spread_out
 from contact_tracker.adaptation.side_by_side import SideBySide
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Inspection, inspect, is_in_doubt
-from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
@@ -46,7 +46,7 @@ class AdaptiveState(NamedTuple):
         return 0 if self.best is None else self.best.outliers
 
 
-def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> AdaptiveState:
+def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> AdaptiveState:
     """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
     return AdaptiveState(side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, (), 0, 0)
 
@@ -116,4 +116,4 @@ def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[
 def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
     if not beliefs or not is_in_doubt(state.inspection):
         return beliefs
-    return [replace(belief, probability=doubted(belief.probability)) for belief in beliefs]
+    return [replace(belief, probability=spread_out(belief.probability)) for belief in beliefs]

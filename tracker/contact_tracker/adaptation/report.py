@@ -30,8 +30,8 @@ def report(state: AdaptiveState) -> Report | None:
     best = state.best
     if best is None or best.averaging is None:
         return None
-    estimate: NoiseEstimate = best.averaging.learnt.noise
-    typical = float(np.median(best.sliding.frames)) if len(best.sliding.frames) else 1.0
+    estimate: NoiseEstimate = best.averaging.stream.noise
+    typical = float(np.median(best.sliding_window.frames)) if len(best.sliding_window.frames) else 1.0
     variance = tick_variances(estimate, np.array(typical), best.model)
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
     noise = estimate.sigma_position_m, estimate.sigma_rotation_rad

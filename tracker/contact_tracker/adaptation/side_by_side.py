@@ -15,7 +15,7 @@ from contact_tracker.adaptation.candidates import candidates, with_ticks_for
 from contact_tracker.adaptation.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.config.parameters import Model
-from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import Tick
@@ -40,7 +40,7 @@ DECIDED_AFTER_S: Final = 10.0
 """After so much motion the best is taken: what is left differs little."""
 
 
-class Followed(NamedTuple):
+class TrackedTick(NamedTuple):
     """A tick that a tracker has taken in: its ``evidence``, whether the object ``moves``, and the answer."""
 
     evidence: TickEvidence
@@ -57,12 +57,12 @@ class SideBySide(NamedTuple):
     """
 
     model: Model
-    knowledge: Knowledge
+    knowledge: PriorMap
     lag_s: float
     trackers: tuple[TrackerState, ...]
     log_weight: Array
     pending: Poses | None
-    first: tuple[Followed, ...]
+    first: tuple[TrackedTick, ...]
     moved_s: float
 
     @property
@@ -76,7 +76,7 @@ class SideBySide(NamedTuple):
         return self.trackers[int(self.log_weight.argmax())] if self.trackers else None
 
 
-def begin(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> SideBySide:
+def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> SideBySide:
     """No pose has come yet."""
     return SideBySide(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0)
 
@@ -142,7 +142,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     assert state.pending is not None
     _, *models = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(model, state.lag_s, state.knowledge) for model in models)
-    begun = [_observe(*tracker.gather_some(start, state.pending), detail) for start in starts]
+    begun = [_observe(*tracker.accumulate_poses(start, state.pending), detail) for start in starts]
     first = state.first
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in begun)),
@@ -152,23 +152,23 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     )
     alive = np.arange(len(state.trackers))
     for now in zip(first, *(followed for _, followed in begun), strict=True):
-        state, kept = _weigh(state, [now[i] for i in alive])
+        state, kept = _weigh_trackers(state, [now[i] for i in alive])
         alive = alive[kept]
     return state
 
 
 def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """All trackers take in poses; one that is dropped meanwhile says nothing any more."""
-    gathered = [tracker.gather_some(one, poses) for one in state.trackers]
+    gathered = [tracker.accumulate_poses(one, poses) for one in state.trackers]
     if not gathered[0][1]:  # no tick is over, of any of them
         return state._replace(trackers=tuple([one for one, _ in gathered])), []
     if state.is_decided:
-        return _alone(state, *gathered[0], detail)
+        return _single(state, *gathered[0], detail)
     followed = [_observe(one, closed, detail) for one, closed in gathered]
     state = state._replace(trackers=tuple(one for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(seen for _, seen in followed), strict=True):
-        state, kept = _weigh(state, [now[i] for i in alive])
+        state, kept = _weigh_trackers(state, [now[i] for i in alive])
         alive = alive[kept]
         said = [now[i].belief for i in alive]
         if said[0] is not None:  # they lag alike
@@ -178,13 +178,13 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     return state, beliefs
 
 
-def _alone(
+def _single(
     state: SideBySide, one: TrackerState, closed: Sequence[Tick], detail: Detail
 ) -> tuple[SideBySide, list[Belief]]:
     """The one that is left goes on: there is nothing to weigh."""
     beliefs = list[Belief]()
     for tick in closed:
-        one, online = tracker.observe(one, tick, detail)
+        one, online = tracker.update(one, tick, detail)
         belief = tracker.answer(one, online)
         if belief is not None:
             beliefs.append(belief)
@@ -193,18 +193,18 @@ def _alone(
 
 def _observe(
     state: TrackerState, closed: Sequence[Tick], detail: Detail
-) -> tuple[TrackerState, list[Followed]]:
+) -> tuple[TrackerState, list[TrackedTick]]:
     """One tracker takes in ticks."""
-    followed = list[Followed]()
+    followed = list[TrackedTick]()
     for tick in closed:
         before = state
-        state, online = tracker.observe(state, tick, detail)
+        state, online = tracker.update(state, tick, detail)
         evidence, moves = tick_evidence(before, state), is_moving(state.window)
-        followed.append(Followed(evidence, moves, tracker.answer(state, online)))
+        followed.append(TrackedTick(evidence, moves, tracker.answer(state, online)))
     return state, followed
 
 
-def _weigh(state: SideBySide, now: Sequence[Followed]) -> tuple[SideBySide, NDArray[np.int64]]:
+def _weigh_trackers(state: SideBySide, now: Sequence[TrackedTick]) -> tuple[SideBySide, NDArray[np.int64]]:
     """Weigh the trackers by what a tick was to each of them; which of them are kept."""
     every = np.arange(len(now))
     if len(now) == 1:

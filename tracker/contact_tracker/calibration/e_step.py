@@ -16,7 +16,7 @@ from contact_tracker import hmm
 from contact_tracker.calibration.tick_stream import UNKNOWN
 from contact_tracker.config.parameters import Model
 from contact_tracker.states import STATES
-from contact_tracker.tracking.transition_model import FREE, chances, log_initial
+from contact_tracker.tracking.transition_model import FREE, log_initial, tick_transitions
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -84,7 +84,7 @@ class KnownStates:
 
     def _steps(self, model: Model) -> Array:
         """Log probability (T, 7, 7) of each step; the truth knows no change into the same contact."""
-        chance = [chances(model, exposure) for exposure in self.exposure]
+        chance = [tick_transitions(model, exposure) for exposure in self.exposure]
         steps = np.array([change for change, _ in chance])
         if len(steps):
             steps[:, _DIAGONAL, _DIAGONAL] = [stay for _, stay in chance]
@@ -119,7 +119,7 @@ class BelievedStates:
 
     def expect(self, model: Model) -> Expected:
         """Forward-backward over the same hypotheses with the transitions of ``model``."""
-        steps = np.array([chances(model, exposure).change for exposure in self.exposure])
+        steps = np.array([tick_transitions(model, exposure).log_transition for exposure in self.exposure])
         trellis = _paying(self.trellis, self.exposure, model, 1.0)
         posterior, changes, log_evidence = hmm.expect(trellis, log_initial(model), steps)
         changes[:, FREE, FREE] = 0.0  # of free motion this is lasting
@@ -130,7 +130,7 @@ class BelievedStates:
 
 def _paying(trellis: hmm.Trellis, exposure: Array, model: Model, sign: float) -> hmm.Trellis:
     """The trellis with ``sign`` times the cost of lasting added: by contacts, after their first tick."""
-    stay = np.array([chances(model, e).stay for e in exposure]).reshape(-1, len(STATES))
+    stay = np.array([tick_transitions(model, e).log_survival for e in exposure]).reshape(-1, len(STATES))
     stay[:, FREE] = 0.0
     until = np.concatenate([np.zeros((1, len(STATES))), np.cumsum(stay, axis=0)])
     paid = [

@@ -39,13 +39,13 @@ LEARNED: Final = (
     Learned("noise.floor_rotation_rad", How.RESIDUALS),
     Learned("noise.contact_position_m", How.CONTACTS),
     Learned("noise.contact_rotation_rad", How.CONTACTS),
-    Learned("transitions.seen", How.COUNTS),
+    Learned("transitions.counts", How.COUNTS),
     Learned("motion.body_radius_m", How.SEARCH),
-    Learned("motion.foreknowledge", How.SEARCH),
-    Learned("motion.independence", How.SEARCH),
+    Learned("motion.prior_predictive_share", How.SEARCH),
+    Learned("motion.likelihood_exponent", How.SEARCH),
     Learned("geometry.reach_m", How.SEARCH),
-    Learned("geometry.recognised", How.SEARCH),
-    Learned("certainty.sureness", How.SEARCH),
+    Learned("geometry.revisit_prior", How.SEARCH),
+    Learned("certainty.posterior_power", How.SEARCH),
 )
 
 

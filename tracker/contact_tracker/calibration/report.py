@@ -14,7 +14,7 @@ from contact_tracker.evaluation.evaluate import Evaluation
 from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.states import CONTACTS, STATES
-from contact_tracker.tracking.transition_model import initial, leave_per_s, split
+from contact_tracker.tracking.transition_model import destinations, initial, leave_per_s
 
 FLOOR_NOTE: Final = """\
 What contacts leave beyond the sensor's noise, if each had a floor of its own; - where too little was seen."""
@@ -103,8 +103,8 @@ def _errors(noise: Noise) -> str:
 def _rates(before: Transitions, after: Transitions) -> str:
     columns = zip(
         STATES,
-        after.seen.moving_s,
-        np.array(after.seen.changes).sum(axis=1),
+        after.counts.moving_s,
+        np.array(after.counts.changes).sum(axis=1),
         leave_per_s(before),
         leave_per_s(after),
         initial(before),
@@ -120,7 +120,7 @@ def _rates(before: Transitions, after: Transitions) -> str:
 
 def _split(transitions: Transitions) -> str:
     names = [state.value for state in STATES]
-    rows = zip(names, 100.0 * split(transitions), strict=True)
+    rows = zip(names, 100.0 * destinations(transitions), strict=True)
     return table(["", *names], [[name, *(number(p, 1) if p else "." for p in row)] for name, row in rows])
 
 

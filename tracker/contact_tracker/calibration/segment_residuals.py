@@ -62,8 +62,10 @@ def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretc
         if column < len(CONTACTS) and len(moving) >= SHORTEST_TICKS:
             window = replace(observed.window.pick(moving), index=np.arange(len(moving)))
             contact, scales = CONTACT_MODELS[column], scales_of(model)
-            noisy = window.with_error(_floors_sq(model)).with_error(model.noise.beyond_floor[column])
-            fitted = bank_update.fit_stretch(contact, noisy, scales)
+            noisy = window.with_error(_floors_sq(model)).with_error(
+                model.noise.extra_contact_variance[column]
+            )
+            fitted = bank_update.fit_window(contact, noisy, scales)
             stretches.append(Stretch(column, window, fitted.x[0]))
     return stretches
 
@@ -75,7 +77,7 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
     pull = contact.family.SPREAD / model.geometry.reach_m**2
     place = contact.family.place(anchors)
     x = stretch.x
-    own = stretch.window.with_error(model.noise.beyond_floor[stretch.column])
+    own = stretch.window.with_error(model.noise.extra_contact_variance[stretch.column])
     noisy = own.with_error(_floors_sq(model))
 
     def measured(many: Array) -> tuple[Array, Array, Array]:

@@ -17,10 +17,10 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
-from contact_tracker.tracking.forward_pass import Pass
+from contact_tracker.tracking.forward_pass import RecordedPass
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.tracking.transition_model import chances, exposure, log_initial
+from contact_tracker.tracking.transition_model import hazard_exposure, log_initial, tick_transitions
 
 Ints = NDArray[np.int64]
 
@@ -85,7 +85,7 @@ def look(source: Source, model: Model, judge_it: bool, fit_it: bool) -> Study:
     judged, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
     if believed is not None:
         label = labels(observed.middle_ns, believed)
-        chain = KnownStates(label, np.array([exposure(a) for a in observed.activity]))
+        chain = KnownStates(label, np.array([hazard_exposure(a) for a in observed.activity]))
     if judge_it or chain is None:
         judged, belief, found = _pass(poses, truth, model)
         if chain is None:
@@ -120,9 +120,9 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
 
 
 def _pass(poses: Poses, truth: Truth | None, model: Model) -> tuple[Judged, BelievedStates, Segmentation]:
-    seen = Pass()
+    seen = RecordedPass()
     found = segment(poses, model, watch=seen.note)
-    steps = np.array([chances(model, exposed).change for exposed in seen.exposure])
+    steps = np.array([tick_transitions(model, exposed).log_transition for exposed in seen.exposure])
     trellis = seen.trellis
     _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)

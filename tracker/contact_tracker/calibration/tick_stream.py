@@ -59,7 +59,7 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
         np.arange(len(closed)),
         np.array([tick.zeta for tick in closed]),
         sigma**2 / count[:, None],
-        np.array([tick.excess for tick in closed]),
+        np.array([tick.innovation_excess for tick in closed]),
     )
     middle = [(tick.start_ns + tick.stamp_ns) // 2 for tick in closed]
     activity = np.array([_activity(tick, model) for tick in closed])
@@ -68,8 +68,8 @@ def observe(poses: Iterable[Pose], model: Model) -> Observed | None:
 
 def _activity(tick: Tick, model: Model) -> float:
     variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
-    excess = np.array(tick.excess)
-    return Window(np.zeros(1, np.int64), tick.zeta[None], variance[None], excess[None]).activity.item()
+    excess = np.array(tick.innovation_excess)
+    return Window(np.zeros(1, np.int64), tick.zeta[None], variance[None], excess[None]).motion_ratio.item()
 
 
 def labels(middle_ns: Ints, truth: Truth) -> Ints:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.calibration.e_step import Chain, Expected
-from contact_tracker.config.parameters import Model, Seen
+from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
-from contact_tracker.tracking.transition_model import initial, leave_per_s, split
+from contact_tracker.tracking.transition_model import destinations, initial, leave_per_s
 
 Array = NDArray[np.float64]
 
@@ -42,13 +42,15 @@ def learn_transitions(model: Model, chains: Sequence[Chain]) -> Learning:
         trail.append(sum(e.log_evidence for e in expected) + log_prior(model))
         before = model
         seen = count(model, chains, expected)
-        model = replace(model, transitions=replace(model.transitions, seen=seen))
+        model = replace(model, transitions=replace(model.transitions, counts=seen))
         if _moved(before, model) < CONVERGED:
             break
-    return Learning(replace(model, transitions=replace(model.transitions, seen=_rounded(seen))), tuple(trail))
+    return Learning(
+        replace(model, transitions=replace(model.transitions, counts=_rounded(seen))), tuple(trail)
+    )
 
 
-def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -> Seen:
+def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -> TransitionCounts:
     """Sums over recordings; a state that was left within a tick has lasted for a part of it.
 
     With the rate lambda, and h the time in which the tick's motion could have ended the state, that part is
@@ -64,38 +66,40 @@ def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -
         changes += e.changes.sum(axis=0)
         left_after = 1.0 / rate - h / np.expm1(rate * h)
         moving += (e.stays * h + e.changes.sum(axis=2) * left_after).sum(axis=0)
-    return Seen(_numbers(begins), _numbers(moving), tuple(map(_numbers, changes)))
+    return TransitionCounts(_numbers(begins), _numbers(moving), tuple(map(_numbers, changes)))
 
 
 def log_prior(model: Model) -> float:
     """Log density, up to a constant, of the prior under which each M-step is the most probable model."""
     t = model.transitions
-    empty = replace(t, seen=nothing_seen())
+    empty = replace(t, counts=nothing_seen())
     rate, weight = leave_per_s(t), t.prior_changes
     rates = weight * (np.log(rate) - rate / t.leave_per_s).sum()
-    rows = (initial(empty), *split(empty)), (initial(t), *split(t))
+    rows = (initial(empty), *destinations(empty)), (initial(t), *destinations(t))
     shares = sum(weight * float(p[p > 0] @ np.log(q[p > 0])) for p, q in zip(rows[0], rows[1], strict=True))
     return float(rates) + shares
 
 
-def nothing_seen() -> Seen:
+def nothing_seen() -> TransitionCounts:
     """No recording at all."""
     zeros = (0.0,) * len(STATES)
-    return Seen(zeros, zeros, (zeros,) * len(STATES))
+    return TransitionCounts(zeros, zeros, (zeros,) * len(STATES))
 
 
 def _moved(before: Model, after: Model) -> float:
     """Largest relative change."""
     a, b = (
-        np.concatenate([leave_per_s(m.transitions), initial(m.transitions), split(m.transitions).ravel()])
+        np.concatenate(
+            [leave_per_s(m.transitions), initial(m.transitions), destinations(m.transitions).ravel()]
+        )
         for m in (before, after)
     )
     return float(np.max(np.abs(a - b) / np.maximum(b, NEGLIGIBLE)))
 
 
-def _rounded(seen: Seen) -> Seen:
+def _rounded(seen: TransitionCounts) -> TransitionCounts:
     """To hundredths, as the file will say."""
-    return Seen(
+    return TransitionCounts(
         tuple(round(value, 2) for value in seen.begins),
         tuple(round(value, 2) for value in seen.moving_s),
         tuple(tuple(round(value, 2) for value in row) for row in seen.changes),

@@ -13,7 +13,7 @@ from contact_tracker.errors import AmbiguousSource, InputError, NoPoses
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.evaluation.evaluate import Evaluation
-    from contact_tracker.landmarks.prior_map import Knowledge
+    from contact_tracker.landmarks.prior_map import PriorMap
 
 HELP: Final = "compare with the truth that recordings carry"
 DESCRIPTION: Final = """\
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _evaluate(
-    name: str, args: argparse.Namespace, model: "Model", knowledge: "Knowledge"
+    name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
 ) -> "tuple[Evaluation, str | None]":
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.evaluation.evaluate import Judge

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from contact_tracker.cli.terminal import warn
 
 if TYPE_CHECKING:
-    from contact_tracker.landmarks.prior_map import Knowledge
+    from contact_tracker.landmarks.prior_map import PriorMap
 
 
 def add_known(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,7 @@ def add_known(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def knowledge_of(args: argparse.Namespace) -> "Knowledge":
+def knowledge_of(args: argparse.Namespace) -> "PriorMap":
     """What the arguments say; raises KnowledgeError."""
     from contact_tracker.prior_map_files.loading import knowledge_from, merged, read_table
 

@@ -16,11 +16,11 @@ from contact_tracker.states import STATES, Contact
 _RANGES: Final = {
     "tick_s": (1e-3, 10.0),
     "poses_per_tick": (0.0, 1000.0),
-    "foreknowledge": (0.0, 1.0),
-    "independence": (0.0, 1.01),
+    "prior_predictive_share": (0.0, 1.0),
+    "likelihood_exponent": (0.0, 1.01),
     "reach_m": (1e-6, 1e6),
-    "recognised": (0.0, 1.0),
-    "sureness": (0.0, 1.01),
+    "revisit_prior": (0.0, 1.0),
+    "posterior_power": (0.0, 1.01),
     "skip": (0.0, 1.0),
     "initial_f_f": (0.0, 1.0),
 }
@@ -47,8 +47,8 @@ def load_model(name_or_path: str = "default") -> Model:
     for name in ("contact_position_m", "contact_rotation_rad"):
         if getattr(model.noise, name)[Contact.FREE.column]:
             raise ModelError(f"noise.{name}.free", "free motion is no contact")
-    if model.transitions.seen.changes[Contact.FREE.column][Contact.FREE.column]:
-        raise ModelError("transitions.seen.changes.free.free", "free motion does not change into itself")
+    if model.transitions.counts.changes[Contact.FREE.column][Contact.FREE.column]:
+        raise ModelError("transitions.counts.changes.free.free", "free motion does not change into itself")
     return model
 
 

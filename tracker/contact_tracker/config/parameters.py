@@ -31,7 +31,7 @@ class Noise:
     of a tick are chosen by the evidence; if not, both are what the user knows."""
 
     @cached_property
-    def beyond_floor(self) -> tuple[tuple[float, float], ...]:
+    def extra_contact_variance(self) -> tuple[tuple[float, float], ...]:
         """Variances (m^2, rad^2) that each contact has beyond the floor."""
         deviations = zip(self.contact_position_m, self.contact_rotation_rad, strict=True)
         return tuple((m**2, rad**2) for m, rad in deviations)[: len(CONTACTS)]
@@ -41,13 +41,13 @@ class Noise:
 class Motion:
     """Yardstick of free motion."""
 
-    memory_s: float
+    error_memory_s: float
     """Time over which the strength of the motion is averaged."""
     body_radius_m: float
     """Lever with which free rotation moves a point of the object."""
-    foreknowledge: float
+    prior_predictive_share: float
     """How much of the geometry free motion, continued, is taken to foretell (share of T19's last term)."""
-    independence: float
+    likelihood_exponent: float
     """Share of what a tick says that the ticks before have not said: the power to which likelihoods count."""
 
 
@@ -57,12 +57,12 @@ class Geometry:
 
     reach_m: float
     """Distance of touching points from the body's origin."""
-    recognised: float
+    revisit_prior: float
     """Prior probability that an element has been met before in the recording, where one of its kind was."""
 
 
 @dataclass(frozen=True)
-class Seen:
+class TransitionCounts:
     """What calibration has counted: how states began, lasted and ended in recordings; zeros without."""
 
     begins: ByState
@@ -85,14 +85,14 @@ class Transitions:
     """Probability that the recording starts in f-f: things lie on faces."""
     prior_changes: float
     """What the three above weigh against what was seen: as much as so many changes out of each state."""
-    seen: Seen
+    counts: TransitionCounts
 
 
 @dataclass(frozen=True)
 class Certainty:
     """How far the probabilities are trusted."""
 
-    sureness: float
+    posterior_power: float
     """Power of the posterior that is told: what the model does not know of its own faults."""
 
 

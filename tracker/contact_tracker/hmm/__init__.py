@@ -7,21 +7,21 @@ to the likelihood (docs/theory.md, T20).
 """
 
 from contact_tracker.hmm.batch import Trellis, expect, smooth, viterbi
-from contact_tracker.hmm.forward_filter import Forward, Living, Step
-from contact_tracker.hmm.log_space import by_state, enter, log_sum_exp
-from contact_tracker.hmm.smoother import Past
-from contact_tracker.hmm.viterbi_survivors import Stretch, Survivors
+from contact_tracker.hmm.forward_filter import FilterFrontier, ForwardFilter, ForwardMessage
+from contact_tracker.hmm.log_space import birth_log_weights, by_state, log_sum_exp
+from contact_tracker.hmm.smoother import OpenTicks
+from contact_tracker.hmm.viterbi_survivors import PathSegment, Survivors
 
 __all__ = [
-    "Forward",
-    "Living",
-    "Past",
-    "Step",
-    "Stretch",
+    "FilterFrontier",
+    "ForwardFilter",
+    "ForwardMessage",
+    "OpenTicks",
+    "PathSegment",
     "Survivors",
     "Trellis",
+    "birth_log_weights",
     "by_state",
-    "enter",
     "expect",
     "log_sum_exp",
     "smooth",

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hmm.log_space import by_state, enter, log_sum_exp
+from contact_tracker.hmm.log_space import birth_log_weights, by_state, log_sum_exp
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -79,7 +79,7 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
     left = np.full((ticks + 1, states), -np.inf)
     for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
         fresh = alive[trellis.onset[alive] == b - 1]
-        weight = log_initial if b == 1 else enter(left[b - 1], log_transition[b - 1])
+        weight = log_initial if b == 1 else birth_log_weights(left[b - 1], log_transition[b - 1])
         entry[fresh] = weight[trellis.state[fresh]]
         left[b] = by_state(entry[alive] + likelihood, trellis.state[alive], states)
     log_evidence = float(log_sum_exp(left[ticks]))

@@ -18,7 +18,7 @@ LOWEST: Final = np.finfo(float).min
 """What is subtracted in place of -inf, where nothing is possible."""
 
 
-class Living(NamedTuple):
+class FilterFrontier(NamedTuple):
     """Beginnings (C,) that are alive at a boundary, in order of onset: ``onset`` and ``state`` of each, the
     ``log_weight`` of all paths that end there and the log weight ``best`` of the best one with the state
     ``origin`` that it came from, -1 at the start."""
@@ -36,20 +36,19 @@ class Living(NamedTuple):
         return np.asarray(weight / weight.sum())
 
 
-class Step(NamedTuple):
-    """What one tick adds, N states: where paths that pass its boundaries come from.
+class ForwardMessage(NamedTuple):
+    """What one tick adds, N states: where paths that pass its boundaries come from."""
 
-    ``source`` (N, N): probability that what begins with the tick in state j was state i before; zero before
-    the first. Of what is left in ``state`` (E,) at the tick's end, ``probability`` (E,) that it began at
-    ``onset`` (E,), which are in order. ``best`` (2, N): on the best path to each state, when that began and
-    the state before it; -1 where there is none.
-    """
-
-    source: Array
+    origin_probability: Array
+    """(N, N) that what begins with the tick in state j was state i before; zero before the first tick."""
     onset: NDArray[np.int32]
+    """(E,) onsets, in order, of what is left at the end of the tick."""
     state: NDArray[np.int8]
+    """(E,) and its states."""
     probability: Array
+    """(E,) that what is left in the state began at the onset."""
     best: NDArray[np.int32]
+    """(2, N) of the best path to each state, when that began and the state before it; -1 without any."""
 
 
 class _Ended(NamedTuple):
@@ -62,7 +61,7 @@ class _Ended(NamedTuple):
     best: Array
 
 
-class Forward:
+class ForwardFilter:
     """The forward pass over N states; grows with what is alive, not with what has been."""
 
     def __init__(self, log_initial: Array) -> None:
@@ -75,12 +74,12 @@ class Forward:
         self._ended: _Ended
 
     @property
-    def living(self) -> Living:
+    def living(self) -> FilterFrontier:
         """After the last tick."""
         onset, origin, weight, best = self._ended
         since, state = weight.nonzero()
         log_share = np.log(weight[since, state]) - np.log(weight.sum(axis=0)[state])
-        return Living(
+        return FilterFrontier(
             onset[since],
             state,
             log_share + self._left[0, state],
@@ -88,7 +87,9 @@ class Forward:
             origin[since, state].astype(np.int64),
         )
 
-    def advance(self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array) -> Step:
+    def advance(
+        self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array
+    ) -> ForwardMessage:
         """Take in a tick: state, onset and log-likelihood (A,), which is finite, of the hypotheses alive at
         its end, and the log chances (N, N) of change at its beginning.
 
@@ -112,7 +113,7 @@ class Forward:
         with np.errstate(divide="ignore"):
             self._left = np.array([safe + np.log(of_state), best])
         since, column = (weight > NEGLIGIBLE * of_state).nonzero()
-        step = Step(
+        step = ForwardMessage(
             source,
             self._onset[since].astype(np.int32),
             column.astype(np.int8),

@@ -19,6 +19,6 @@ def by_state(values: Array, state: Index, states: int, best: bool = False) -> Ar
     return np.asarray(table.max(axis=1, initial=-np.inf)) if best else log_sum_exp(table)
 
 
-def enter(log_left: Array, log_transition: Array) -> Array:
+def birth_log_weights(log_left: Array, log_transition: Array) -> Array:
     """Log weight (states,) with which new hypotheses begin, from the weights at which states are left."""
     return log_sum_exp(log_left[:, None] + log_transition, axis=0)

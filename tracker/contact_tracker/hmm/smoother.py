@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hmm.forward_filter import Living, Step
+from contact_tracker.hmm.forward_filter import FilterFrontier, ForwardMessage
 from contact_tracker.hmm.log_space import Array
 
 _STEP_BYTES: Final = 1300
@@ -15,7 +15,7 @@ _CHECKED: Final = 16
 """In every so many ticks it is looked whether futures still differ at all."""
 
 
-class Past:
+class OpenTicks:
     """The ticks whose posterior is still open, from tick ``first`` on.
 
     Whatever comes later, the posterior of a past tick will be a mixture of what it is given each beginning
@@ -26,12 +26,12 @@ class Past:
         self.first = 0
         self.size = 0
         """Bytes that are held, about."""
-        self._steps: list[Step] = []
+        self._steps: list[ForwardMessage] = []
 
     def __len__(self) -> int:
         return len(self._steps)
 
-    def append(self, step: Step) -> None:
+    def append(self, step: ForwardMessage) -> None:
         self._steps.append(step)
         self.size += _size(step)
 
@@ -41,31 +41,31 @@ class Past:
         del self._steps[:count]
         self.first += count
 
-    def look_back(self, living: Living, tolerance: float) -> tuple[Array, int]:
+    def look_back(self, living: FilterFrontier, tolerance: float) -> tuple[Array, int]:
         """Posterior (n, N) of the open ticks given the data so far; and how many of them, the oldest ones, no
         future can change by more than ``tolerance``."""
-        return self.posterior(living), self.certain(living, tolerance)
+        return self.posterior(living), self.count_decided(living, tolerance)
 
-    def posterior(self, living: Living) -> Array:
+    def posterior(self, living: FilterFrontier) -> Array:
         """That of the open ticks (n, N), given the data so far."""
         posterior = self._covered(living)
         return np.asarray(posterior / posterior.sum(axis=1, keepdims=True))
 
-    def _covered(self, living: Living) -> Array:
+    def _covered(self, living: FilterFrontier) -> Array:
         """Weights (n, N) of the states, given what is alive."""
-        posterior = np.zeros((len(self), len(self._steps[0].source)))
+        posterior = np.zeros((len(self), len(self._steps[0].origin_probability)))
         for row, cover, _ in self._followed(living, living.probability[:, None]):
             posterior[row] = cover[:, 0]
         return posterior
 
-    def certain(self, living: Living, tolerance: float) -> int:
+    def count_decided(self, living: FilterFrontier, tolerance: float) -> int:
         """How many of the open ticks, the oldest ones, no future can change by more than ``tolerance``."""
         futures = np.eye(len(living.onset))
         if not self._common(living, futures[:, [0, -1]], tolerance):
             return 0  # as at rest; all others would take long
         return self._common(living, futures, tolerance)
 
-    def _common(self, living: Living, futures: Array, tolerance: float) -> int:
+    def _common(self, living: FilterFrontier, futures: Array, tolerance: float) -> int:
         """How many of the oldest ticks ``futures`` have in common, up to the ``tolerance``."""
         common = len(self)
         for row, cover, held in self._followed(living, futures):
@@ -76,14 +76,14 @@ class Past:
                 break  # what is older than all that is held stays in its state
         return common
 
-    def _followed(self, living: Living, futures: Array) -> Iterator[tuple[int, Array, "_Held"]]:
+    def _followed(self, living: FilterFrontier, futures: Array) -> Iterator[tuple[int, Array, "_Held"]]:
         """Follow what is alive back through the open ticks, for C ``futures`` at once: given each, the
         probability (L, C) of what is alive now.
 
         From the newest tick on, of each its row, the probability (N, C) of the states in it, and of the
         beginnings that last through it.
         """
-        states, columns = len(self._steps[0].source), futures.shape[1]
+        states, columns = len(self._steps[0].origin_probability), futures.shape[1]
         held = _Held(states, columns, self.first, self.first + len(self))
         held.add(living.onset, living.state, futures)
         cover = np.zeros((states, columns))
@@ -97,10 +97,10 @@ class Past:
             yield row, cover, held
             begun = held.take(self.first + row)
             cover = np.maximum(cover - begun, 0.0)
-            left = step.source @ begun
+            left = step.origin_probability @ begun
 
 
-def _size(step: Step) -> int:
+def _size(step: ForwardMessage) -> int:
     return _STEP_BYTES + _WAY_BYTES * len(step.onset)
 
 

@@ -5,9 +5,9 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hmm.forward_filter import Living, Step
+from contact_tracker.hmm.forward_filter import FilterFrontier, ForwardMessage
 
-Stretch = tuple[int, int, int]
+PathSegment = tuple[int, int, int]
 """State, onset, end."""
 Node = tuple[int, int]
 """Minus a boundary (the latest comes first), and the state that is left there."""
@@ -23,10 +23,10 @@ class Survivors:
     def __len__(self) -> int:
         return len(self._best)
 
-    def append(self, step: Step) -> None:
+    def append(self, step: ForwardMessage) -> None:
         self._best.append(step.best)
 
-    def decide(self, living: Living) -> list[Stretch]:
+    def decided_prefix(self, living: FilterFrontier) -> list[PathSegment]:
         """The stretches that are decided whatever comes later; each is told once."""
         nodes = {(-a, i) for a, i in zip(living.onset.tolist(), living.origin.tolist(), strict=True)}
         latest = list(nodes)
@@ -40,7 +40,7 @@ class Survivors:
                 heappush(latest, before)
         return self._tell(latest[0])
 
-    def finish(self, living: Living) -> list[Stretch]:
+    def finish(self, living: FilterFrontier) -> list[PathSegment]:
         """Nothing comes later: the rest of the best path."""
         return self._tell((-(self.first + len(self)), int(living.state[living.best.argmax()])))
 
@@ -48,9 +48,9 @@ class Survivors:
         onset, origin = self._best[-node[0] - self.first - 1][:, node[1]].tolist()
         return -onset, origin
 
-    def _tell(self, node: Node) -> list[Stretch]:
+    def _tell(self, node: Node) -> list[PathSegment]:
         """The stretches up to a node, which are forgotten."""
-        path: list[Stretch] = []
+        path: list[PathSegment] = []
         end = -node[0]
         while -node[0] > self.first:
             before = self._before(node)

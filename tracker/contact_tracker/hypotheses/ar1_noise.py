@@ -14,20 +14,21 @@ LEARNING_STEPS: Final = 15
 """Of expectation-maximisation."""
 PRIOR_TICKS: Final = 1.0
 """Weight of the noise as it was believed against that of the residuals."""
-MOST_ECHO: Final = 0.95
+MOST_CORRELATION: Final = 0.95
 LEAST_SCALE: Final = 1e-6
 LEAST_SHARE: Final = 1e-12
 
 
-class Errors(NamedTuple):
-    """What the residuals (K, ...) say of their errors: ``weight`` (K,), how much smaller than believed they
-    are, and ``echo`` (K,), how much of a tick's is left in the next."""
+class Ar1Noise(NamedTuple):
+    """Errors of the K residuals: an autoregressive process of order one from tick to tick."""
 
     weight: Array
-    echo: Array
+    """(K,) how much smaller their variances are than believed, as a factor of precision."""
+    correlation: Array
+    """(K,) from one tick to the next."""
 
 
-def learnt(errors: Errors, whitened: Array, jacobian: Array, held: Array, index: Index) -> Errors:
+def estimate_ar1(errors: Ar1Noise, whitened: Array, jacobian: Array, held: Array, index: Index) -> Ar1Noise:
     """What whitened residuals (K, W) at a minimum say of their errors, by expectation-maximisation.
 
     The errors are not the residuals: the fit has taken from them what looks like geometry. ``jacobian``
@@ -44,14 +45,14 @@ def learnt(errors: Errors, whitened: Array, jacobian: Array, held: Array, index:
         taken = np.eye(len(told) + 1)
         taken[:-1, :-1] = (ways[:, shown] / told[shown]) @ ways[:, shown].T
         product, square = np.einsum("ikpq,pq->ik", sums.pairs, taken)
-        echo = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_ECHO)
+        echo = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
         new = sums.new(echo)
         variance = np.maximum(np.einsum("kpq,pq->k", new, taken) / count, LEAST_SCALE)
         weight = variance ** (-count / (count + PRIOR_TICKS))
-    return Errors(weight, echo)
+    return Ar1Noise(weight, echo)
 
 
-def new_in(rows: Array, echo: Array, index: Index) -> Array:
+def whiten_ar1(rows: Array, echo: Array, index: Index) -> Array:
     """What is new in each tick of rows (K, W, ...), in units of what that usually is."""
     left = echo[:, None] ** np.diff(index)
     left = left.reshape(*left.shape, *(1,) * (rows.ndim - 2))
@@ -90,7 +91,7 @@ class _Sums(NamedTuple):
         return cls(gaps.astype(float), first, later, earlier, both, np.array([product, square]))
 
     def new(self, echo: Array) -> Array:
-        """Sums (K, Z, Z) of products of what is ``new_in`` the rows."""
+        """Sums (K, Z, Z) of products of what is ``whiten_ar1`` the rows."""
         left = (echo ** self.gaps[:, None])[:, :, None, None]
         later = (self.later - left * self.both + left**2 * self.earlier) / (1.0 - left**2)
         return np.asarray(self.first + later.sum(axis=0))

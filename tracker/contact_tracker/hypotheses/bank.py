@@ -15,23 +15,25 @@ from contact_tracker.states import STATES
 @dataclass(frozen=True, eq=False)
 class Onsets(Table):
     """O onsets of hypotheses of one contact, in order, and the windows since then: all hypotheses that began
-    together share one. C as in ``contacts.base``.
+    together share one. C as in ``contacts.family``.
 
     Columns
     -------
     onset, onset_ns : (O,) first tick, and when it began.
-    weight, place_sum, moments : (O,), (O, 3), (O, C, C) weighted sums over the window.
-    told : (O,) how many ticks with motion it has.
-    first : (O, C) lifted first tick over its noise: what was given at the onset.
+    weight : (O,) sum of the weights of the ticks since.
+    weighted_position_sum : (O, 3) and of the body's positions, weighted.
+    second_moment : (O, C, C) of the lifted poses, weighted: the sufficient statistics of the window.
+    effective_ticks : (O,) how many ticks with motion it has.
+    onset_row : (O, C) lifted first tick over its noise: what was given at the onset.
     """
 
     onset = Column(np.int64)
     onset_ns = Column(np.int64)
     weight = Column(np.float64)
-    told = Column(np.float64)
-    place_sum = Column(np.float64, 3)
-    first = Column(np.float64, "C")
-    moments = Symmetric("C")
+    effective_ticks = Column(np.float64)
+    weighted_position_sum = Column(np.float64, 3)
+    onset_row = Column(np.float64, "C")
+    second_moment = Symmetric("C")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Onsets, (self.words, self.layout)
@@ -39,64 +41,65 @@ class Onsets(Table):
 
 @dataclass(frozen=True, eq=False)
 class Bank(Table):
-    """H hypotheses of one contact, in order of onset; C, S, K as in ``contacts.base``.
+    """H hypotheses of one contact, in order of onset; C, S, K as in ``contacts.family``.
 
     Parameters
     ----------
-    onsets : those of all hypotheses, and maybe more. What they have is known of each hypothesis as well:
-        ``weight``, ``told``, ``place_sum``, ``first``, ``moments`` (H, ...).
-    past : (H, L, 7) states at the last L ticks (see ``fixed_lag``); L is 0 without lag.
+    onsets : those of all hypotheses, and maybe more. Their columns are known of each hypothesis as well:
+        ``weight``, ``effective_ticks``, ``second_moment``, ... (H, ...).
+    lag_history : (H, L, 7) states at the last L ticks (see ``hmm.fixed_lag``); L is 0 without lag.
 
     Columns
     -------
     onset : (H,) first tick: which of the onsets is its own.
     number : (H,) tells hypotheses apart over the whole recording.
-    entry : (H,) log weight with which it began.
-    grace : (H,) it is kept until ``told`` is beyond that, however bad (but old onsets get sparser all the
-        same); set when it begins, if it may search, and put off when it falls.
-    source, known_mean, known : (H,), (H, S), (H, S, S) which elements it assumes to be known (0: none), and
-        the prior on x that they are.
-    pivot : (H, 6) where lines are anchored that go through a known point; NaN where the body is.
-    pair, certain, searched, met : (H,) which of the pairs of elements that the user knows it assumes, whether
-        both are given by that, whether directions are left that have to be searched for, and whether it
-        assumes elements that were met before.
+    log_birth_weight : (H,) log weight with which it began.
+    protected_until : (H,) it is kept, however bad, until it has so many ``effective_ticks`` (but old onsets get
+        sparser all the same); set when it begins, if it may search, and put off when it falls.
+    prior_index : (H,) which elements it assumes to be known; 0: none.
+    prior_mean, prior_information : (H, S), (H, S, S) the prior on x that they are.
+    line_anchor : (H, 6) points by which lines are given that go through a known one; NaN: near the body.
+    known_pair_index : (H,) which of the pairs of elements that the user knows it assumes.
+    elements_known : (H,) whether both are given by that.
+    needs_search : (H,) whether directions are left that have to be searched for.
+    from_landmark : (H,) whether it assumes elements that were met before.
     x : (H, S) geometry that fits the window best.
     row_weight : (H, K) precision of the residuals relative to that of the position.
-    lasted : (H,) log prior probability of what it assumes and of having lasted so long.
-    settled, earned : (H,) of the log-likelihood ratio and of its gain, those of the ticks that have left the
-        window.
+    log_prior : (H,) log prior probability of what it assumes and of having lasted so long.
+    llr_before_window, gain_before_window : (H,) of the log-likelihood ratio and of its gain, those of the ticks
+        that have left the window.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
     """
 
     onsets: Onsets
-    past: Array
+    lag_history: Array
 
     onset = Column(np.int64)
     number = Column(np.int64)
-    source = Column(np.int64)
-    pair = Column(np.int64)
-    certain = Column(np.bool_)
-    searched = Column(np.bool_)
-    met = Column(np.bool_)
-    entry = Column(np.float64)
-    grace = Column(np.float64)
-    known_mean = Column(np.float64, "S")
-    known = Symmetric("S")
-    pivot = Column(np.float64, 6)
+    prior_index = Column(np.int64)
+    known_pair_index = Column(np.int64)
+    elements_known = Column(np.bool_)
+    needs_search = Column(np.bool_)
+    from_landmark = Column(np.bool_)
+    log_birth_weight = Column(np.float64)
+    protected_until = Column(np.float64)
+    prior_mean = Column(np.float64, "S")
+    prior_information = Symmetric("S")
+    line_anchor = Column(np.float64, 6)
     x = Column(np.float64, "S")
     row_weight = Column(np.float64, "K")
-    lasted = Column(np.float64)
-    settled = Column(np.float64)
-    earned = Column(np.float64)
+    log_prior = Column(np.float64)
+    llr_before_window = Column(np.float64)
+    gain_before_window = Column(np.float64)
     log_likelihood = Column(np.float64)
     rms = Column(np.float64)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Bank, (self.words, self.layout, self.onsets, self.past)
+        return Bank, (self.words, self.layout, self.onsets, self.lag_history)
 
     @cached_property
-    def window(self) -> Index:
+    def onset_index(self) -> Index:
         """Row (H,) of each hypothesis in the table of onsets; raises ValueError if one has none."""
         onsets = self.onsets.onset
         row = onsets.searchsorted(self.onset)
@@ -106,73 +109,73 @@ class Bank(Table):
 
     @cached_property
     def weight(self) -> Array:
-        return self.onsets.weight[self.window]
+        return self.onsets.weight[self.onset_index]
 
     @cached_property
-    def told(self) -> Array:
-        return self.onsets.told[self.window]
+    def effective_ticks(self) -> Array:
+        return self.onsets.effective_ticks[self.onset_index]
 
     @cached_property
-    def place_sum(self) -> Array:
-        return self.onsets.place_sum[self.window]
+    def weighted_position_sum(self) -> Array:
+        return self.onsets.weighted_position_sum[self.onset_index]
 
     @cached_property
-    def first(self) -> Array:
-        return self.onsets.first[self.window]
+    def onset_row(self) -> Array:
+        return self.onsets.onset_row[self.onset_index]
 
     @cached_property
-    def moments(self) -> Array:
-        return self.onsets.moments[self.window]
+    def second_moment(self) -> Array:
+        return self.onsets.second_moment[self.onset_index]
 
     @property
-    def joint(self) -> Array:
+    def log_weight(self) -> Array:
         """Log weight (H,) of a hypothesis with all that led to it."""
-        return self.entry + self.log_likelihood
+        return self.log_birth_weight + self.log_likelihood
 
     @property
-    def log_weight(self) -> float:
+    def log_total_weight(self) -> float:
         """Log of the sum of all weights; -inf without any hypothesis."""
-        joint, top = self.joint, self.best
+        joint, top = self.log_weight, self.best
         return top + float(np.log(np.exp(joint - top).sum())) if len(self) else -np.inf
 
     @property
-    def leader(self) -> int:
+    def best_row(self) -> int:
         """The row of the best hypothesis; -1 without any."""
-        return int(self.joint.argmax()) if len(self) else -1
+        return int(self.log_weight.argmax()) if len(self) else -1
 
     @property
     def best(self) -> float:
         """Log weight of the best hypothesis; -inf without any."""
-        return float(self.joint.max()) if len(self) else -np.inf
+        return float(self.log_weight.max()) if len(self) else -np.inf
 
-    def alone(self, row: int) -> "Bank":
+    def single(self, row: int) -> "Bank":
         """One hypothesis with its onset."""
         own = self.words[row : row + 1]
-        since = int(self.onsets.cells("onset").searchsorted(self.cells("onset")[row]))
+        since = int(self.onsets.raw_column("onset").searchsorted(self.raw_column("onset")[row]))
         onsets = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
-        one = Bank(own, self.layout, onsets, self.past[row : row + 1])
+        one = Bank(own, self.layout, onsets, self.lag_history[row : row + 1])
         vars(one)["window"] = _FIRST
         return one
 
     def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``, which need not be in order."""
-        words, past = self.words.take(rows, axis=0), self.past.take(rows, axis=0)
+        words, past = self.words.take(rows, axis=0), self.lag_history.take(rows, axis=0)
         return Bank(words, self.layout, self.onsets, past)
 
-    def seeing(self, **columns: NDArray[Any] | float) -> "Bank":
+    def replace_onset_columns(self, **columns: NDArray[Any] | float) -> "Bank":
         """The same with other columns (O, ...) of the onsets."""
-        return replace(self, onsets=self.onsets.having(**columns))
+        return replace(self, onsets=self.onsets.replace_columns(**columns))
 
-    def putting(self, rows: Index, found: "Bank", which: Index) -> "Bank":
+    def replace_rows(self, rows: Index, found: "Bank", which: Index) -> "Bank":
         """The same with the geometry and evidence of ``found``'s hypotheses ``which`` in ``rows``."""
         other = self.copy()
-        for name in FOUND:
-            other.cells(name)[rows] = found.cells(name)[which]
+        for name in FITTED_COLUMNS:
+            other.raw_column(name)[rows] = found.raw_column(name)[which]
         return other
 
 
 _FIRST: Final = np.zeros(1, np.int64)
-FOUND: Final = ("x", "row_weight", "log_likelihood", "rms")
+FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
 """Columns that change when a hypothesis learns."""
 
 
@@ -180,8 +183,10 @@ FOUND: Final = ("x", "row_weight", "log_likelihood", "rms")
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
     """``count`` hypotheses of which nothing is known, each with an onset of its own, in ticks 0, 1, ..."""
     family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
-    onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).having(onset=np.arange(count))
+    onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).replace_columns(onset=np.arange(count))
     bank = Bank(np.zeros((count, row.words)), row, onsets, np.zeros((count, lag, len(STATES))))
     # some directions; points at the body, which starts at the origin
     x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
-    return bank.having(onset=onsets.onset, x=x, pivot=np.nan, row_weight=1.0, rms=1.0, searched=1)
+    return bank.replace_columns(
+        onset=onsets.onset, x=x, line_anchor=np.nan, row_weight=1.0, rms=1.0, needs_search=1
+    )

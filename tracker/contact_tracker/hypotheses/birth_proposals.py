@@ -9,10 +9,10 @@ import numpy as np
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Plane, canonical
-from contact_tracker.hypotheses.birth import Begins, begun, fresh
-from contact_tracker.landmarks.element_pairs import Assumption, assumptions
-from contact_tracker.landmarks.landmark_memory import Memory
-from contact_tracker.landmarks.prior_map import Knowledge, Known
+from contact_tracker.hypotheses.birth import BirthProposals, make_proposals, uninformed_proposal
+from contact_tracker.landmarks.element_pairs import ElementPair, element_pairs
+from contact_tracker.landmarks.landmark_memory import LandmarkMemory
+from contact_tracker.landmarks.prior_map import NamedElement, PriorMap
 
 CELL_M: Final = 0.25
 """Known lines are told anew when the body has gone so far."""
@@ -31,50 +31,50 @@ class Frame(NamedTuple):
         return cls(tuple(origin_m.tolist()), tuple(cell_m))
 
 
-class Reminded(NamedTuple):
+class CachedProposals(NamedTuple):
     """What a contact may begin with, and what that follows from: what was remembered, about where."""
 
-    memory: Memory
+    memory: LandmarkMemory
     frame: Frame | None
-    begins: Begins
+    proposals: BirthProposals
 
 
-def beginnings(
-    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float, frame: Frame
-) -> Begins:
+def propose_births(
+    model: ContactModel, knowledge: PriorMap, memory: LandmarkMemory, recognised: float, frame: Frame
+) -> BirthProposals:
     """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
 
     ``recognised`` is the share of those that have met their elements before, if there are any.
     """
     near_m = frame.near_m if model.contact.value[2] == "e" else None
-    return _beginnings(model, knowledge, memory, recognised, frame.origin_m, near_m)
+    return _propose_births(model, knowledge, memory, recognised, frame.origin_m, near_m)
 
 
 @lru_cache(maxsize=64)  # for as long as nothing is learnt, and the body is about there
-def _beginnings(
+def _propose_births(
     model: ContactModel,
-    knowledge: Knowledge,
-    memory: Memory,
+    knowledge: PriorMap,
+    memory: LandmarkMemory,
     recognised: float,
     origin_m: tuple[float, ...],
     near_m: tuple[float, ...] | None,
-) -> Begins:
+) -> BirthProposals:
     rows = _assumed(model, knowledge, memory, recognised)
     if not rows:
-        return fresh(model).pick(np.zeros(0, np.int64))
+        return uninformed_proposal(model).pick(np.zeros(0, np.int64))
     assumed, log_share, pair, met = zip(*rows, strict=True)
     certain = [one.certain and not is_met for one, is_met in zip(assumed, met, strict=True)]
     near = None if near_m is None else np.array(near_m)
-    return begun(model, [one.pair(origin_m) for one in assumed], near, log_share, pair, certain, met)
+    return make_proposals(model, [one.pair(origin_m) for one in assumed], near, log_share, pair, certain, met)
 
 
 def _assumed(
-    model: ContactModel, knowledge: Knowledge, memory: Memory, recognised: float
-) -> list[tuple[Assumption, float, int, bool]]:
+    model: ContactModel, knowledge: PriorMap, memory: LandmarkMemory, recognised: float
+) -> list[tuple[ElementPair, float, int, bool]]:
     """What may be assumed, with its log share, the number of the pair that the user knows, and whether
     elements of it were met before."""
     met, rows = memory.assumptions(model), []
-    for number, known in enumerate(assumptions(knowledge, model)):
+    for number, known in enumerate(element_pairs(knowledge, model)):
         filled = [merged for other in met if (merged := _filled(known, other)) is not None]
         rows.append((known, known.log_share + (math.log1p(-recognised) if filled else 0.0), number, False))
         if filled:
@@ -84,15 +84,15 @@ def _assumed(
     return rows
 
 
-def _filled(known: Assumption, met: Assumption) -> Assumption | None:
+def _filled(known: ElementPair, met: ElementPair) -> ElementPair | None:
     """``known`` with elements met before where it leaves them open; None if they do not go together."""
     if (known.object and met.object) or (known.environment and met.environment) or known.certain:
         return None
     object, environment = known.object or met.object, known.environment or met.environment
-    return Assumption(object, environment, met.log_share, None if environment else known.up)
+    return ElementPair(object, environment, met.log_share, None if environment else known.up)
 
 
-def named(geometry: ContactGeometry, known: Assumption) -> ContactGeometry:
+def named(geometry: ContactGeometry, known: ElementPair) -> ContactGeometry:
     """The geometry of a hypothesis that assumes ``known``, with the names that the user gave."""
     faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
     return ContactGeometry(
@@ -100,7 +100,7 @@ def named(geometry: ContactGeometry, known: Assumption) -> ContactGeometry:
     )
 
 
-def _named(element: Element, known: Known | None, faces: bool) -> Element:
+def _named(element: Element, known: NamedElement | None, faces: bool) -> Element:
     """With the name; where faces slide on each other (``faces``) only the user knows how far out they are."""
     if known is None:
         return canonical(element)

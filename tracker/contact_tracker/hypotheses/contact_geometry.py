@@ -6,18 +6,18 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import ContactGeometry, by_foot, shifted
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import Scales
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import observed_geometry
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
 
 
-def geometry_of(
+def contact_geometry(
     bank: Bank,
     row: int,
     model: ContactModel,
-    scales: Scales,
+    scales: EvidenceParameters,
     window: Window,
     origin_m: Array,
     information: Array | None = None,
@@ -27,9 +27,9 @@ def geometry_of(
     ``window`` gives the noise of the ticks, ``origin_m`` is the world's origin in which the bank works;
     ``information`` as in ``observability``.
     """
-    one = bank.alone(row)
+    one = bank.single(row)
     found = observed_geometry(one, model, scales, window.usual_variance, information)
-    if not np.isnan(one.pivot).all():  # else lines are given by the feet that are asked for
-        body_m = one.place_sum[0] / one.weight[0]
+    if not np.isnan(one.line_anchor).all():  # else lines are given by the feet that are asked for
+        body_m = one.weighted_position_sum[0] / one.weight[0]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
     return ContactGeometry(found.object, shifted(found.environment, origin_m))

@@ -23,13 +23,13 @@ _LENGTHS: Final = {"f": 1, "e": 3, "v": 3}
 """So many of the numbers that tell an element, the last, are in m."""
 
 
-class Given(NamedTuple):
+class ElementPrior(NamedTuple):
     """Mean (S,) and information (S, S) on x; both zero where nothing is given."""
 
     mean: Array
     information: Array
 
-    def told(self, model: ContactModel) -> NDArray[np.bool_]:
+    def is_given(self, model: ContactModel) -> NDArray[np.bool_]:
         """(..., S) which entries of x are given.
 
         Of a direction the mean says so: it is zero where only part of it is known.
@@ -43,7 +43,7 @@ class Given(NamedTuple):
         return told
 
 
-def given(model: ContactModel, pairs: Sequence[Pair]) -> tuple[Given, Array]:
+def element_priors(model: ContactModel, pairs: Sequence[Pair]) -> tuple[ElementPrior, Array]:
     """Priors (n, ...) of a contact of n pairs of elements, and their anchors.
 
     Elements have covariances, and are given in the frames in which x is. A direction is zero where it is
@@ -65,7 +65,7 @@ def given(model: ContactModel, pairs: Sequence[Pair]) -> tuple[Given, Array]:
         parts, width = np.array(side), _WIDTHS[kind]
         mean[:, own], pivots[:, point] = parts[:, :width], parts[:, -3:]
         information[:, own, own] = parts[:, width:-3].reshape(-1, width, width)
-    return Given(mean, information), pivots
+    return ElementPrior(mean, information), pivots
 
 
 def rows_of(model: ContactModel, pairs: Sequence[Pair]) -> tuple[list[Array], list[Array]]:
@@ -85,8 +85,10 @@ def _kinds(model: ContactModel) -> str:
     return model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
 
 
-def by_feet(model: ContactModel, prior: Given, pivots: Array, near_m: Array) -> tuple[Given, Array]:
-    """What ``given`` tells, with lines of the surroundings by their points nearest to ``near_m`` (3,).
+def by_feet(
+    model: ContactModel, prior: ElementPrior, pivots: Array, near_m: Array
+) -> tuple[ElementPrior, Array]:
+    """Priors of elements whose lines of the surroundings are given by their points nearest to ``near_m`` (3,).
 
     That is a linear change of x: a line that turns moves its points by how far along it they are.
     """
@@ -102,7 +104,7 @@ def by_feet(model: ContactModel, prior: Given, pivots: Array, near_m: Array) -> 
     pivots[:, world] += along_m * direction
     moves[place, turn] = np.eye(3)
     back = np.eye(len(moves)) - along_m[:, None] * moves
-    return Given(mean, back.swapaxes(1, 2) @ prior.information @ back), pivots
+    return ElementPrior(mean, back.swapaxes(1, 2) @ prior.information @ back), pivots
 
 
 class _Faces(NamedTuple):
@@ -121,7 +123,7 @@ class _Faces(NamedTuple):
         return cls(rows[:, :3], rows[:, 3:12], rows[:, 12:13], rows[:, 13:16], rows[:, 16:])
 
 
-def _facing(first: _Faces, second: _Faces) -> Given:
+def _facing(first: _Faces, second: _Faces) -> ElementPrior:
     """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
     variance = first.variance + second.variance
     weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
@@ -130,7 +132,7 @@ def _facing(first: _Faces, second: _Faces) -> Given:
     information = (weight * off)[:, :, None] * off[:, None]
     information[:, face_face.M, face_face.M] += first.information.reshape(-1, 3, 3)
     information[:, face_face.N, face_face.N] += second.information.reshape(-1, 3, 3)
-    return Given(np.concatenate([-first.normal, second.normal, height_m], axis=1), information)
+    return ElementPrior(np.concatenate([-first.normal, second.normal, height_m], axis=1), information)
 
 
 @lru_cache(maxsize=256)

@@ -27,14 +27,14 @@ _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 
 
 @dataclass(frozen=True)
-class Scales:
+class EvidenceParameters:
     """Lengths of the weak priors (m), what free motion foretells of the geometry (share of T19's last term),
     how much of what a tick says is new, and the tick (s)."""
 
     reach_m: float
     body_radius_m: float
-    foreknowledge: float
-    independence: float
+    prior_predictive_share: float
+    likelihood_exponent: float
     tick_s: float
 
 
@@ -53,7 +53,11 @@ class Ratio:
 
 
 def log_ratio(
-    model: ContactModel, x: Array, window: Window, scales: Scales, certain: NDArray[np.bool_] | None = None
+    model: ContactModel,
+    x: Array,
+    window: Window,
+    scales: EvidenceParameters,
+    certain: NDArray[np.bool_] | None = None,
 ) -> Ratio:
     """Evaluate hypotheses x (B, S) exactly on each tick of the window.
 
@@ -65,7 +69,9 @@ def log_ratio(
     noise = residual_noise(seen, window)
     excess = np.empty_like(noise)
     known = np.zeros(len(x), bool) if certain is None else certain
-    for rows, free in zip((~known, known), (window.excess, window.unheld), strict=True):
+    for rows, free in zip(
+        (~known, known), (window.innovation_excess, window.displacement_variance), strict=True
+    ):
         free_position, free_rotation = free.T
         excess[rows, :-1] = free_rotation
         lever_sq = seen.lever_sq[rows] + scales.body_radius_m**2
@@ -77,7 +83,7 @@ def log_ratio(
     # the touching point is a point of the body: one look per second, since it hardly moves within a tick
     strayed = 0.5 * seen.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return Ratio(
-        (gain - misfit).sum(axis=1) - np.where(window.excess[:, 0] > 0, strayed, 0.0),
+        (gain - misfit).sum(axis=1) - np.where(window.innovation_excess[:, 0] > 0, strayed, 0.0),
         np.swapaxes(gain, 1, 2),
         np.swapaxes(square / noise, 1, 2),
         np.swapaxes(1.0 / noise, 1, 2),
@@ -90,9 +96,9 @@ def residual_noise(seen: Measurement, window: Window) -> Array:
     position, rotation = window.variance.T
     noise = np.empty_like(seen.residual)
     noise[:, :-1], noise[:, -1] = rotation, position + rotation * seen.lever_sq
-    if window.uneven is not None:
+    if window.position_anisotropy is not None:
         square = seen.along[..., _I] * seen.along[..., _J]
-        uneven = window.uneven[:, _I, _J] * _OFTEN
+        uneven = window.position_anisotropy[:, _I, _J] * _OFTEN
         same = square.shape[1] == 1
         noise[:, -1] += square[:, 0] @ uneven.T if same else np.einsum("btk,tk->bt", square, uneven)
     return noise

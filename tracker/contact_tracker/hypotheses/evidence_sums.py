@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.hypotheses.evidence import Scales, log_ratio
+from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
@@ -14,7 +14,7 @@ Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class EvidenceSums:
     """Sums over the ticks of a window from the onset on, and for some without the onset, which is given.
 
     ``log_ratio`` (B,) and ``gain`` (B, K) after the onset (see ``evidence.Ratio``); ``precision`` (B, K) of
@@ -30,14 +30,19 @@ class Sums:
     after: Index
 
 
-def summed(
-    model: ContactModel, x: Array, onset: Index, window: Window, scales: Scales, certain: NDArray[np.bool_]
-) -> Sums:
+def sum_evidence(
+    model: ContactModel,
+    x: Array,
+    onset: Index,
+    window: Window,
+    scales: EvidenceParameters,
+    certain: NDArray[np.bool_],
+) -> EvidenceSums:
     """Evaluate hypotheses x (B, S) that begin at ``onset`` (B,) as ``evidence.log_ratio`` does."""
     seen = log_ratio(model, x, window, scales, certain)
     mine, after = window.index >= onset[:, None], window.index > onset[:, None]
     relative = seen.row_weight * window.variance[:, :1]  # the moments' own weight is 1 over that
-    return Sums(
+    return EvidenceSums(
         np.where(after, seen.log_ratio, 0.0).sum(axis=1),
         np.where(after[..., None], seen.gain, 0.0).sum(axis=1),
         np.where(mine[..., None], relative, 0.0).sum(axis=1),

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.element_prior import Given
-from contact_tracker.hypotheses.evidence import Scales
-from contact_tracker.hypotheses.pruning import best_of, has_grace, is_near
-from contact_tracker.hypotheses.refit import before, follow
+from contact_tracker.hypotheses.element_prior import ElementPrior
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.pruning import best_of, is_protected, within_far_margin
+from contact_tracker.hypotheses.refit import prior_at_anchors, refit
 from contact_tracker.hypotheses.schedule import (
     AGES,
     AT_THE_NOISE,
@@ -24,7 +24,7 @@ from contact_tracker.hypotheses.schedule import (
     ROUNDS,
     SCREENED,
     WEIGHED,
-    patience,
+    burn_in_ticks,
 )
 from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
@@ -42,29 +42,29 @@ def is_due(model: ContactModel, tick: int) -> bool:
     return not (tick + model.contact.column) % EVERY
 
 
-def adopted(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Bank:
-    """Let hypotheses take the geometry of their ``givers``."""
-    giver = givers(bank, model, scales)
+def exchange_geometry(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
+    """Let hypotheses take the geometry of their ``best_donors``."""
+    giver = best_donors(bank, model, scales)
     taker = np.flatnonzero(giver != np.arange(len(bank)))
     if not len(taker):
         return bank
-    found = follow(bank.pick(taker).having(x=bank.x[giver[taker]]), model, window, scales)
-    return bank.putting(taker, found, np.arange(len(taker)))
+    found = refit(bank.pick(taker).replace_columns(x=bank.x[giver[taker]]), model, window, scales)
+    return bank.replace_rows(taker, found, np.arange(len(taker)))
 
 
-def givers(bank: Bank, model: ContactModel, scales: Scales) -> Index:
+def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Index:
     """Of each hypothesis that does not fit the row (H,) whose geometry fits its window best; its own where
     none is better.
 
     Who is hopeless neither offers nor takes: whether it has been dropped must not matter.
     """
     giver = np.arange(len(bank))
-    asking, offering = np.flatnonzero(_asks(bank)), np.flatnonzero(_may_win(bank, model))
+    asking, offering = np.flatnonzero(accepts_donor(bank)), np.flatnonzero(is_competitive(bank, model))
     if not len(asking) or not len(offering):
         return giver
     takers = bank.pick(asking)
-    known = before(takers, model, scales).prior
-    costs = gauss_newton.every_cost(model.family, takers.moments, takers.row_weight, known, bank.x)
+    known = prior_at_anchors(takers, model, scales).prior
+    costs = gauss_newton.every_cost(model.family, takers.second_moment, takers.row_weight, known, bank.x)
     costs = np.where(np.isnan(costs), np.inf, costs)
     own, costs = costs[asking, np.arange(len(asking))], costs[offering]
     gains = costs.min(axis=0) < own - LEAST_GAIN
@@ -72,63 +72,65 @@ def givers(bank: Bank, model: ContactModel, scales: Scales) -> Index:
     return giver
 
 
-def _may_win(bank: Bank, model: ContactModel) -> Bools:
+def is_competitive(bank: Bank, model: ContactModel) -> Bools:
     """Which hypotheses (H,) are near the best, or may be once they are found."""
-    return is_near(bank) | patient(bank, model)
+    return within_far_margin(bank) | in_burn_in(bank, model)
 
 
-def _asks(bank: Bank) -> Bools:
+def accepts_donor(bank: Bank) -> Bools:
     """Which hypotheses (H,) take the geometry of others, where it is better."""
-    return (bank.rms > AT_THE_NOISE) & (is_near(bank) | has_grace(bank))
+    return (bank.rms > AT_THE_NOISE) & (within_far_margin(bank) | is_protected(bank))
 
 
-def patient(bank: Bank, model: ContactModel) -> Bools:
+def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
     """Which hypotheses (H,) search and offer however bad: their geometry may not be found yet."""
-    share = np.where(bank.met, MET_PATIENCE, 1.0)
-    return (bank.told <= share * patience(model.needed)) & bank.searched
+    share = np.where(bank.from_landmark, MET_PATIENCE, 1.0)
+    return (bank.effective_ticks <= share * burn_in_ticks(model.needed)) & bank.needs_search
 
 
-def searched(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: Scales) -> Bank:
+def search(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
     """Let ``rows`` search from scratch, and keep what is better."""
     if not len(rows):
         return bank
     drawn = directions(model, window.index[-1])
     x = _found(bank, rows, model, scales, model.turned(drawn, window.zeta[-1, R].reshape(3, 3)))
     many = x.shape[1]
-    some = bank.pick(rows.repeat(many)).having(x=x.reshape(-1, x.shape[-1]))
+    some = bank.pick(rows.repeat(many)).replace_columns(x=x.reshape(-1, x.shape[-1]))
     for _ in range(WEIGHED):
-        some = follow(some, model, window, scales)
+        some = refit(some, model, window, scales)
     told = some.log_likelihood.reshape(-1, many)
     best = told.argmax(axis=1) + many * np.arange(len(rows))
     improved = np.flatnonzero(told.max(axis=1) > bank.log_likelihood[rows])
-    return bank.putting(rows[improved], some, best[improved])
+    return bank.replace_rows(rows[improved], some, best[improved])
 
 
-def lost(bank: Bank, model: ContactModel) -> Index:
+def select_for_search(bank: Bank, model: ContactModel) -> Index:
     """Rows that search: of each age one that assumes nothing and one of those that do, the best.
 
     What they find is offered to those that began beside them.
     """
-    age = np.minimum(bank.told.astype(np.int64), len(DUE) - 1)
-    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.searched & _may_win(bank, model)).nonzero()[0]
-    kind = 2 * AGES.searchsorted(bank.told[rows], side="right") + (bank.source[rows] > 0)
-    return np.asarray(rows[best_of(kind, bank.joint[rows])])
+    age = np.minimum(bank.effective_ticks.astype(np.int64), len(DUE) - 1)
+    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.needs_search & is_competitive(bank, model)).nonzero()[
+        0
+    ]
+    kind = 2 * AGES.searchsorted(bank.effective_ticks[rows], side="right") + (bank.prior_index[rows] > 0)
+    return np.asarray(rows[best_of(kind, bank.log_weight[rows])])
 
 
-def _found(bank: Bank, rows: Index, model: ContactModel, scales: Scales, drawn: Array) -> Array:
+def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array) -> Array:
     """The best geometries (R, n, S) that ``rows`` find without regard to where they are.
 
     They start from the best of the relaxed problem's solutions and of the directions ``drawn`` (N, S).
     (Compiled, solutions that too few poses leave open are no starts.)
     """
-    moments = bank.moments[rows]
+    moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + LIFT * trace * np.eye(moments.shape[-1]))
-    known, mean = before(bank, model, scales), bank.known_mean[rows]
-    told = Given(mean, bank.known[rows]).told(model)
+    known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
+    told = ElementPrior(mean, bank.prior_information[rows]).is_given(model)
     x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape))], axis=1)
     x = np.where(told[:, None], mean[:, None], x)
-    windows, of = (bank.moments, bank.row_weight, *known), rows.repeat(x.shape[1])
+    windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])
     x = _least(
         *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), SCREENED
     )

@@ -18,7 +18,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Pl
 from contact_tracker.geometry.vectors import cross
 from contact_tracker.hypotheses import gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import Scales, weak_prior
+from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.pruning import anchors_of
 from contact_tracker.motion import lifted_pose
 
@@ -35,7 +35,7 @@ OPEN: Final = 0.1
 def observed_geometry(
     one: Bank,
     model: ContactModel,
-    scales: Scales,
+    scales: EvidenceParameters,
     variance: Array,
     information: Array | None = None,
 ) -> ContactGeometry:
@@ -51,7 +51,7 @@ def observed_geometry(
     ContactGeometry in the frames in which the bank works.
     """
     x = one.x[0].copy()  # it is given away
-    covariance, tangent, prior, told, ways = shown(one, model, scales, variance, information)
+    covariance, tangent, prior, told, ways = information_spectrum(one, model, scales, variance, information)
     found = model.geometry(x, covariance, scales.reach_m)
     left = ways[:, : told.searchsorted(SHOWN)]
     if not left.size:
@@ -67,31 +67,38 @@ def observed_geometry(
     )
 
 
-class Shown(NamedTuple):
-    """Of one hypothesis the ``covariance`` (S, S) of x; the free directions there, its ``tangent`` (S, P),
-    along them the ``prior`` (P, P); the ``ways`` (P, P), columns, and what of each is ``told`` (P,), rising,
-    as a multiple of what prior and noise alone would say."""
+class InformationSpectrum(NamedTuple):
+    """What the motion tells of the geometry of one hypothesis, direction by direction."""
 
     covariance: Array
+    """(S, S) of x."""
     tangent: Array
+    """(S, P) its free directions."""
     prior: Array
-    told: Array
-    ways: Array
+    """(P, P) precision along them."""
+    values: Array
+    """(P,) what the motion tells along each direction, rising, as a multiple of what prior and noise say."""
+    directions: Array
+    """(P, P) these directions, columns along the tangent."""
 
 
-def shown(
-    one: Bank, model: ContactModel, scales: Scales, variance: Array, information: Array | None = None
-) -> Shown:
+def information_spectrum(
+    one: Bank,
+    model: ContactModel,
+    scales: EvidenceParameters,
+    variance: Array,
+    information: Array | None = None,
+) -> InformationSpectrum:
     """What is known of a hypothesis by itself; the rest as in ``observed_geometry``."""
     vague = _vague(model, scales.reach_m)
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
-    prior = tangent.T @ (vague + one.known[0]) @ tangent
+    prior = tangent.T @ (vague + one.prior_information[0]) @ tangent
     if information is None:
         information = refit.information(one, model, scales)[0]
-    noise = feigned_information(one, model, tangent, variance)
+    noise = noise_information(one, model, tangent, variance)
     told, ways = linalg.eigenvectors(information, prior + noise)
     covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
-    return Shown(covariance, tangent, prior, told, ways)
+    return InformationSpectrum(covariance, tangent, prior, told, ways)
 
 
 @cache
@@ -109,23 +116,23 @@ def _in_lengths(model: ContactModel, reach_m: float) -> Array:
     return scale
 
 
-def posterior_covariance(told: Array, ways: Array, prior: Array) -> Array:
-    """Covariance (P, P) by what each of the ``ways`` (P, P) is ``told`` (P,) beyond noise, and the ``prior``.
+def posterior_covariance(values: Array, directions: Array, prior: Array) -> Array:
+    """Covariance (P, P) from an ``InformationSpectrum``: its values (P,), directions (P, P) and prior (P, P).
 
-    Seen along the ways, the precision is a diagonal of all magnitudes and little beside it: then its inverse
-    has all its digits, also where one way is known all too well, as of two lines that are all but parallel.
+    Along the directions the precision is a diagonal of all magnitudes and little beside it: then its inverse
+    has all its digits, also where one direction is known all too well, as of two lines that are all but parallel.
     """
-    precision = ways.T @ prior @ ways
-    np.einsum("pp->p", precision)[...] += np.maximum(told - 1.0, 0.0)
+    precision = directions.T @ prior @ directions
+    np.einsum("pp->p", precision)[...] += np.maximum(values - 1.0, 0.0)
     scale = 1.0 / np.sqrt(precision.diagonal())
-    scaled = ways * scale
+    scaled = directions * scale
     return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))
 
 
-def feigned_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
+def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
     """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis, along
     its ``tangent`` (S, P)."""
-    family, moments, x = model.family, one.moments[0], one.x[0]
+    family, moments, x = model.family, one.second_moment[0], one.x[0]
     size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
     precision = gauss_newton.per_metre(family, moments, one.row_weight[0], x)
     slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)

@@ -13,8 +13,8 @@ import numpy as np
 from contact_tracker import hmm
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import Array
-from contact_tracker.hypotheses.birth import Begins
-from contact_tracker.hypotheses.evidence import Scales, residual_noise
+from contact_tracker.hypotheses.birth import BirthProposals
+from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 
@@ -25,7 +25,7 @@ _HOPELESS: Final = -50.0
 FREE: Final = Contact.FREE.column
 
 
-class Meeting(NamedTuple):
+class ProximityEvidence(NamedTuple):
     """What a tick says of a contact that may begin with it.
 
     ``log_share`` (n,) of each of its beginnings, adding up to one; ``log_odds`` of meeting any of them
@@ -37,29 +37,33 @@ class Meeting(NamedTuple):
     log_odds: float
     gain: Array
 
-    def of(self, begins: Begins) -> Begins:
+    def of(self, begins: BirthProposals) -> BirthProposals:
         """``begins`` with their shares of the contact's weight, given where the object is."""
         return begins.sharing(self.log_share).pick(self.log_share > _HOPELESS)
 
 
-def meeting(model: ContactModel, begins: Begins, newest: Window, scales: Scales) -> Meeting:
+def proximity_evidence(
+    model: ContactModel, begins: BirthProposals, newest: Window, scales: EvidenceParameters
+) -> ProximityEvidence:
     """Weigh what may begin of one contact by the newest tick."""
-    if not begins.many:
-        return Meeting(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
-    log_share, certain = begins.log_share.copy(), begins.rows.certain
+    if not begins.count:
+        return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
+    log_share, certain = begins.log_share.copy(), begins.rows.elements_known
     gain = np.zeros(2)
     if certain.any():
-        row_gain, log_ratio = _met(model, begins.pick(certain), newest, scales)
+        row_gain, log_ratio = _touching_evidence(model, begins.pick(certain), newest, scales)
         log_share[certain] += log_ratio
         gain[:] = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[:, -1].mean()
     log_odds = float(hmm.log_sum_exp(log_share))
-    return Meeting(log_share - log_odds, log_odds, gain)
+    return ProximityEvidence(log_share - log_odds, log_odds, gain)
 
 
-def _met(model: ContactModel, begins: Begins, newest: Window, scales: Scales) -> tuple[Array, Array]:
+def _touching_evidence(
+    model: ContactModel, begins: BirthProposals, newest: Window, scales: EvidenceParameters
+) -> tuple[Array, Array]:
     """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching and anywhere."""
     family, zeta = model.family, newest.zeta[-1]
-    seen = model.measure(begins.rows.known_mean, newest.zeta[-1:])
+    seen = model.measure(begins.rows.prior_mean, newest.zeta[-1:])
     noise = residual_noise(seen, newest.cut(-1, None))[..., 0] + _spread(model, begins, zeta)
     anywhere = np.full(family.ROWS, ANY_DIRECTION)
     anywhere[-1] = scales.reach_m**2
@@ -69,19 +73,21 @@ def _met(model: ContactModel, begins: Begins, newest: Window, scales: Scales) ->
     return gain, (gain - misfit).sum(axis=1)
 
 
-def _spread(model: ContactModel, begins: Begins, zeta: Array) -> Array:
+def _spread(model: ContactModel, begins: BirthProposals, zeta: Array) -> Array:
     """Variance (n, K) of the residuals by how exactly the elements are known."""
-    family, lifted, x = model.family, model.lifted(zeta), begins.rows.known_mean
-    anchors = np.where(np.isnan(begins.rows.pivot), model.anchors(zeta[9:12]), begins.rows.pivot)
+    family, lifted, x = model.family, model.lifted(zeta), begins.rows.prior_mean
+    anchors = np.where(np.isnan(begins.rows.line_anchor), model.anchors(zeta[9:12]), begins.rows.line_anchor)
     tangent = family.tangent(x, anchors)
     along = np.swapaxes(tangent, -1, -2)
     jacobian = (along[:, None] @ family.rows_derivative(x) @ lifted[:, None])[..., 0]
     jacobian[:, -1] /= np.sqrt(family.scale_sq(x, np.outer(lifted, lifted)))[:, None]
-    covariance = np.linalg.inv(along @ begins.rows.known @ tangent)
+    covariance = np.linalg.inv(along @ begins.rows.prior_information @ tangent)
     return np.asarray(np.einsum("bkp,bpq,bkq->bk", jacobian, covariance, jacobian))
 
 
-def foreseen(change: Array, stay: Array, meetings: Sequence[Meeting]) -> tuple[Array, Array]:
+def reweight_transitions(
+    change: Array, stay: Array, meetings: Sequence[ProximityEvidence]
+) -> tuple[Array, Array]:
     """Rates of change (7, 7) and of staying (7,), in logs, given where the object is.
 
     What the state before and the new one have in common has been met already. Each row with its stay still

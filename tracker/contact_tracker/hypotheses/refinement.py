@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
-from contact_tracker.hypotheses.ar1_noise import LEAST_SCALE, Errors, learnt, new_in
+from contact_tracker.hypotheses.ar1_noise import LEAST_SCALE, Ar1Noise, estimate_ar1, whiten_ar1
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import Scales, residual_noise
+from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.hypotheses.pruning import anchors_of, prior_of
 from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.motion.window import Window
@@ -42,7 +42,7 @@ LEAST_SHOWN: Final = 1e-15
 """A direction of which ticks tell less than this share of the most is not shown at all."""
 
 
-class Polished(NamedTuple):
+class Refined(NamedTuple):
     """A ``bank`` with x (1, S) of the greatest posterior density, and with ``moments`` and ``row_weight`` of
     the weights that the ticks have there; and the ``information`` (P, P) of all ticks on x."""
 
@@ -50,7 +50,7 @@ class Polished(NamedTuple):
     information: Array
 
 
-def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> Polished:
+def refine(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Refined:
     """Bring the one hypothesis of ``bank`` from near the minimum to it; ``window`` is its whole stretch.
 
     The first and the last tick are left out where they do not fit the others: they may hold frames of what
@@ -60,48 +60,53 @@ def polish(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> P
     -------
     Polished; its x is that of ``bank`` if no step improves on it.
     """
-    settled = _settle(bank, model, window, scales)
+    settled = _refine_once(bank, model, window, scales)
     if len(window) < FEW_TICKS or (settled.begins and settled.ends):
         return settled.polished
     inner = window.cut(0 if settled.begins else 1, None if settled.ends else -1)
-    return _settle(settled.polished.bank, model, inner, scales).polished
+    return _refine_once(settled.polished.bank, model, inner, scales).polished
 
 
-class _Settled(NamedTuple):
+class _RefinedOnce(NamedTuple):
     """With all ticks of a window; whether the first and the last are where the others foretell them."""
 
-    polished: Polished
+    polished: Refined
     begins: bool
     ends: bool
 
 
-def _settle(bank: Bank, model: ContactModel, window: Window, scales: Scales) -> _Settled:
+def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> _RefinedOnce:
     family = model.family
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)
-    x, errors = bank.x, Errors(np.ones(family.ROWS), np.full(family.ROWS, FIRST_ECHO))
+    x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.full(family.ROWS, FIRST_ECHO))
     for _ in range(ROUNDS):
         x = _maximise(model, x, errors, anchors, window, prior)
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
         held = tangent.T @ prior.precision[0] @ tangent
-        errors = learnt(errors, whitened, jacobian, held, window.index)
-    new = new_in(jacobian, errors.echo, window.index)
+        errors = estimate_ar1(errors, whitened, jacobian, held, window.index)
+    new = whiten_ar1(jacobian, errors.correlation, window.index)
     information = np.einsum("ktp,k,ktq->pq", new, errors.weight, new)
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
     # to what does not echo, the sensor's own noise, a tick beside its neighbours is worth more
-    alone = (1.0 + errors.echo**2) / (1.0 - errors.echo**2)
+    alone = (1.0 + errors.correlation**2) / (1.0 - errors.correlation**2)
     row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
-    belong = _belong(whitened, jacobian, errors.weight, information + held)
+    belong = _are_inlier_ticks(whitened, jacobian, errors.weight, information + held)
     begins, ends = bool(belong[0]), bool(belong[-1])
-    return _Settled(_polished(bank, x[0], row_weight, moments, information), begins, ends)
+    return _RefinedOnce(_polished(bank, x[0], row_weight, moments, information), begins, ends)
 
 
-def _polished(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Polished:
-    return Polished(bank.having(x=x, row_weight=row_weight).seeing(moments=moments), information)
+def _polished(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Refined:
+    return Refined(
+        bank.replace_columns(x=x, row_weight=row_weight).replace_onset_columns(second_moment=moments),
+        information,
+    )
 
 
-def _belong(whitened: Array, jacobian: Array, weight: Array, information: Array) -> NDArray[np.bool_]:
+def _are_inlier_ticks(
+    whitened: Array, jacobian: Array, weight: Array, information: Array
+) -> NDArray[np.bool_]:
     """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
     # what the stretch has not shown at all has no leverage
     covariance = np.linalg.pinv(information, LEAST_SHOWN, hermitian=True)
@@ -111,16 +116,16 @@ def _belong(whitened: Array, jacobian: Array, weight: Array, information: Array)
 
 
 def _maximise(
-    model: ContactModel, x: Array, errors: Errors, anchors: Array, window: Window, prior: Prior
+    model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window, prior: Prior
 ) -> Array:
     """Levenberg-Marquardt on the weighted squares of what is new in all residuals, from x (1, S)."""
     weight, echo = errors
 
     def new(x: Array) -> tuple[float, Array, Array, Array]:
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
-        residual = new_in(whitened, echo, window.index)
+        residual = whiten_ar1(whitened, echo, window.index)
         cost = float(0.5 * weight @ np.sum(residual**2, axis=1) + prior.cost(x)[0])
-        return cost, residual, new_in(jacobian, echo, window.index), tangent
+        return cost, residual, whiten_ar1(jacobian, echo, window.index), tangent
 
     damping, (now, residual, jacobian, tangent) = FIRST_DAMPING, new(x)
     for _ in range(STEPS):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import Scales, complexity
-from contact_tracker.hypotheses.evidence_sums import Sums, summed
+from contact_tracker.hypotheses.evidence import EvidenceParameters, complexity
+from contact_tracker.hypotheses.evidence_sums import EvidenceSums, sum_evidence
 from contact_tracker.hypotheses.pruning import anchors_of, prior_of
 from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.schedule import (
@@ -35,137 +35,150 @@ Bools = NDArray[np.bool_]
 NOT_AT_ALL: Final = -1
 
 
-class Before(NamedTuple):
+class PriorAtAnchors(NamedTuple):
     """What each hypothesis knew before its window, and where the body was: as long as that does not grow."""
 
     prior: Prior
     anchors: Array
 
 
-def before(bank: Bank, model: ContactModel, scales: Scales) -> Before:
+def prior_at_anchors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> PriorAtAnchors:
     anchors = anchors_of(bank, model)
-    return Before(prior_of(bank, model, anchors, scales.reach_m), anchors)
+    return PriorAtAnchors(prior_of(bank, model, anchors, scales.reach_m), anchors)
 
 
-def grow(bank: Bank, model: ContactModel, window: Window, log_stay: float = 0.0) -> Bank:
+def accumulate(bank: Bank, model: ContactModel, window: Window, log_stay: float = 0.0) -> Bank:
     """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise.
 
-    ``log_stay`` is the price of not having changed in it.
+    ``log_survival`` is the price of not having changed in it.
     """
-    zeta, activity, now = window.zeta[-1], float(window.activity[-1]), window.index[-1]
+    zeta, activity, now = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
     onsets = bank.onsets
     begins = onsets.onset == now
     weight = np.where(begins, 1.0, max(activity, AT_REST)) / sigma_m**2
-    bank = bank.having(lasted=bank.lasted + np.where(bank.onset == now, 0.0, log_stay)).seeing(
-        first=np.where(begins[:, None], lifted / sigma_m, onsets.first),
-        moments=onsets.moments + weight[:, None, None] * np.outer(lifted, lifted),
-        place_sum=onsets.place_sum + weight[:, None] * zeta[9:12],
+    bank = bank.replace_columns(
+        log_prior=bank.log_prior + np.where(bank.onset == now, 0.0, log_stay)
+    ).replace_onset_columns(
+        onset_row=np.where(begins[:, None], lifted / sigma_m, onsets.onset_row),
+        second_moment=onsets.second_moment + weight[:, None, None] * np.outer(lifted, lifted),
+        weighted_position_sum=onsets.weighted_position_sum + weight[:, None] * zeta[9:12],
         weight=onsets.weight + weight,
-        told=onsets.told + np.where(begins, 1.0, activity),
+        effective_ticks=onsets.effective_ticks + np.where(begins, 1.0, activity),
     )
     # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
-    return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
+    return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def grow_whole(bank: Bank, model: ContactModel, window: Window) -> Bank:
-    """As ``grow`` tick by tick, from the first tick of the window, where all of the bank begin."""
+def accumulate_window(bank: Bank, model: ContactModel, window: Window) -> Bank:
+    """As ``accumulate`` tick by tick, from the first tick of the window, where all of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
-    heard = np.append(1.0, window.activity[1:])  # the onset is given
+    heard = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(heard, AT_REST) / variance
-    bank = bank.seeing(
-        first=lifted[0] / np.sqrt(variance[0]),
-        moments=(lifted * weight[:, None]).T @ lifted,
-        place_sum=weight @ window.zeta[:, 9:12],
+    bank = bank.replace_onset_columns(
+        onset_row=lifted[0] / np.sqrt(variance[0]),
+        second_moment=(lifted * weight[:, None]).T @ lifted,
+        weighted_position_sum=weight @ window.zeta[:, 9:12],
         weight=weight.sum(),
-        told=heard.sum(),
+        effective_ticks=heard.sum(),
     )
-    return bank.having(x=model.family.normalise(bank.x, anchors_of(bank, model)))
+    return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def waits(bank: Bank) -> Bools:
+def is_deferred(bank: Bank) -> Bools:
     """Which hypotheses (H,) learn only when searches are due."""
-    return ~(bank.joint >= -WAIT_NATS)
+    return ~(bank.log_weight >= -WAIT_NATS)
 
 
-def caught(bank: Bank, was: Array, model: ContactModel, window: Window, scales: Scales) -> Bank:
+def recover_fallen(
+    bank: Bank, was: Array, model: ContactModel, window: Window, scales: EvidenceParameters
+) -> Bank:
     """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; what
-    is fallen then, and was within ``GRACE_NATS``, is kept for a while (see ``Bank.grace``)."""
+    is fallen then, and was within ``GRACE_NATS``, is kept for a while (see ``Bank.protected_until``)."""
     fallen = _fallen(bank, was, WAIT_NATS)
     if fallen.any():
-        bank = learn(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
+        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
     fallen = _fallen(bank, was, GRACE_NATS)
     if not fallen.any():
         return bank
-    until = np.maximum(bank.grace, bank.told + GRACE_TICKS)
-    return bank.having(grace=np.where(fallen, until, bank.grace))
+    until = np.maximum(bank.protected_until, bank.effective_ticks + GRACE_TICKS)
+    return bank.replace_columns(protected_until=np.where(fallen, until, bank.protected_until))
 
 
 def _fallen(bank: Bank, was: Array, nats: float) -> Bools:
     """Which hypotheses (H,) that were no more than so many ``nats`` behind the best have fallen."""
-    return (was >= -nats) & (bank.joint < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
+    return (was >= -nats) & (bank.log_weight < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
 
 
-def follow(
-    bank: Bank, model: ContactModel, window: Window, scales: Scales, idle: Bools | None = None
+def refit(
+    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, idle: Bools | None = None
 ) -> Bank:
-    """``learn`` as far as is due in every tick, what is ``idle`` (H,) nothing."""
-    steps = REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.told < FIRST_TICKS)
+    """``refit_in_steps`` as far as is due in every tick, what is ``idle`` (H,) nothing."""
+    steps = REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.effective_ticks < FIRST_TICKS)
     if idle is not None:
         steps[idle] = NOT_AT_ALL
-    return learn(bank, model, window, scales, steps)
+    return refit_in_steps(bank, model, window, scales, steps)
 
 
-def learn(bank: Bank, model: ContactModel, window: Window, scales: Scales, steps: Index) -> Bank:
+def refit_in_steps(
+    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, steps: Index
+) -> Bank:
     """Take some ``steps`` (H,) towards the minimum, and weigh the evidence there, or do ``NOT_AT_ALL``.
 
     The moments carry 1/m^2, the rows weights relative to that.
     """
     if (steps == NOT_AT_ALL).any():
         rows = np.flatnonzero(steps != NOT_AT_ALL)
-        learned = learn(bank.pick(rows), model, window, scales, steps[rows])
-        return bank.putting(rows, learned, np.arange(len(rows)))
-    known = before(bank, model, scales)
-    found = gauss_newton.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, steps)
-    return _weighed(bank.having(x=found.x), model, window, scales, known, found)
+        learned = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
+        return bank.replace_rows(rows, learned, np.arange(len(rows)))
+    known = prior_at_anchors(bank, model, scales)
+    found = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *known, bank.x, steps)
+    return _with_evidence(bank.replace_columns(x=found.x), model, window, scales, known, found)
 
 
-def information(bank: Bank, model: ContactModel, scales: Scales) -> Array:
+def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Array:
     """What the moments of each hypothesis tell of its geometry (H, P, P), along the tangent at x.
 
     Its coordinates are taken where they cost least.
     """
-    known = before(bank, model, scales)
-    found = gauss_newton.minimise(model.family, bank.moments, bank.row_weight, *known, bank.x, 0)
+    known = prior_at_anchors(bank, model, scales)
+    found = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *known, bank.x, 0)
     return np.asarray(found.hessian.sum(axis=1))
 
 
-def _weighed(
-    bank: Bank, model: ContactModel, window: Window, scales: Scales, known: Before, found: gauss_newton.Fit
+def _with_evidence(
+    bank: Bank,
+    model: ContactModel,
+    window: Window,
+    scales: EvidenceParameters,
+    known: PriorAtAnchors,
+    found: gauss_newton.Fit,
 ) -> Bank:
     """With the evidence at their x, which was ``found``."""
-    seen = summed(model, bank.x, bank.onset, window, scales, bank.certain)
-    first = bank.first[:, :, None] * bank.first[:, None]
+    seen = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
+    first = bank.onset_row[:, :, None] * bank.onset_row[:, None]
     given = gauss_newton.information(
-        model.family, first, bank.row_weight, bank.moments, known.anchors, found.at
+        model.family, first, bank.row_weight, bank.second_moment, known.anchors, found.at
     )
-    foretold = _foretold(bank, model, scales, seen)
+    foretold = _prior_predictive_share(bank, model, scales, seen)
     price = complexity(
         model.family, bank.x, found.at, known.anchors, found.hessian, given, foretold, known.prior
     )
-    earned = seen.gain.sum(axis=1) + bank.earned
+    earned = seen.gain.sum(axis=1) + bank.gain_before_window
     count = np.maximum(seen.ticks, 1)
-    return bank.having(
+    return bank.replace_columns(
         # geometry never costs more than it has explained
-        log_likelihood=bank.lasted
-        + scales.independence * (seen.log_ratio + bank.settled - np.minimum(price, earned)),
+        log_likelihood=bank.log_prior
+        + scales.likelihood_exponent * (seen.log_ratio + bank.llr_before_window - np.minimum(price, earned)),
         row_weight=seen.precision / count[:, None],
         rms=np.sqrt(seen.chi_sq / (count * model.family.ROWS)),
     )
 
 
-def _foretold(bank: Bank, model: ContactModel, scales: Scales, seen: Sums) -> Array:
+def _prior_predictive_share(
+    bank: Bank, model: ContactModel, scales: EvidenceParameters, seen: EvidenceSums
+) -> Array:
     """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
-    ticks = np.maximum(bank.told, 1.0)[:, None]
+    ticks = np.maximum(bank.effective_ticks, 1.0)[:, None]
     mean_gain = seen.gain / np.maximum(seen.after, 1)[:, None]
-    return np.asarray(scales.foreknowledge * model.needed / ticks * np.exp(-2.0 * mean_gain))
+    return np.asarray(scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * mean_gain))

@@ -84,7 +84,7 @@ class Column(Generic[Entry]):
         self._name = name
 
     def __get__(self, table: "Table", owner: type) -> NDArray[Entry]:
-        cells = table.layout.fields[self._name].column(table.cells(self._name))
+        cells = table.layout.fields[self._name].column(table.raw_column(self._name))
         column: NDArray[Entry] = cells != 0 if self._is_flag else cells
         column.flags.writeable = False
         vars(table)[self._name] = column  # which is found first from now on
@@ -114,7 +114,7 @@ class Table:
     def __len__(self) -> int:
         return len(self.words)
 
-    def cells(self, name: str) -> NDArray[Any]:
+    def raw_column(self, name: str) -> NDArray[Any]:
         """What is kept of a column (N, ...), in the memory of the rows; flags as whole numbers."""
         first, end, shape, whole, _ = self.layout.fields[name]
         words: NDArray[Any] = self.words.view(np.int64) if whole else self.words
@@ -128,11 +128,11 @@ class Table:
         column: NDArray[Any] = np.concatenate(words)
         return column.view(np.int64) if fields[0].whole else column
 
-    def having(self, **columns: NDArray[Any] | float) -> Self:
+    def replace_columns(self, **columns: NDArray[Any] | float) -> Self:
         """The same with other columns."""
         other = self.copy()
         for name, column in columns.items():
-            other.cells(name)[...] = self.layout.fields[name].kept(column)
+            other.raw_column(name)[...] = self.layout.fields[name].kept(column)
         return other
 
     def copy(self) -> Self:

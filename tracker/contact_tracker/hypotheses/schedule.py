@@ -53,7 +53,7 @@ RESIDUAL_TICKS: Final = 25.0
 """How much motion a belief's residuals are about: so little that hypotheses of it are still kept."""
 
 
-def patience(needed: float) -> float:
+def burn_in_ticks(needed: float) -> float:
     """Up to so many ticks with motion a hypothesis is kept, searches, offers and takes geometry however bad,
     whose geometry ``needed`` poses tell: it may not be found yet.
 

@@ -20,7 +20,7 @@ _LOST: Final = 1e-12
 """Of what is correlated, less than this share is rounding."""
 
 
-def are_same(first: Element, second: Element) -> bool:
+def is_same_element(first: Element, second: Element) -> bool:
     """Whether two elements of one kind differ by no more than their covariances allow.
 
     Lines may be told by other points and by the opposite direction; normals point out of the bodies, so that
@@ -34,7 +34,7 @@ def are_same(first: Element, second: Element) -> bool:
     return bool(off @ _inverse(_along(free, first) + _along(free, second)) @ off <= SAME**2)
 
 
-def filled(later: Element, earlier: Element) -> Element:
+def fuse(later: Element, earlier: Element) -> Element:
     """The later of two that are the same, and of the ways in which that is hardly known the earlier one.
 
     The two are not independent: what is met again may have been assumed then. So nothing is added up. Of the
@@ -61,7 +61,7 @@ def filled(later: Element, earlier: Element) -> Element:
         case Line(direction, point_m):
             direction = _turned(direction, off[:3])
             found = replace(first, direction=direction, point_m=point_m + off[3:], covariance=covariance)
-            return _told_alike(found, later)
+            return _aligned(found, later)
 
 
 def _turned(direction: Array, by: Array) -> Array:
@@ -76,7 +76,7 @@ def _better_first(first: Element, second: Element) -> tuple[Element, Element]:
     assert second.covariance is not None
     if second.covariance[:3, :3].trace() < first.covariance[:3, :3].trace():
         first, second = second, first
-    return first, _told_alike(second, first)
+    return first, _aligned(second, first)
 
 
 def _free(element: Element) -> Array:
@@ -106,7 +106,7 @@ def _inverse(covariance: Array) -> Array:
     return np.asarray((ways / told[told > _LOST * told[-1]]) @ ways.T)
 
 
-def _told_alike(element: Element, like: Element) -> Element:
+def _aligned(element: Element, like: Element) -> Element:
     """A line by its point nearest to that of another, and by the direction nearer to the other's."""
     if not isinstance(like, Line):
         return element

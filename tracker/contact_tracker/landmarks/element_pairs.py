@@ -7,7 +7,7 @@ import numpy as np
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import Element, Pair, Plane, by_foot, shifted
-from contact_tracker.landmarks.prior_map import Knowledge, Known, Up
+from contact_tracker.landmarks.prior_map import NamedElement, PriorMap, Up
 
 UNLISTED: Final = 0.5
 """Prior probability that what touches is not on a list of known elements, where that is not complete."""
@@ -15,14 +15,14 @@ _ANYWHERE_M: Final = 1e3
 """Spread of the offset of a face of which only the direction is known."""
 
 
-class Assumption(NamedTuple):
+class ElementPair(NamedTuple):
     """A pair of elements of one contact: known ones, or None for any.
 
     ``log_share`` of the contact's weight; those of all pairs of a contact add up to one.
     """
 
-    object: Known | None
-    environment: Known | None
+    object: NamedElement | None
+    environment: NamedElement | None
     log_share: float
     up: Up | None = None
 
@@ -56,12 +56,12 @@ def _seen(element: Element, origin_m: tuple[float, ...]) -> Element:
 
 
 @lru_cache(maxsize=64)
-def assumptions(knowledge: Knowledge, model: ContactModel) -> tuple[Assumption, ...]:
+def element_pairs(knowledge: PriorMap, model: ContactModel) -> tuple[ElementPair, ...]:
     """All that one contact may assume; none where it is impossible."""
     object_kind, environment_kind = model.contact.value[0], model.contact.value[2]
     up = knowledge.up if environment_kind == "f" else None
     return tuple(
-        Assumption(ours, theirs, our_share + their_share, up if theirs is None else None)
+        ElementPair(ours, theirs, our_share + their_share, up if theirs is None else None)
         for ours, our_share in _choices(knowledge.object, object_kind, knowledge.object_complete)
         for theirs, their_share in _choices(
             knowledge.environment, environment_kind, knowledge.environment_complete
@@ -69,7 +69,9 @@ def assumptions(knowledge: Knowledge, model: ContactModel) -> tuple[Assumption, 
     )
 
 
-def _choices(listed: tuple[Known, ...], kind: str, complete: bool) -> list[tuple[Known | None, float]]:
+def _choices(
+    listed: tuple[NamedElement, ...], kind: str, complete: bool
+) -> list[tuple[NamedElement | None, float]]:
     """Elements of a kind, and None for an unlisted one, with log shares."""
     known = [element for element in listed if element.kind == kind]
     if not known:
@@ -80,7 +82,7 @@ def _choices(listed: tuple[Known, ...], kind: str, complete: bool) -> list[tuple
     return [*((element, listed_share) for element in known), *others]
 
 
-def _name(known: Known | None) -> str | None:
+def _name(known: NamedElement | None) -> str | None:
     return None if known is None else known.name
 
 

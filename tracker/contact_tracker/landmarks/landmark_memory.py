@@ -17,11 +17,11 @@ import numpy as np
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.geometry.incidence import incident
-from contact_tracker.landmarks.association import are_same, filled
-from contact_tracker.landmarks.element_pairs import Assumption
-from contact_tracker.landmarks.prior_map import Known
+from contact_tracker.landmarks.association import fuse, is_same_element
+from contact_tracker.landmarks.element_pairs import ElementPair
+from contact_tracker.landmarks.prior_map import NamedElement
 
-SURE: Final = 0.9
+MAP_INSERTION_PROBABILITY: Final = 0.9
 """An element is kept that belongs to a contact of so much probability."""
 LONGER: Final = 1.5
 """Elements are looked at again when their contact has lasted so many times as long."""
@@ -35,34 +35,36 @@ LOOSE_RAD: Final = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Met:
+class Landmark:
     """An element, the onset of the contact in which it was met, when it was looked at, and where the body was
     then (3,)."""
 
     onset_ns: int
     stamp_ns: int
-    known: Known
+    element: NamedElement
     body_m: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
+class LandmarkMemory:
     """Elements of the object and of the surroundings, each in its own frame, the latest last."""
 
-    object: tuple[Met, ...] = ()
-    environment: tuple[Met, ...] = ()
+    object: tuple[Landmark, ...] = ()
+    environment: tuple[Landmark, ...] = ()
 
-    def learn(self, geometry: ContactGeometry, onset_ns: int, stamp_ns: int, position_m: Array) -> "Memory":
+    def insert(
+        self, geometry: ContactGeometry, onset_ns: int, stamp_ns: int, position_m: Array
+    ) -> "LandmarkMemory":
         """Remember the elements of a contact as they are told at ``stamp_ns``; what it has taught before is
         replaced.
 
         ``position_m`` (3,) of the body's origin in the world tells on which side of a face it is.
         """
         here = np.zeros(3)
-        ours = _loosened(_outward(geometry.object, here, inside=True))
-        theirs = _loosened(_outward(geometry.environment, position_m, inside=False))
+        ours = _inflated(_outward(geometry.object, here, inside=True))
+        theirs = _inflated(_outward(geometry.environment, position_m, inside=False))
         when = onset_ns, stamp_ns
-        return Memory(
+        return LandmarkMemory(
             _kept(self.object, *when, ours, here), _kept(self.environment, *when, theirs, position_m)
         )
 
@@ -78,64 +80,66 @@ class Memory:
         """Whether what began then can teach more at ``stamp_ns`` than it has, whatever contact it is."""
         return stamp_ns >= self.due_ns.get(onset_ns, stamp_ns)
 
-    def assumptions(self, model: ContactModel) -> tuple[Assumption, ...]:
-        """Pairs of elements met before, or of one and an unknown one, as far as they ``_go_together``."""
+    def assumptions(self, model: ContactModel) -> tuple[ElementPair, ...]:
+        """Pairs of elements met before, or of one and an unknown one, where ``_is_plausible_pair``."""
         ours, theirs = model.contact.value[0], model.contact.value[2]
         last_ns = max((met.onset_ns for met in (*self.object, *self.environment)), default=0)
         offers = product(
-            _offered(_distinct(self.object), ours, last_ns),
-            _offered(_distinct(self.environment), theirs, last_ns),
+            _candidates(_distinct(self.object), ours, last_ns),
+            _candidates(_distinct(self.environment), theirs, last_ns),
         )
-        pairs = [(our, their) for our, their in offers if _go_together(our, their)]
+        pairs = [(our, their) for our, their in offers if _is_plausible_pair(our, their)]
         whole = sum(our.weight * their.weight for our, their in pairs)
         return tuple(
-            Assumption(our.known, their.known, math.log(our.weight * their.weight / whole))
+            ElementPair(our.known, their.known, math.log(our.weight * their.weight / whole))
             for our, their in pairs
         )
 
 
-NOTHING_MET: Final = Memory()
+EMPTY_MEMORY: Final = LandmarkMemory()
 
 
 def _kept(
-    met: Sequence[Met], onset_ns: int, stamp_ns: int, element: Element, body_m: Array
-) -> tuple[Met, ...]:
+    met: Sequence[Landmark], onset_ns: int, stamp_ns: int, element: Element, body_m: Array
+) -> tuple[Landmark, ...]:
     if element.name is not None:  # the user knows it anyway
         return tuple(met)
-    new = Met(onset_ns, stamp_ns, Known("met before", element), body_m)
+    new = Landmark(onset_ns, stamp_ns, NamedElement("met before", element), body_m)
     others = [old for old in met if old.onset_ns != onset_ns]
-    alike = [old.onset_ns for old in others if old.known.kind == new.known.kind]
+    alike = [old.onset_ns for old in others if old.element.kind == new.element.kind]
     forgotten = alike[: max(len(alike) - KEPT + 1, 0)]
     return (*(old for old in others if old.onset_ns not in forgotten), new)
 
 
 @lru_cache(maxsize=16)  # the same for all contacts
-def _distinct(met: tuple[Met, ...]) -> tuple[Met, ...]:
+def _distinct(met: tuple[Landmark, ...]) -> tuple[Landmark, ...]:
     """Those that are one and the same as one, of the latest contact, told by that as far as that tells."""
-    latest = (one for one in met if not any(_is_met_again(one, later) for later in met))
-    return tuple(_as_before(one, *[old for old in met if _is_met_again(old, one)][-1:]) for one in latest)
+    latest = (one for one in met if not any(_is_same_landmark(one, later) for later in met))
+    return tuple(_as_before(one, *[old for old in met if _is_same_landmark(old, one)][-1:]) for one in latest)
 
 
 @lru_cache(maxsize=256)  # the same objects as long as they are remembered
-def _is_met_again(one: Met, other: Met) -> bool:
-    is_later = other.onset_ns > one.onset_ns and other.known.kind == one.known.kind
-    return is_later and are_same(one.known.element, other.known.element)
+def _is_same_landmark(one: Landmark, other: Landmark) -> bool:
+    is_later = other.onset_ns > one.onset_ns and other.element.kind == one.element.kind
+    return is_later and is_same_element(one.element.element, other.element.element)
 
 
 @lru_cache(maxsize=64)
-def _as_before(one: Met, before: Met | None = None) -> Met:
+def _as_before(one: Landmark, before: Landmark | None = None) -> Landmark:
     if before is None:
         return one
-    return replace(one, known=replace(one.known, element=filled(one.known.element, before.known.element)))
+    return replace(
+        one, element=replace(one.element, element=fuse(one.element.element, before.element.element))
+    )
 
 
-class _Offer(NamedTuple):
-    """What an element of a contact may be: ``known``, or None for an unknown one.
+class _Candidate(NamedTuple):
+    """What an element of a contact may be: ``element``, or None for an unknown one.
 
     Whether it is of the last contact, whether it was met itself, and whether none of its kind was met later.
     """
 
-    known: Known | None
+    known: NamedElement | None
     is_last: bool
     was_met: bool
     is_latest: bool = True
@@ -147,26 +151,26 @@ class _Offer(NamedTuple):
 
 
 @lru_cache(maxsize=64)  # the same for all contacts
-def _offered(met: tuple[Met, ...], kind: str, last_ns: int) -> tuple[_Offer, ...]:
+def _candidates(met: tuple[Landmark, ...], kind: str, last_ns: int) -> tuple[_Candidate, ...]:
     """What an element of a kind may be, where the last contact is that of ``last_ns``.
 
     An unknown one is of the last contact, too, where the user knows what touched. An end of the edge met last
     counts as met; what else is next to the last contact does not: an edge through that vertex ...
     """
-    offers = [_Offer(None, all(beside.onset_ns != last_ns for beside in met), True)]
-    edges = [beside for beside in met if beside.known.kind == "e"][-1:] if kind == "v" else []
-    latest_ns = max((beside.onset_ns for beside in met if beside.known.kind == kind), default=last_ns)
+    offers = [_Candidate(None, all(beside.onset_ns != last_ns for beside in met), True)]
+    edges = [beside for beside in met if beside.element.kind == "e"][-1:] if kind == "v" else []
+    latest_ns = max((beside.onset_ns for beside in met if beside.element.kind == kind), default=last_ns)
     for beside in met:
         is_last = beside.onset_ns == last_ns
         is_latest = beside.onset_ns >= latest_ns
-        if beside.known.kind == kind:
-            offers.append(_Offer(beside.known, is_last, True, is_latest))
+        if beside.element.kind == kind:
+            offers.append(_Candidate(beside.element, is_last, True, is_latest))
         elif is_last or beside in edges:
-            offers.append(_Offer(_next_to(beside, kind), is_last, beside in edges, is_latest))
+            offers.append(_Candidate(_incident_landmark(beside, kind), is_last, beside in edges, is_latest))
     return tuple(offers)
 
 
-def _go_together(ours: _Offer, theirs: _Offer) -> bool:
+def _is_plausible_pair(ours: _Candidate, theirs: _Candidate) -> bool:
     """Whether a contact may be of two elements, of which one at least is known.
 
     What is next to the last contact goes with what is of that as well. Two that were met go together if one
@@ -182,8 +186,8 @@ def _go_together(ours: _Offer, theirs: _Offer) -> bool:
 
 
 @lru_cache(maxsize=64)  # the same object as long as it is remembered
-def _next_to(met: Met, kind: str) -> Known:
-    return Known(met.known.name, incident(met.known.element, kind, met.body_m))
+def _incident_landmark(met: Landmark, kind: str) -> NamedElement:
+    return NamedElement(met.element.name, incident(met.element.element, kind, met.body_m))
 
 
 def _outward(element: Element, position_m: Array, inside: bool) -> Element:
@@ -198,7 +202,7 @@ def _outward(element: Element, position_m: Array, inside: bool) -> Element:
     return replace(element, normal=-element.normal, offset_m=-element.offset_m, covariance=moved)
 
 
-def _loosened(element: Element) -> Element:
+def _inflated(element: Element) -> Element:
     turn, shift = LOOSE_RAD**2, LOOSE_M**2
     assert element.covariance is not None
     match element:

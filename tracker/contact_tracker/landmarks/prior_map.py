@@ -26,7 +26,7 @@ class Accuracy:
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class NamedElement:
     """An element with a name. A plane's normal points out of the body that it bounds."""
 
     name: str
@@ -47,14 +47,14 @@ class Up:
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class PriorMap:
     """Known elements: ``object`` in the body frame, ``environment`` in the world frame.
 
     Where one is complete, nothing else of it can touch: no hypothesis assumes an element that is not listed.
     """
 
-    environment: tuple[Known, ...] = ()
-    object: tuple[Known, ...] = ()
+    environment: tuple[NamedElement, ...] = ()
+    object: tuple[NamedElement, ...] = ()
     up: Up | None = None
     environment_complete: bool = False
     object_complete: bool = False
@@ -73,7 +73,7 @@ class Knowledge:
         )
 
 
-NOTHING: Final = Knowledge()
+EMPTY_MAP: Final = PriorMap()
 
 
 def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:
@@ -108,7 +108,7 @@ def elements_of(
     rotation: Array,
     position_m: Array,
     prefix: str = "",
-) -> tuple[Known, ...]:
+) -> tuple[NamedElement, ...]:
     """Faces, edges and vertices of a convex body that is turned by ``rotation`` (3, 3) and moved.
 
     ``face_name`` (number, outward normal before the turn) calls the faces; an edge is called after the two
@@ -116,12 +116,12 @@ def elements_of(
     """
     faces = {face.indices: face_name(i, face.normals[0]) for i, face in enumerate(body.of_kind("f"), start=1)}
 
-    def known(feature: Feature) -> Known:
+    def known(feature: Feature) -> NamedElement:
         middle = feature.points.mean(axis=0)
         named = [name for indices, name in faces.items() if feature.indices <= indices]
         name = f"{prefix}{KINDS[feature.kind]} {' '.join(sorted(named, key=_axis_order))}"
         element = feature.element(rotation, position_m, middle)
-        return Known(name, known_to(element, accuracy, rotation @ middle + position_m))
+        return NamedElement(name, known_to(element, accuracy, rotation @ middle + position_m))
 
     return tuple(known(feature) for feature in body.features)
 

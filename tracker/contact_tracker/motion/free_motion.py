@@ -55,28 +55,34 @@ _UNIT: Final = np.ones(2)
 class FreeMotion(NamedTuple):
     """Filters of two smooth vectors in R^3, the position (m) and the integrated rotation (rad).
 
-    ``x`` (2, 3, 3) are value, rate and acceleration of each by axis; ``covariance`` (6, 6) of the states of
-    both is that of any one axis, because all axes are measured alike. ``last`` (2, 3) are the values of the
-    last tick, at ``orientation`` (4,) ``xyzw``.
+    Two predictions compete: that a vector moves on as the filter says, and that it stays at ``last``. Sums over
+    ticks fade with time; errors are added up as logs, so that a jolt does not outshine the seconds of rest
+    after it.
 
-    Two predictions compete: that a vector moves on as the filter says, and that it stays at ``last``.
-    ``log_square`` (2, 2) and ``weight`` are running sums of the log squared error per axis of each and of the
-    weights (in the log a jolt does not outshine the seconds of rest after it); ``latest`` (n, 2, 2) are the
-    few last. Of the filter's errors, ``shape`` (2, 3, 3) is the mean of their directions, with trace 1,
-    ``direction`` (2, 3) the last ones and ``echo`` (2,) the mean cosine from one to the next: how much of an
-    error was to be expected.
+    Parameters
+    ----------
+    x : (2, 3, 3) value, rate and acceleration of each vector, by axis.
+    covariance : (6, 6) of the states of both for any one axis: all axes are measured alike.
+    last : (2, 3) values of the last tick, at ``orientation`` (4,) ``xyzw``.
+    log_squared_error : (2, 2) sum, of each vector and each prediction, of the log squared error per axis.
+    weight : sum of the weights of those.
+    latest : (n, 2, 2) log squared errors of the last few ticks.
+    shape : (2, 3, 3) mean of the directions of the filter's errors, with trace 1.
+    direction : (2, 3) those of the last tick.
+    autocorrelation : (2,) mean cosine from one error to the next: how much of it was to be expected.
+    ticks : so many were taken in.
     """
 
     x: Array
     covariance: Array
     last: Array
     orientation: Array
-    log_square: Array
+    log_squared_error: Array
     weight: float
     latest: Array
     shape: Array
     direction: Array
-    echo: Array
+    autocorrelation: Array
     ticks: int
 
     @property
@@ -89,7 +95,7 @@ class FreeMotion(NamedTuple):
         """Mean squared error per axis (2,) of the better prediction; infinite before any was made."""
         if not self.weight:
             return np.full(2, np.inf)
-        return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_square.T) / self.weight))
+        return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_squared_error.T) / self.weight))
 
     def excess(self, variance: Array) -> Array:
         """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick.
@@ -102,19 +108,19 @@ class FreeMotion(NamedTuple):
         now = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
         moving = np.maximum(np.minimum(self.spread, now) / variance - STILL, 0.0)
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
-        echo = np.maximum(self.echo, 0.0)
+        echo = np.maximum(self.autocorrelation, 0.0)
         fresh = (1.0 - echo) / (1.0 + echo)
         return np.asarray(variance * (np.maximum(axes, 1.0) ** (fresh / 3.0) - 1.0))
 
 
-class Excess(NamedTuple):
+class InnovationExcess(NamedTuple):
     """Unpredictable motion per axis in a tick beyond the noise: variances in m^2 and rad^2."""
 
     position_m2: float
     rotation_rad2: float
 
 
-NO_EXCESS: Final = Excess(0.0, 0.0)
+NO_EXCESS: Final = InnovationExcess(0.0, 0.0)
 
 
 def begin(rotation: Array, position_m: Array) -> FreeMotion:
@@ -129,12 +135,12 @@ def begin(rotation: Array, position_m: Array) -> FreeMotion:
         np.diag(np.square(PRIOR_SPREAD * 2)),
         last=x[:, 0],
         orientation=nearest(rotation),
-        log_square=np.zeros((2, 2)),
+        log_squared_error=np.zeros((2, 2)),
         weight=0.0,
         latest=np.zeros((0, 2, 2)),
         shape=np.array([_EYE, _EYE]) / 3.0,
         direction=np.zeros((2, 3)),
-        echo=np.zeros(2),
+        autocorrelation=np.zeros(2),
         ticks=0,
     )
 
@@ -147,12 +153,12 @@ def coasted(state: FreeMotion, count: int, tick_s: float, memory_s: float) -> Fr
     """
     if count * tick_s > LONGEST_COAST_S or state.ticks <= SETTLING_TICKS:
         return None
-    tick = onward(tick_s, memory_s)
+    tick = transition(tick_s, memory_s)
     x, covariance = state.x.reshape(6, 3), state.covariance
     for _ in range(count):
         unexplained = np.maximum(state.spread - covariance.diagonal()[::3], 0.0)
-        jerk = tick.jerk * (unexplained * (JERK_SHARE / tick.jerk[0, 0])).repeat(3)
-        x, covariance = tick.onward @ x, tick.onward @ covariance @ tick.onward.T + jerk
+        jerk = tick.jerk_covariance * (unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])).repeat(3)
+        x, covariance = tick.matrix @ x, tick.matrix @ covariance @ tick.matrix.T + jerk
     return state._replace(
         x=x.reshape(2, 3, 3), covariance=covariance, ticks=SETTLING_TICKS - SETTLING_AGAIN_TICKS
     )
@@ -164,25 +170,28 @@ def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
     return position, product(state.orientation, from_rotation_vectors(turn - state.last[1]))
 
 
-class Onward(NamedTuple):
-    """What one tick does to the states (6,), ``jerk`` (6, 6) by a unit of white jerk; by how much it makes
-    errors ``fade`` and what is known of their shape."""
+class Transition(NamedTuple):
+    """What one tick does to the states of the filter."""
 
-    onward: Array
-    jerk: Array
+    matrix: Array
+    """(6, 6)"""
+    jerk_covariance: Array
+    """(6, 6) by a unit of white jerk."""
     fade: float
+    """By how much it makes errors count less."""
     fade_shape: float
+    """By how much it makes the known shape of errors count less."""
 
 
 @lru_cache(maxsize=8)
-def onward(tick_s: float, memory_s: float) -> Onward:
-    """Of a tick of this length, where errors are remembered for ``memory_s``."""
+def transition(tick_s: float, memory_s: float) -> Transition:
+    """Of a tick of this length, where errors are remembered for ``error_memory_s``."""
     rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
     grown = np.array([tick_s**2 / 2, tick_s, 1.0])  # what a unit of jerk has made of the states by then
     jerk = np.asarray(np.outer(grown, grown) * tick_s / _POWERS_OF_JERK, float)
     both = np.eye(2)
     fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
-    return Onward(np.kron(both, rate), np.kron(both, jerk), fade, fade_shape)
+    return Transition(np.kron(both, rate), np.kron(both, jerk), fade, fade_shape)
 
 
 def advance(
@@ -192,9 +201,9 @@ def advance(
     variance: Array,
     tick_s: float,
     memory_s: float,
-) -> tuple[FreeMotion, Excess]:
+) -> tuple[FreeMotion, InnovationExcess]:
     """One tick on: the mean pose of the tick and its noise ``variance`` (2,) per axis (m^2, rad^2)."""
-    tick = onward(tick_s, memory_s)
+    tick = transition(tick_s, memory_s)
     fade, fade_shape = tick.fade, tick.fade_shape
     orientation = nearest(rotation)
     value = np.array([position_m, state.last[1] + rotation_vectors(between(state.orientation, orientation))])
@@ -212,28 +221,33 @@ def advance(
         covariance,
         last=value,
         orientation=orientation,
-        log_square=fade * state.log_square + log_square,
+        log_squared_error=fade * state.log_squared_error + log_square,
         weight=fade * state.weight + 1.0,
         latest=np.concatenate([state.latest[1 - NOW_TICKS :], log_square[None]]),
         shape=fade_shape * state.shape + (1.0 - fade_shape) * direction[:, :, None] * direction[:, None],
         direction=direction,
-        echo=fade_shape * state.echo + (1.0 - fade_shape) * (direction * state.direction).sum(axis=1),
+        autocorrelation=fade_shape * state.autocorrelation
+        + (1.0 - fade_shape) * (direction * state.direction).sum(axis=1),
         ticks=ticks,
     )
     excess = state.excess(variance)
-    return state, Excess(float(excess[0]), float(excess[1]))
+    return state, InnovationExcess(float(excess[0]), float(excess[1]))
 
 
-def _filtered(state: FreeMotion, value: Array, variance: Array, tick: Onward) -> tuple[Array, Array, Array]:
+def _filtered(
+    state: FreeMotion, value: Array, variance: Array, tick: Transition
+) -> tuple[Array, Array, Array]:
     """States (2, 3, 3) and covariance after the values (2, 3) of a tick, which were off by so much (2, 3)."""
     from filterpy.kalman import predict, update  # kernels do without: it takes longer to load than all else
 
-    x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=tick.onward)
+    x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=tick.matrix)
     x = x.reshape(2, 3, 3)
     # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
     carried = covariance.diagonal()[::3]
     unexplained = np.maximum(state.spread - variance - carried, 0.0) if state.weight else variance
-    covariance = covariance + tick.jerk * (unexplained * (JERK_SHARE / tick.jerk[0, 0])).repeat(3)
+    covariance = covariance + tick.jerk_covariance * (
+        unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])
+    ).repeat(3)
     innovation = value - x[:, 0]
     # the gain is what a measurement of 1 makes of 0
     gain, covariance = update(_REST, covariance, _UNIT, variance * np.eye(2), _VALUE)

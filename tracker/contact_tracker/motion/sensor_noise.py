@@ -71,7 +71,7 @@ class NoiseEstimate:
         return sqrt((self.position_m2.trace() + swung) / 3.0)
 
 
-class Heard(NamedTuple):
+class NoiseBuffer(NamedTuple):
     """What the noise is told from.
 
     ``differences`` (15, n) are every second third difference of the last frames, scaled to the noise's
@@ -84,7 +84,7 @@ class Heard(NamedTuple):
     frames: Poses
 
 
-NOTHING_HEARD: Final = Heard(np.zeros((15, 0)), NO_POSES)
+EMPTY_BUFFER: Final = NoiseBuffer(np.zeros((15, 0)), NO_POSES)
 
 
 def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
@@ -94,8 +94,8 @@ def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
 
 
 def advance(
-    heard: Heard, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
-) -> tuple[Heard, NoiseEstimate]:
+    heard: NoiseBuffer, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
+) -> tuple[NoiseBuffer, NoiseEstimate]:
     """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad).
 
     A pose that is held says nothing new of the noise, in the next tick neither.
@@ -103,12 +103,12 @@ def advance(
     untold, known = Poses.join([heard.frames, frames]).fresh, heard.differences.shape[1]
     new = (len(untold) - ORDER + 1) // STRIDE
     if new < UNTOLD * min(known + new, MEMORY):
-        return Heard(heard.differences, untold), estimate
+        return NoiseBuffer(heard.differences, untold), estimate
     differences = np.concatenate([heard.differences, _third_differences(untold)], axis=1)[:, -MEMORY:]
-    return Heard(differences, untold[max(new, 0) * STRIDE :]), _told(estimate, differences, prior)
+    return NoiseBuffer(differences, untold[max(new, 0) * STRIDE :]), _estimate(estimate, differences, prior)
 
 
-def _told(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
+def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
     """The noise that the differences (15, n) tell; near the last one."""
     if differences.shape[1] < 2 * ORDER:
         return begin(*prior)
@@ -134,9 +134,9 @@ def estimate_noise(poses: Poses) -> tuple[float, float]:
 
 
 def _third_differences(frames: Poses) -> Array:
-    """Columns (15, n) of what is ``Heard``."""
+    """Columns (15, n) of what is ``NoiseBuffer``."""
     if len(frames) <= ORDER:
-        return NOTHING_HEARD.differences
+        return EMPTY_BUFFER.differences
     quat, position, interval = frames.quat_xyzw, frames.position_m, np.diff(frames.stamp_ns)
     turns = rotation_vectors(between(quat[:-1], quat[1:]))
     steps = np.concatenate([position[1:] - position[:-1], turns], axis=1)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.motion import free_motion, sensor_noise
-from contact_tracker.motion.free_motion import NO_EXCESS, Excess, FreeMotion
+from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion, InnovationExcess
 from contact_tracker.motion.lifted_pose import R, T, mean_lift
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.sensor_noise import Heard, NoiseEstimate
+from contact_tracker.motion.sensor_noise import NoiseBuffer, NoiseEstimate
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -24,84 +24,89 @@ _EYE: Final = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """The frames of one tick.
-
-    ``start_ns``, ``stamp_ns`` of its first and last frame; ``zeta`` (25,) mean lift, world origin at
-    the first pose; ``count`` of frames used (0: a gap), ``outliers`` left out; ``excess`` of free motion; the
-    ``noise`` of a frame, as it is known after the tick.
-    """
+    """The mean of the frames of one tick."""
 
     start_ns: int
+    """Stamp of its first frame."""
     stamp_ns: int
+    """Stamp of its last frame."""
     zeta: Array
+    """(25,) mean lifted pose; the world's origin is at the first pose."""
     count: int
+    """Of frames used; 0 in a gap."""
     outliers: int
-    excess: Excess
+    """Frames left out."""
+    innovation_excess: InnovationExcess
+    """Of free motion beyond the noise."""
     noise: NoiseEstimate
+    """Of one frame, as it is known after the tick."""
 
 
-class Learnt(NamedTuple):
-    """What the ticks so far have taught; nothing of the ``motion`` where the next is no tick's time after."""
+class StreamState(NamedTuple):
+    """What the ticks so far have taught of the stream."""
 
     noise: NoiseEstimate
-    heard: Heard
-    motion: FreeMotion | None
+    noise_buffer: NoiseBuffer
+    """What the noise is estimated from."""
+    free_motion: FreeMotion | None
+    """None where the next tick does not follow on the last."""
 
 
-class Run(NamedTuple):
-    """Ticks that follow each other: their ``frames``, those of each up to one of the ``ends`` (n,), of which
-    all have some; ``first_ns``, when the time of the first begins; seen from ``origin_m`` (3,).
-
-    With ``is_rest`` the first is the rest of a tick of which something was told before.
-    """
+class TickRun(NamedTuple):
+    """Ticks that follow each other, none of them empty."""
 
     frames: Poses
+    """Of all of them."""
     ends: Index
+    """(n,) where the frames of each end."""
     first_ns: int
+    """When the time of the first begins."""
     origin_m: Array
+    """(3,) the origin of the lifted poses."""
     is_rest: bool
+    """The first is the rest of a tick that has been closed before."""
 
 
-def averaged(learnt: Learnt, run: Run, model: Model) -> tuple[Learnt, list[Tick]]:
+def average_run(learnt: StreamState, run: TickRun, model: Model) -> tuple[StreamState, list[Tick]]:
     """The ticks of a run, and what is learnt after it."""
     if run.is_rest:
-        learnt = learnt._replace(motion=None)
+        learnt = learnt._replace(free_motion=None)
     closed, first, first_ns = list[Tick](), 0, run.first_ns
     for end in run.ends.tolist():
         frames, is_rest = run.frames[first:end], run.is_rest and not first
-        learnt, tick = _closed(learnt, frames, first_ns, run.origin_m, model, is_rest)
+        learnt, tick = _average_tick(learnt, frames, first_ns, run.origin_m, model, is_rest)
         closed.append(tick)
         first, first_ns = end, first_ns + model.tick_ns
     return learnt, closed
 
 
-def _closed(
-    learnt: Learnt, frames: Poses, first_ns: int, origin_m: Array, model: Model, is_rest: bool
-) -> tuple[Learnt, Tick]:
+def _average_tick(
+    learnt: StreamState, frames: Poses, first_ns: int, origin_m: Array, model: Model, is_rest: bool
+) -> tuple[StreamState, Tick]:
     """One tick; a rest tells nothing of the motion: it is not a tick's time from its neighbours."""
     start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
     frames = frames.fresh  # held poses say nothing new
     before = learnt.noise
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
     ahead_s = (frames.stamp_ns - first_ns) / 1e9 + 0.5 * model.tick_s  # of the middle of the tick before
-    good = _plausible(frames, ahead_s, learnt.motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
+    good = _plausible(frames, ahead_s, learnt.free_motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
     some = frames if good.all() else frames[good]
-    heard, estimate = learnt.heard, before
+    heard, estimate = learnt.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         typical = some if 2 * len(some) > len(frames) else frames  # outliers are no noise, unless most are
         heard, estimate = sensor_noise.advance(heard, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
-    motion, excess, turn = learnt.motion, NO_EXCESS, zeta[R].reshape(3, 3)
+    motion, excess, turn = learnt.free_motion, NO_EXCESS, zeta[R].reshape(3, 3)
     if motion is not None:
         variance = tick_variances(estimate, np.array(float(len(some))), model)
         motion, excess = free_motion.advance(
-            motion, turn, zeta[T], variance, model.tick_s, model.motion.memory_s
+            motion, turn, zeta[T], variance, model.tick_s, model.motion.error_memory_s
         )
     elif not is_rest:
         motion = free_motion.begin(turn, zeta[T])
     tick = Tick(start_ns, stamp_ns, zeta, len(some), len(frames) - len(some), excess, estimate)
-    return Learnt(estimate, heard, motion), tick
+    return StreamState(estimate, heard, motion), tick
 
 
 def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -118,7 +123,7 @@ def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array
     return np.asarray(np.dot(parts, np.array(variances(estimate, model))))
 
 
-def tick_unevenness(estimate: NoiseEstimate, count: Array) -> Array:
+def tick_anisotropy(estimate: NoiseEstimate, count: Array) -> Array:
     """What the covariance (W, 3, 3) of the mean position of ticks with ``count`` (W,) frames, in the world's
     axes, is beyond its mean over the axes (m^2)."""
     covariance = estimate.position_m2

@@ -10,7 +10,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.motion import free_motion, sensor_noise
 from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.tick_averaging import Array, Learnt, Run, Tick, averaged
+from contact_tracker.motion.tick_averaging import Array, StreamState, Tick, TickRun, average_run
 
 LONGEST_GAP_S: Final = 5.0
 """A gap in the stream is followed tick by tick up to this time; what is longer passes as one."""
@@ -25,13 +25,13 @@ class TickState(NamedTuple):
     number: int
     frames: tuple[Poses | Pose, ...]
     last: Tick | None
-    learnt: Learnt
+    stream: StreamState
 
 
 def begin(model: Model, poses: Poses) -> TickState:
     """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
     estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    learnt = Learnt(estimate, sensor_noise.NOTHING_HEARD, None)
+    learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None)
     return TickState(int(poses.stamp_ns[0]), poses.position_m[0].copy(), 0, (), None, learnt)
 
 
@@ -73,17 +73,17 @@ def _run(
     """Finish the tick under way and those that follow without a gap, see ``Run``."""
     first_ns = state.origin_ns + state.number * model.tick_ns
     is_rest = state.last is not None and state.last.stamp_ns >= first_ns
-    run = Run(frames, ends, first_ns, state.origin_m, is_rest)
-    learnt, closed = averaged(state.learnt, run, model)
-    return state._replace(number=state.number + len(ends) - 1, last=closed[-1], learnt=learnt), closed
+    run = TickRun(frames, ends, first_ns, state.origin_m, is_rest)
+    learnt, closed = average_run(state.stream, run, model)
+    return state._replace(number=state.number + len(ends) - 1, last=closed[-1], stream=learnt), closed
 
 
 def _coasted(state: TickState, missed: int, model: Model) -> FreeMotion | None:
     """What is known of the motion after ticks without poses."""
-    motion = state.learnt.motion
+    motion = state.stream.free_motion
     if motion is None:
         return None
-    return free_motion.coasted(motion, missed, model.tick_s, model.motion.memory_s)
+    return free_motion.coasted(motion, missed, model.tick_s, model.motion.error_memory_s)
 
 
 def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
@@ -94,10 +94,10 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
     empty = list[Tick]()
     if missed:
         assert state.last is not None
-        like = replace(state.last, count=0, outliers=0, excess=NO_EXCESS)
+        like = replace(state.last, count=0, outliers=0, innovation_excess=NO_EXCESS)
         stamps = [like.stamp_ns + (i + 1) * step_ns for i in range(missed)]
         empty = [replace(like, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
-        state = state._replace(learnt=state.learnt._replace(motion=_coasted(state, missed, model)))
+        state = state._replace(stream=state.stream._replace(free_motion=_coasted(state, missed, model)))
     if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)

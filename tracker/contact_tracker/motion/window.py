@@ -16,21 +16,20 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The last W ticks, oldest first: what evidence is computed on.
-
-    ``index`` (W,) of the ticks, ``zeta`` (W, 25), ``variance`` (W, 2) noise of position (m^2) and rotation
-    (rad^2), mean over the axes; ``excess`` (W, 2) of free motion, zero where the tick has no frames;
-    ``uneven`` (W, 3, 3) what the covariance of the position (m^2, in the world's axes) is beyond its mean,
-    None where noise is the same in all directions; ``before`` (25,) is the zeta of the tick before the first,
-    None where nothing came before.
-    """
+    """The last W ticks, oldest first: what evidence is computed on."""
 
     index: Index
+    """(W,) numbers of the ticks."""
     zeta: Array
+    """(W, 25) mean lifted poses."""
     variance: Array
-    excess: Array
-    uneven: Array | None = None
+    """(W, 2) noise of position (m^2) and rotation (rad^2), mean over the axes."""
+    innovation_excess: Array
+    """(W, 2) of free motion beyond the noise (m^2, rad^2), zero where a tick has no frames."""
+    position_anisotropy: Array | None = None
+    """(W, 3, 3) covariance of the position beyond its mean over the axes (m^2); None if isotropic."""
     before: Array | None = None
+    """(25,) zeta of the tick before the first; None where nothing came before."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -41,14 +40,14 @@ class Window:
         return lift_of_inverse(self.zeta)
 
     @cached_property
-    def unheld(self) -> Array:
-        """Variances (W, 2) as in ``excess``, of what nothing but touching would keep from moving: where
-        elements are known, free motion is more than what is unpredictable in it."""
-        return np.maximum(self.excess, self.travel)
+    def displacement_variance(self) -> Array:
+        """Variances (W, 2), as ``innovation_excess``, of what nothing but touching would keep from moving:
+        where elements are known, free motion is more than what is unpredictable in it."""
+        return np.maximum(self.innovation_excess, self.travel)
 
     @property
     def travel(self) -> Array:
-        """How far the object moved since the tick before, (W, 2) variances per axis as in ``excess``.
+        """How far the object moved since the tick before: variances (W, 2) per axis (m^2, rad^2).
 
         Zero where the tick before is not in the window.
         """
@@ -61,20 +60,22 @@ class Window:
         return np.asarray(0.5 * (rising[len(self) - 1 - half] + rising[half]))
 
     @property
-    def unrest(self) -> float:
-        """As ``activity``, of how far the object moved in the newest tick, however smoothly."""
+    def displacement_ratio(self) -> float:
+        """As ``motion_ratio``, of how far the object moved in the newest tick, however smoothly."""
         moved = self.cut(-1, None).travel[-1]
         return float(np.max(moved / (moved + self.variance[-1])))
 
     @cached_property
-    def activity(self) -> Array:
+    def motion_ratio(self) -> Array:
         """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
-        return np.asarray(np.max(self.excess / (self.excess + self.variance), axis=1, initial=0.0))
+        return np.asarray(
+            np.max(self.innovation_excess / (self.innovation_excess + self.variance), axis=1, initial=0.0)
+        )
 
     @cached_property
-    def latest_activity(self) -> float:
+    def latest_motion_ratio(self) -> float:
         """That of the newest tick; the others' may not be asked for."""
-        excess, variance = self.excess[-1].tolist(), self.variance[-1].tolist()
+        excess, variance = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
         return float(max(e / (e + v) for e, v in zip(excess, variance, strict=True)))
 
     def then(self, index: int, zeta: Array, excess: Array, variance: Array, uneven: Array) -> "Window":
@@ -88,19 +89,21 @@ class Window:
             np.concatenate([self.index[first:], [index]]),
             np.concatenate([self.zeta[first:], zeta[None]]),
             variance,
-            np.concatenate([self.excess[first:], excess[None]]),
+            np.concatenate([self.innovation_excess[first:], excess[None]]),
             uneven,
             self.zeta[first - 1] if first else self.before,
         )
         inverse = np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]])
-        return moved_on.knowing(inverse, np.concatenate([self.unheld[first:], unheld[None]]))
+        return moved_on.with_cached(
+            inverse, np.concatenate([self.displacement_variance[first:], unheld[None]])
+        )
 
-    def knowing(self, inverse: Array, unheld: Array) -> "Window":
-        """The same window, told what is ``inverse`` and ``unheld``."""
+    def with_cached(self, inverse: Array, unheld: Array) -> "Window":
+        """The same window, told what is ``inverse`` and ``displacement_variance``."""
         vars(self).update(inverse=inverse, unheld=unheld)
         return self
 
-    def lost_by(self, after: "Window") -> "Window":
+    def expired_by(self, after: "Window") -> "Window":
         """The oldest ticks, which the window ``after`` the next tick has no more."""
         return self.cut(0, max(len(self) + 1 - len(after), 0))
 
@@ -111,27 +114,37 @@ class Window:
 
     def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
         """Some ticks by themselves, whatever came before if it is not said."""
-        uneven = None if self.uneven is None else self.uneven[rows]
+        uneven = None if self.position_anisotropy is None else self.position_anisotropy[rows]
         return Window(
-            self.index[rows], self.zeta[rows], self.variance[rows], self.excess[rows], uneven, before
+            self.index[rows],
+            self.zeta[rows],
+            self.variance[rows],
+            self.innovation_excess[rows],
+            uneven,
+            before,
         )
 
     def with_error(self, beyond: tuple[float, float]) -> "Window":
         """The window with noise variances (m^2, rad^2) larger by ``beyond`` in all ticks."""
         if not any(beyond):
             return self
-        return replace(self, variance=self.variance + beyond).knowing(self.inverse, self.unheld)
+        return replace(self, variance=self.variance + beyond).with_cached(
+            self.inverse, self.displacement_variance
+        )
 
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":
         """Windows one after the other."""
-        known = any(p.uneven is not None for p in parts)
-        uneven = [np.zeros((len(p), 3, 3)) if p.uneven is None else p.uneven for p in parts]
+        known = any(p.position_anisotropy is not None for p in parts)
+        uneven = [
+            np.zeros((len(p), 3, 3)) if p.position_anisotropy is None else p.position_anisotropy
+            for p in parts
+        ]
         return cls(
             np.concatenate([p.index for p in parts]),
             np.concatenate([p.zeta for p in parts]),
             np.concatenate([p.variance for p in parts]),
-            np.concatenate([p.excess for p in parts]),
+            np.concatenate([p.innovation_excess for p in parts]),
             np.concatenate(uneven) if known else None,
             parts[0].before,
         )

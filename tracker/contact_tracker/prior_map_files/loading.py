@@ -14,8 +14,8 @@ from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.landmarks.prior_map import (
     Accuracy,
-    Knowledge,
-    Known,
+    NamedElement,
+    PriorMap,
     Up,
     axis_name,
     elements_of,
@@ -29,7 +29,7 @@ Note = Callable[[str], None]
 MOST_ELEMENTS: Final = 200
 
 
-def load_knowledge(path: str, note: Note = lambda _: None) -> Knowledge:
+def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
     """Read a TOML file; ``note`` is told what is not an error but should be known, a line each.
 
     Raises
@@ -49,7 +49,7 @@ def read_table(path: str) -> dict[str, Any]:
         raise KnowledgeError("", f"{path} is not TOML: {error}") from error
 
 
-def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> Knowledge:
+def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> PriorMap:
     """Knowledge from the keys of a file; paths of meshes are relative to ``folder``."""
     keys = Keys(dict(table), "")
     up_keys, object_keys, environment_keys = map(keys.table, ("up", "object", "environment"))
@@ -57,7 +57,7 @@ def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note =
     keys.finish()
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
-    return Knowledge(environment, object, up, environment_complete, object_complete)
+    return PriorMap(environment, object, up, environment_complete, object_complete)
 
 
 def _up(keys: Keys) -> Up:
@@ -69,7 +69,7 @@ def _up(keys: Keys) -> Up:
 
 def _elements(
     keys: Keys, folder: Path, note: Note, solid_is_all: bool = True
-) -> tuple[tuple[Known, ...], bool]:
+) -> tuple[tuple[NamedElement, ...], bool]:
     """The elements of one frame, and whether there are no others."""
     found = [
         *(_plane(row, i) for i, row in enumerate(keys.tables("plane"), start=1)),
@@ -91,7 +91,7 @@ def _elements(
     return tuple(found), complete
 
 
-def _refuse_many(found: list[Known], keys: Keys) -> None:
+def _refuse_many(found: list[NamedElement], keys: Keys) -> None:
     if len(found) > MOST_ELEMENTS:
         raise keys.wrong("mesh", f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
     for name in (known.name for known in found):
@@ -99,7 +99,7 @@ def _refuse_many(found: list[Known], keys: Keys) -> None:
             raise keys.wrong("name", f"{name!r} is there twice")
 
 
-def _plane(keys: Keys, number: int) -> Known:
+def _plane(keys: Keys, number: int) -> NamedElement:
     name, accuracy, normal = keys.text("name", f"plane {number}"), _accuracy(keys), keys.direction("normal")
     if ("offset_m" in keys) == ("point_m" in keys):
         raise keys.wrong("offset_m", "give either this or point_m")
@@ -110,23 +110,23 @@ def _plane(keys: Keys, number: int) -> Known:
         offset_m = keys.number("offset_m", None, -FARTHEST_M, FARTHEST_M)
         plane = known_to(Plane(normal, offset_m), accuracy)
     keys.finish()
-    return Known(name, plane)
+    return NamedElement(name, plane)
 
 
-def _line(keys: Keys, number: int) -> Known:
+def _line(keys: Keys, number: int) -> NamedElement:
     name, accuracy = keys.text("name", f"line {number}"), _accuracy(keys)
     line = Line(keys.direction("direction"), keys.vector("point_m"))
     keys.finish()
-    return Known(name, known_to(line, accuracy))
+    return NamedElement(name, known_to(line, accuracy))
 
 
-def _point(keys: Keys, number: int) -> Known:
+def _point(keys: Keys, number: int) -> NamedElement:
     name, accuracy, point = keys.text("name", f"point {number}"), _accuracy(keys), keys.vector("point_m")
     keys.finish()
-    return Known(name, known_to(Point(point), accuracy))
+    return NamedElement(name, known_to(Point(point), accuracy))
 
 
-def _box(keys: Keys) -> tuple[Known, ...]:
+def _box(keys: Keys) -> tuple[NamedElement, ...]:
     prefix, accuracy, size_m = _prefix(keys), _accuracy(keys), keys.lengths("size_m")
     rotation, position_m = keys.pose()
     keys.finish()
@@ -134,7 +134,7 @@ def _box(keys: Keys) -> tuple[Known, ...]:
     return elements_of(body, axis_name, accuracy, rotation, position_m, prefix)
 
 
-def _mesh(keys: Keys, folder: Path, note: Note) -> tuple[tuple[Known, ...], bool]:
+def _mesh(keys: Keys, folder: Path, note: Note) -> tuple[tuple[NamedElement, ...], bool]:
     """The elements of a mesh's hull, and whether the mesh is convex."""
     prefix, accuracy, path = _prefix(keys), _accuracy(keys), folder / keys.text("path", None)
     unit_m = keys.number("unit_m", 1.0, 1e-6, 1e3)

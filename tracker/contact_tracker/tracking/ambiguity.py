@@ -50,7 +50,7 @@ LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone."""
 
 
-class Rivals(NamedTuple):
+class CompetingEvidence(NamedTuple):
     """How well each state explains one span.
 
     ``evidence`` (7,) in nats against any one of them, and ``rms`` (7,), the whitened residual that is left.
@@ -60,7 +60,7 @@ class Rivals(NamedTuple):
     rms: Array
 
 
-def inseparable(label: Contact, rivals: Rivals, idle: bool) -> tuple[Contact, ...]:
+def indistinguishable(label: Contact, rivals: CompetingEvidence, idle: bool) -> tuple[Contact, ...]:
     """The other states that the motion does not tell from ``label``.
 
     Those whose evidence does not fall decisively short of the label's. And where the motion is ``idle``: all
@@ -75,12 +75,12 @@ def inseparable(label: Contact, rivals: Rivals, idle: bool) -> tuple[Contact, ..
     return tuple(state for state, near in zip(STATES, close, strict=True) if near and state is not label)
 
 
-def is_idle(label: Contact, window: Window, older: bool) -> bool:
+def underuses_freedom(label: Contact, window: Window, older: bool) -> bool:
     """Whether the motion makes no use of the freedom that ``label`` leaves.
 
     ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others.
     """
-    judged = not older or float(window.activity.sum()) >= LEAST_MOTION_TICKS
+    judged = not older or float(window.motion_ratio.sum()) >= LEAST_MOTION_TICKS
     return judged and used_directions(window) < SIX - label.codimension
 
 
@@ -91,17 +91,17 @@ def tempered(probability: Array, sureness: float) -> Array:
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
 
-def restricted(idle: bool, window: Window, tick_s: float) -> float:
+def p_deliberate(idle: bool, window: Window, tick_s: float) -> float:
     """Probability that the object is moved in so few directions on purpose (T30).
 
     So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
     other directions.
     """
-    moved_s = tick_s * float(window.activity.sum())
+    moved_s = tick_s * float(window.motion_ratio.sum())
     return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if idle else 0.0
 
 
-def shared(probability: Array, label: Contact, others: tuple[Contact, ...], purpose: float) -> Array:
+def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...], purpose: float) -> Array:
     """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
 
     The most probable contact among them gives to all the others, as likely as motion is restricted on
@@ -142,7 +142,7 @@ def used_directions(window: Window) -> int:
     middle = 0.5 * (before + after)
     shifted = after - before - _AXIS @ (middle[:, None] * turned).reshape(9, -1)
     twist = np.concatenate([shifted, turned])
-    weight = window.activity[STRIDE_TICKS:] + TINY
+    weight = window.motion_ratio[STRIDE_TICKS:] + TINY
     power = (twist * weight) @ twist.T / weight.sum()
     position, rotational = 2.0 * window.usual_variance
     lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
@@ -150,7 +150,7 @@ def used_directions(window: Window) -> int:
     return int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
 
 
-def rivals_since(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> Rivals:
+def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> CompetingEvidence:
     """How well each state explains the ticks since about ``onset``, against the label.
 
     Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
@@ -163,19 +163,19 @@ def rivals_since(banks: Sequence[Bank], label: Contact, onset: int, now: int) ->
     for column, bank in enumerate(banks):
         first, end = bank.onset.searchsorted(span)  # they are in order
         if first < end:
-            best = first + bank.joint[first:end].argmax()
+            best = first + bank.log_weight[first:end].argmax()
             evidence[column], rms[column] = bank.log_likelihood[best], bank.rms[best]
             since[column] = bank.onset[best]
     evidence[-1], rms[-1] = 0.0, 1.0
     if label is not Contact.FREE:
         evidence -= _evidence(banks[label.column], since)
     evidence[label.column] = 0.0
-    return Rivals(evidence, rms)
+    return CompetingEvidence(evidence, rms)
 
 
 def _evidence(bank: Bank, since: Index) -> Array:
     """A contact's evidence against free motion ``since`` some ticks, between its hypotheses: the best of each
     onset, and none that is far behind."""
-    near = np.flatnonzero(bank.joint >= bank.best - FAR_NATS)
-    near = near[best_of(bank.onset[near], bank.joint[near])]
+    near = np.flatnonzero(bank.log_weight >= bank.best - FAR_NATS)
+    near = near[best_of(bank.onset[near], bank.log_weight[near])]
     return np.interp(since, bank.onset[near], bank.log_likelihood[near])

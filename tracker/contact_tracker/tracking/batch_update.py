@@ -12,85 +12,104 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.hypotheses import bank_update
-from contact_tracker.hypotheses.bank_update import Alive, Until
-from contact_tracker.landmarks.landmark_memory import SURE
-from contact_tracker.motion.sliding import Sliding, slid
+from contact_tracker.hypotheses.tick_update import LiveHypotheses, StopCondition
+from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
+from contact_tracker.motion.sliding import SlidingWindow, advance_window
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.measurement_update import Coming, after, coming, is_mute, passed
+from contact_tracker.tracking.measurement_update import (
+    Prediction,
+    advanced,
+    is_uninformative,
+    predict,
+    with_weights,
+)
 from contact_tracker.tracking.state import TrackerState, scales_of
-from contact_tracker.tracking.tracker import hold, look
+from contact_tracker.tracking.tracker import read_posterior, skip_update
 
 Array = NDArray[np.float64]
 
 
-class Glimpse(NamedTuple):
-    """Of one ``tick`` what hypotheses weighed in it, and the outliers so far, as in ``TrackerState``."""
+class TickResult(NamedTuple):
+    """What the hypotheses weighed in one tick, as in ``TrackerState``."""
 
     tick: Tick
-    entry: Array
-    change: Array
-    alive: Alive
+    log_birth_weight: Array
+    log_transition: Array
+    live_hypotheses: LiveHypotheses
     residual: Array
     outliers: int
 
     @classmethod
-    def of(cls, state: TrackerState, tick: Tick) -> "Glimpse":
+    def of(cls, state: TrackerState, tick: Tick) -> "TickResult":
         """The tick that has led to a state."""
-        return cls(tick, state.entry, state.change, state.alive, state.residual, state.outliers)
+        return cls(
+            tick,
+            state.log_birth_weight,
+            state.log_transition,
+            state.live_hypotheses,
+            state.residual,
+            state.outliers,
+        )
 
 
-def strides(state: TrackerState, ticks: Sequence[Tick]) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
+def update_in_batches(
+    state: TrackerState, ticks: Sequence[Tick]
+) -> Iterator[tuple[TrackerState, list[TickResult]]]:
     """Take in ticks that have been averaged; some at a time, each time with the state that they lead to."""
-    slidings, first = list[Sliding](), 0
+    slidings, first = list[SlidingWindow](), 0
     while first < len(ticks):
         some = ticks[first : first + bank_update.ticks_at_once(state.banks)]
-        slidings = _slidings(state, some, slidings)
-        state, seen = _stride(state, some, slidings)
+        slidings = _windows(state, some, slidings)
+        state, seen = _update_batch(state, some, slidings)
         slidings = slidings[len(seen) :]
         first += len(seen)
         yield state, seen
 
 
-def _slidings(state: TrackerState, ticks: Sequence[Tick], known: Sequence[Sliding]) -> list[Sliding]:
+def _windows(
+    state: TrackerState, ticks: Sequence[Tick], known: Sequence[SlidingWindow]
+) -> list[SlidingWindow]:
     """The windows of some ticks, of which the first are known."""
     slidings = [*known]
     for tick in ticks[len(known) :]:
-        before = slidings[-1] if slidings else state.sliding
-        slidings.append(slid(before, state.ticks + len(slidings), tick, state.model))
+        before = slidings[-1] if slidings else state.sliding_window
+        slidings.append(advance_window(before, state.ticks + len(slidings), tick, state.model))
     return slidings
 
 
-def _stride(
-    state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[Sliding]
-) -> tuple[TrackerState, list[Glimpse]]:
+def _update_batch(
+    state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[SlidingWindow]
+) -> tuple[TrackerState, list[TickResult]]:
     """As far as nothing is to be looked at: a tick at least."""
     tick = ticks[0]
-    if is_mute(state, tick):
-        state, _ = hold(state, tick, slidings[0])
-        return state, [Glimpse.of(state, tick)]
-    model, ahead = state.model, _ahead(state, ticks, slidings)
-    until = Until(SURE, model.certainty.sureness, state.memory.due_ns)
-    moments, beyond = [one.moment for one in ahead], model.noise.beyond_floor
+    if is_uninformative(state, tick):
+        state, _ = skip_update(state, tick, slidings[0])
+        return state, [TickResult.of(state, tick)]
+    model, ahead = state.model, _predict_batch(state, ticks, slidings)
+    until = StopCondition(MAP_INSERTION_PROBABILITY, model.certainty.posterior_power, state.memory.due_ns)
+    moments, beyond = [one.tick_input for one in ahead], model.noise.extra_contact_variance
     banks, weighed = bank_update.update(
         state.banks, moments, beyond, scales_of(model), model.search.margin_nats, until
     )
     seen = []
     for tick, one, told in zip(ticks, ahead, weighed, strict=False):  # all that were weighed
-        state = after(state, tick, one, banks, told)
-        seen.append(Glimpse.of(state, tick))
-    return look(state, tick, Detail.WEIGHTS)[0], seen
+        state = with_weights(state, tick, one, banks, told)
+        seen.append(TickResult.of(state, tick))
+    return read_posterior(state, tick, Detail.WEIGHTS)[0], seen
 
 
-def _ahead(state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[Sliding]) -> list[Coming]:
+def _predict_batch(
+    state: TrackerState, ticks: Sequence[Tick], slidings: Sequence[SlidingWindow]
+) -> list[Prediction]:
     """What is known before hypotheses are weighed, up to a tick that is mute or to where what is believed now
     may teach more."""
-    ahead = list[Coming]()
+    ahead = list[Prediction]()
     due_ns = math.inf if state.belief is None else state.memory.due_ns.get(state.belief.onset_ns, math.inf)
     for tick, sliding in zip(ticks, slidings, strict=True):
-        if ahead and (is_mute(state, tick) or ahead[-1].moment.stamp_ns >= due_ns):
+        if ahead and (is_uninformative(state, tick) or ahead[-1].tick_input.stamp_ns >= due_ns):
             break
-        one = coming(state, tick, sliding)
+        one = predict(state, tick, sliding)
         ahead.append(one)
-        state = passed(state, one)
+        state = advanced(state, one)
     return ahead

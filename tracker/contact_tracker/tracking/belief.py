@@ -49,7 +49,7 @@ class Belief:
     geometry: ContactGeometry | None
     residual: Array
     inseparable: tuple[Contact, ...] = ()
-    restricted: float = 0.0
+    p_deliberate: float = 0.0
 
     @property
     def touching(self) -> tuple[str | None, str | None]:

@@ -10,13 +10,13 @@ from contact_tracker.geometry.packing import pack
 from contact_tracker.states import STATES
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.segment_fit import Told
+from contact_tracker.tracking.segment_fit import SegmentFit
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 
 Array = NDArray[np.float64]
 
 
-class Closed(NamedTuple):
+class FinishedSegment(NamedTuple):
     """A segment: the ``column`` of its state, its ``rows`` of n ticks (``start_ns``, ``stamp_ns``,
     ``residual``), when it ends, the ``posterior`` (n, 7), and ``fit``, which gives what it tells."""
 
@@ -24,14 +24,14 @@ class Closed(NamedTuple):
     rows: NDArray[np.void]
     end_ns: int
     posterior: Array
-    fit: Callable[[], Told]
+    fit: Callable[[], SegmentFit]
 
     def told(self) -> tuple[Segment, Beliefs]:
         """The segment and the beliefs of its ticks."""
         told, contact = self.fit(), STATES[self.column]
         beliefs = np.zeros(len(self.rows), BELIEF)
         for belief, given in zip(beliefs, self.posterior, strict=True):
-            belief["probability"] = ambiguity.shared(given, contact, told.inseparable, told.restricted)
+            belief["probability"] = ambiguity.redistribute(given, contact, told.inseparable, told.restricted)
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
         beliefs["contact"], beliefs["residual"] = self.column, self.rows["residual"]

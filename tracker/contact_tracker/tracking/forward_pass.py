@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.bank_update import Alive
-from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.poses import Pose, batches
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.batch_update import Glimpse, strides
+from contact_tracker.tracking.batch_update import TickResult, update_in_batches
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.measurement_update import FREE
 from contact_tracker.tracking.state import TrackerState
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-class Seen(NamedTuple):
+class FilteredTick(NamedTuple):
     """One tick of the pass: the ``state`` that it led to, the ``tick``, and the ``belief`` right after it."""
 
     state: TrackerState
@@ -34,23 +34,23 @@ class Seen(NamedTuple):
     belief: Belief
 
     @property
-    def glimpse(self) -> Glimpse:
+    def glimpse(self) -> TickResult:
         """What hypotheses weighed."""
-        return Glimpse.of(self.state, self.tick)
+        return TickResult.of(self.state, self.tick)
 
     @property
     def numbers(self) -> Index:
         """By which hypotheses are told apart over the whole recording (A,)."""
-        return np.append(Bank.of_all(self.state.banks, "number"), self.state.numbers - 1)
+        return np.append(Bank.of_all(self.state.banks, "number"), self.state.next_hypothesis_id - 1)
 
 
 def forward(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: Knowledge = NOTHING,
+    knowledge: PriorMap = EMPTY_MAP,
     detail: Detail = Detail.GEOMETRY,
-) -> Iterator[Seen]:
+) -> Iterator[FilteredTick]:
     """The ticks of a recording, each as soon as it is over.
 
     Parameters
@@ -62,44 +62,44 @@ def forward(
     """
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
-        state, closed = tracker.gather_some(state, batch)
+        state, closed = tracker.accumulate_poses(state, batch)
         for tick in closed:
-            state, belief = tracker.observe(state, tick, detail)
-            yield Seen(state, tick, belief)
+            state, belief = tracker.update(state, tick, detail)
+            yield FilteredTick(state, tick, belief)
         count += len(batch)
         if progress is not None:
             progress(count)
-    state, closed = tracker.gather_rest(state)
+    state, closed = tracker.close_tick(state)
     for tick in closed:
-        state, belief = tracker.observe(state, tick, detail)
-        yield Seen(state, tick, belief)
+        state, belief = tracker.update(state, tick, detail)
+        yield FilteredTick(state, tick, belief)
 
 
-def glimpses(
+def filter_batches(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: Knowledge = NOTHING,
-) -> Iterator[tuple[TrackerState, list[Glimpse]]]:
+    knowledge: PriorMap = EMPTY_MAP,
+) -> Iterator[tuple[TrackerState, list[TickResult]]]:
     """``forward`` for who asks for no beliefs: some ticks at a time, and the state that they have led to.
 
     Parameters as there.
     """
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
-        state, closed = tracker.gather_some(state, batch)
-        for then, seen in strides(state, closed):
+        state, closed = tracker.accumulate_poses(state, batch)
+        for then, seen in update_in_batches(state, closed):
             yield then, seen
             state = then
         count += len(batch)
         if progress is not None:
             progress(count)
-    state, rest = tracker.gather_rest(state)
-    yield from strides(state, rest)
+    state, rest = tracker.close_tick(state)
+    yield from update_in_batches(state, rest)
 
 
 @dataclass
-class Pass:
+class RecordedPass:
     """All that a forward pass met, tick by tick: for recordings that are looked at as a whole."""
 
     beliefs: list[Belief] = field(default_factory=list)
@@ -109,27 +109,27 @@ class Pass:
     exposures: list[float] = field(default_factory=list)
     change: list[Array] = field(default_factory=list)
     entry: list[Array] = field(default_factory=list)
-    alive: list[Alive] = field(default_factory=list)
+    alive: list[LiveHypotheses] = field(default_factory=list)
     numbers: list[Index] = field(default_factory=list)
 
     @classmethod
-    def over(cls, ticks_seen: Iterable[Seen]) -> "Pass":
+    def over(cls, ticks_seen: Iterable[FilteredTick]) -> "RecordedPass":
         """Of all these ticks."""
         whole = cls()
         for seen in ticks_seen:
             whole.note(seen)
         return whole
 
-    def note(self, seen: Seen) -> None:
+    def note(self, seen: FilteredTick) -> None:
         """Remember a tick."""
         self.beliefs.append(seen.belief)
         self.start_ns.append(seen.tick.start_ns)
         self.newest.append(seen.state.window.cut(-1, None))
         self.frames.append(seen.tick.count)
-        self.exposures.append(seen.state.exposure)
-        self.change.append(seen.state.change)
-        self.entry.append(seen.state.entry)
-        self.alive.append(seen.state.alive)
+        self.exposures.append(seen.state.hazard_exposure)
+        self.change.append(seen.state.log_transition)
+        self.entry.append(seen.state.log_birth_weight)
+        self.alive.append(seen.state.live_hypotheses)
         self.numbers.append(seen.numbers)
 
     @property
@@ -144,10 +144,10 @@ class Pass:
     def window(self, state: TrackerState) -> Window:
         """All ticks, with the variances that the final estimate of the noise gives them."""
         assert state.averaging is not None
-        counts, noise = np.array(self.frames, float), state.averaging.learnt.noise
+        counts, noise = np.array(self.frames, float), state.averaging.stream.noise
         variance = tick_averaging.tick_variances(noise, counts, state.model)
-        uneven = tick_averaging.tick_unevenness(noise, counts)
-        return replace(Window.join(self.newest), variance=variance, uneven=uneven)
+        uneven = tick_averaging.tick_anisotropy(noise, counts)
+        return replace(Window.join(self.newest), variance=variance, position_anisotropy=uneven)
 
     @property
     def trellis(self) -> hmm.Trellis:

@@ -12,130 +12,149 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hmm import fixed_lag
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.bank_update import Moment, Weighed
 from contact_tracker.hypotheses.pruning import Births
+from contact_tracker.hypotheses.tick_update import LiveHypotheses, TickInput, TickWeights
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R
-from contact_tracker.motion.sliding import Sliding, slid
+from contact_tracker.motion.sliding import SlidingWindow, advance_window
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.prediction import Outlook, outlook
+from contact_tracker.tracking.prediction import TransitionPrediction, predict_transitions
 from contact_tracker.tracking.state import TrackerState, scales_of
-from contact_tracker.tracking.transition_model import chances, exposure
+from contact_tracker.tracking.transition_model import hazard_exposure, tick_transitions
 
 Array = NDArray[np.float64]
 
 FREE: Final = Contact.FREE.column
 
 
-class Coming(NamedTuple):
-    """A tick that is about to be weighed: the window with it, its outlook, and what hypotheses meet."""
+class Prediction(NamedTuple):
+    """A tick that is about to be weighed."""
 
-    sliding: Sliding
-    outlook: Outlook
-    moment: Moment
+    sliding_window: SlidingWindow
+    """With it."""
+    transitions: TransitionPrediction
+    tick_input: TickInput
+    """What the hypotheses are updated by."""
 
 
-def is_mute(state: TrackerState, tick: Tick) -> bool:
+def is_uninformative(state: TrackerState, tick: Tick) -> bool:
     """Whether neither this tick nor the one before says anything: at rest, while nothing is known yet of how
     the object moves, in a gap. What could begin with it could as well begin with the first that does. (Of
     known elements every tick says whether they touch.)"""
-    before = state.window.excess[-1:]
-    return not state.knowledge and bool(len(before)) and not before.any() and tick.excess == NO_EXCESS
+    before = state.window.innovation_excess[-1:]
+    return (
+        not state.knowledge and bool(len(before)) and not before.any() and tick.innovation_excess == NO_EXCESS
+    )
 
 
-def wait(state: TrackerState, tick: Tick, sliding: Sliding) -> TrackerState:
+def propagate_without_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> TrackerState:
     """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
-    oldest, scales = state.window.lost_by(sliding.window), scales_of(state.model)
-    errors = state.model.noise.beyond_floor
+    oldest, scales = state.window.expired_by(sliding.window), scales_of(state.model)
+    errors = state.model.noise.extra_contact_variance
     settled = [
-        bank_update.settle(bank, contact, oldest.with_error(beyond), scales)
+        bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), scales)
         for bank, contact, beyond in zip(state.banks, CONTACT_MODELS, errors, strict=True)
     ]
-    change = chances(state.model, 0.0).change
+    change = tick_transitions(state.model, 0.0).log_transition
     return state._replace(
-        sliding=sliding,
-        banks=tuple(_older(b, column) for column, b in enumerate(settled)),
-        alive=bank_update.Alive.of(settled, state.ticks),
+        sliding_window=sliding,
+        banks=tuple(_with_longer_history(b, column) for column, b in enumerate(settled)),
+        live_hypotheses=LiveHypotheses.of(settled, state.ticks),
         ticks=state.ticks + 1,
-        numbers=state.numbers + 1,
+        next_hypothesis_id=state.next_hypothesis_id + 1,
         outliers=state.outliers + tick.outliers,
-        exposure=0.0,
-        change=change,
-        entry=hmm.enter(state.log_left, change),
-        withheld=state.withheld + exposure(0.0),
-        past=np.array([fixed_lag.grown(past, i) for i, past in enumerate(state.past)]),
+        hazard_exposure=0.0,
+        log_transition=change,
+        log_birth_weight=hmm.birth_log_weights(state.log_state_weight, change),
+        deferred_exposure=state.deferred_exposure + hazard_exposure(0.0),
+        lag_history=np.array([fixed_lag.grown(past, i) for i, past in enumerate(state.lag_history)]),
     )
 
 
-def weigh(state: TrackerState, tick: Tick, sliding: Sliding) -> TrackerState:
+def update_hypotheses(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> TrackerState:
     """The window moves on, hypotheses begin, grow and are weighed."""
-    model, ahead = state.model, coming(state, tick, sliding)
-    beyond, margin = model.noise.beyond_floor, model.search.margin_nats
-    living = bank_update.update(state.banks, [ahead.moment], beyond, scales_of(model), margin)
-    return after(state, tick, ahead, living.banks, living.weighed[0])
+    model, ahead = state.model, predict(state, tick, sliding)
+    beyond, margin = model.noise.extra_contact_variance, model.search.margin_nats
+    living = bank_update.update(state.banks, [ahead.tick_input], beyond, scales_of(model), margin)
+    return with_weights(state, tick, ahead, living.banks, living.tick_weights[0])
 
 
-def coming(state: TrackerState, tick: Tick, sliding: Sliding) -> Coming:
-    """The tick on to which the window is ``sliding``."""
+def predict(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> Prediction:
+    """The tick on to which the window is ``sliding_window``."""
     window = sliding.window
-    ahead = outlook(state, window)
-    past = fixed_lag.inherited(state.past, state.log_left, ahead.change)
+    ahead = predict_transitions(state, window)
+    past = fixed_lag.inherited(state.lag_history, state.log_state_weight, ahead.log_transition)
     turn = tick.zeta[R].reshape(3, 3)
-    births = Births(ahead.begins, state.ticks, tick.start_ns, state.numbers, ahead.entry, past, turn)
-    moment = Moment(births, tick.stamp_ns, window, state.window, ahead.change, ahead.stay)
-    return Coming(sliding, ahead, moment)
+    births = Births(
+        ahead.proposals,
+        state.ticks,
+        tick.start_ns,
+        state.next_hypothesis_id,
+        ahead.log_birth_weight,
+        past,
+        turn,
+    )
+    moment = TickInput(births, tick.stamp_ns, window, state.window, ahead.log_transition, ahead.log_survival)
+    return Prediction(sliding, ahead, moment)
 
 
-def after(
-    state: TrackerState, tick: Tick, ahead: Coming, banks: Sequence[Bank], weighed: Weighed
+def with_weights(
+    state: TrackerState, tick: Tick, ahead: Prediction, banks: Sequence[Bank], weighed: TickWeights
 ) -> TrackerState:
     """The state that a tick has led to."""
-    births = ahead.moment.births
-    kept = tuple(_older(bank, column) for column, bank in enumerate(banks))
+    births = ahead.tick_input.births
+    kept = tuple(_with_longer_history(bank, column) for column, bank in enumerate(banks))
     was_free = state.label is Contact.FREE
-    return passed(state, ahead)._replace(
+    return advanced(state, ahead)._replace(
         banks=kept,
-        log_left=weighed.log_left,
+        log_state_weight=weighed.log_state_weight,
         residual=weighed.residual,
-        leaders=weighed.leaders,
-        alive=weighed.alive,
+        best_rows=weighed.best_rows,
+        live_hypotheses=weighed.live_hypotheses,
         outliers=state.outliers + tick.outliers,
-        label=STATES[int(np.argmax(weighed.log_left))],
+        label=STATES[int(np.argmax(weighed.log_state_weight))],
         free_since=state.free_since if was_free else state.ticks,
         free_since_ns=state.free_since_ns if was_free else tick.start_ns,
-        exposure=ahead.outlook.exposure,
-        change=ahead.outlook.change,
-        entry=weighed.entry,
-        log_normaliser=state.log_normaliser + float(weighed.entry[FREE] - weighed.log_left[FREE]),
-        past=_pasts(kept, births.past[FREE]),
+        hazard_exposure=ahead.transitions.hazard_exposure,
+        log_transition=ahead.transitions.log_transition,
+        log_birth_weight=weighed.log_birth_weight,
+        log_normaliser=state.log_normaliser
+        + float(weighed.log_birth_weight[FREE] - weighed.log_state_weight[FREE]),
+        lag_history=_lag_histories(kept, births.lag_history[FREE]),
     )
 
 
-def passed(state: TrackerState, ahead: Coming) -> TrackerState:
+def advanced(state: TrackerState, ahead: Prediction) -> TrackerState:
     """The state once a tick is over, but for what hypotheses make of it: that is all that one needs for the
     outlook of the next."""
     return state._replace(
-        sliding=ahead.sliding,
-        reminded=ahead.outlook.reminded,
+        sliding_window=ahead.sliding_window,
+        cached_proposals=ahead.transitions.cached_proposals,
         ticks=state.ticks + 1,
-        numbers=state.numbers + ahead.moment.births.many + 1,
-        withheld=0.0,
+        next_hypothesis_id=state.next_hypothesis_id + ahead.tick_input.births.total + 1,
+        deferred_exposure=0.0,
     )
 
 
-def slid_on(state: TrackerState, tick: Tick) -> Sliding:
+def advanced_window(state: TrackerState, tick: Tick) -> SlidingWindow:
     """The window with the tick."""
-    return slid(state.sliding, state.ticks, tick, state.model)
+    return advance_window(state.sliding_window, state.ticks, tick, state.model)
 
 
-def _older(living: Bank, column: int) -> Bank:
+def _with_longer_history(living: Bank, column: int) -> Bank:
     """With pasts that are one tick longer."""
-    return replace(living, past=fixed_lag.grown(living.past, column)) if living.past.shape[1] else living
+    return (
+        replace(living, lag_history=fixed_lag.grown(living.lag_history, column))
+        if living.lag_history.shape[1]
+        else living
+    )
 
 
-def _pasts(banks: Sequence[Bank], free: Array) -> Array:
+def _lag_histories(banks: Sequence[Bank], free: Array) -> Array:
     """Past (7, L, 7) of each state: that of its hypotheses, and what ``free`` motion (L, 7) has inherited."""
     if not free.size:  # answers do not lag
         return np.zeros((len(STATES), *free.shape))
-    return np.array([*(fixed_lag.mixed(b.past, b.joint) for b in banks), fixed_lag.grown(free, FREE)])
+    return np.array(
+        [*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), fixed_lag.grown(free, FREE)]
+    )

@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.hypotheses.bank_update import Alive
-from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
+from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.batch_update import Glimpse
+from contact_tracker.tracking.batch_update import TickResult
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.finished_segment import Closed
-from contact_tracker.tracking.forward_pass import Seen, forward, glimpses
+from contact_tracker.tracking.finished_segment import FinishedSegment
+from contact_tracker.tracking.forward_pass import FilteredTick, filter_batches, forward
 from contact_tracker.tracking.measurement_update import FREE
 from contact_tracker.tracking.row_buffer import Columns
-from contact_tracker.tracking.segment_fit import Stretch, Told, tell
+from contact_tracker.tracking.segment_fit import SegmentFit, SegmentTicks, fit_segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import TrackerState
 
@@ -63,9 +63,9 @@ def segment(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: Knowledge = NOTHING,
+    knowledge: PriorMap = EMPTY_MAP,
     executor: Executor | None = None,
-    watch: Callable[[Seen], None] | None = None,
+    watch: Callable[[FilteredTick], None] | None = None,
 ) -> Segmentation:
     """Segment a whole recording.
 
@@ -90,9 +90,9 @@ def pieces(
     poses: Iterable[Pose],
     model: Model,
     progress: Callable[[int], None] | None = None,
-    knowledge: Knowledge = NOTHING,
+    knowledge: PriorMap = EMPTY_MAP,
     executor: Executor | None = None,
-    watch: Callable[[Seen], None] | None = None,
+    watch: Callable[[FilteredTick], None] | None = None,
     online: Detail = Detail.SHARED,
 ) -> Iterator[Segmentation]:
     """What ``segment`` finds, piece by piece and in bounded memory.
@@ -103,7 +103,7 @@ def pieces(
     """
     segmenter = Segmenter(executor)
     if watch is None and online < Detail.SHARED:
-        for state, some in glimpses(poses, model, progress, knowledge):
+        for state, some in filter_batches(poses, model, progress, knowledge):
             for glimpse in some:
                 segmenter.note(state, glimpse)
                 if segmenter.due:
@@ -123,27 +123,27 @@ class Segmenter:
 
     def __init__(self, executor: Executor | None = None) -> None:
         self._executor = executor
-        self._forward: hmm.Forward | None = None
-        self._waiting: list[tuple[Alive, Array, tuple[Any, ...]]] = []
-        self._past, self._survivors = hmm.Past(), hmm.Survivors()
+        self._forward: hmm.ForwardFilter | None = None
+        self._waiting: list[tuple[LiveHypotheses, Array, tuple[Any, ...]]] = []
+        self._past, self._survivors = hmm.OpenTicks(), hmm.Survivors()
         self._due = PIECE_TICKS
         self._state: TrackerState
-        self._newest: Glimpse
+        self._newest: TickResult
         self._outliers = 0  # that were told
         self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet told
         self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
-        self._path: deque[hmm.Stretch] = deque()
-        self._jobs: deque[Closed] = deque()
+        self._path: deque[hmm.PathSegment] = deque()
+        self._jobs: deque[FinishedSegment] = deque()
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
-    def note(self, state: TrackerState, seen: Glimpse, belief: Belief | None = None) -> None:
+    def note(self, state: TrackerState, seen: TickResult, belief: Belief | None = None) -> None:
         """Take in the next tick of those that have led to the ``state``, and what was said of it."""
         tick = seen.tick
         if self._forward is None:
-            self._forward = hmm.Forward(seen.entry)
-        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.excess, seen.residual)
-        self._waiting.append((seen.alive, seen.change, row))
+            self._forward = hmm.ForwardFilter(seen.log_birth_weight)
+        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, seen.residual)
+        self._waiting.append((seen.live_hypotheses, seen.log_transition, row))
         if len(self._waiting) == _TOGETHER:
             self._followed()
         if belief is not None:
@@ -170,7 +170,7 @@ class Segmenter:
         if self._past.size > ROOM_BYTES:
             certain = max(certain, len(posterior) // 2)
         self._smoothed(posterior[:certain])
-        self._decided(self._survivors.decide(living))
+        self._decided(self._survivors.decided_prefix(living))
         self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
         waiting = len(self._jobs)
         self._begin(final=False)
@@ -187,7 +187,7 @@ class Segmenter:
         self._begin(final=True)
         return self._tell(len(self._jobs))
 
-    def _followed(self) -> hmm.Living:
+    def _followed(self) -> hmm.FilterFrontier:
         """What is alive after the last tick, the trellis being grown up to it."""
         assert self._forward is not None
         for alive, change, row in self._waiting:
@@ -200,10 +200,10 @@ class Segmenter:
 
     def _smoothed(self, posterior: Array) -> None:
         self._past.drop(len(posterior))
-        for row in ambiguity.tempered(posterior, self._state.model.certainty.sureness):
+        for row in ambiguity.tempered(posterior, self._state.model.certainty.posterior_power):
             self._posterior.append((row,))
 
-    def _decided(self, stretches: Iterable[hmm.Stretch]) -> None:
+    def _decided(self, stretches: Iterable[hmm.PathSegment]) -> None:
         """Free motion is remembered tick by tick; a run of free ticks is one stretch."""
         for state, onset, end in stretches:
             if self._path and state == self._path[-1][0] == FREE:
@@ -222,10 +222,10 @@ class Segmenter:
             last = not len(self._ticks)
             end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
             posterior = self._posterior.take(count)["probability"]
-            self._jobs.append(Closed(state, rows, end_ns, posterior, self._fit(state, rows)))
+            self._jobs.append(FinishedSegment(state, rows, end_ns, posterior, self._fit(state, rows)))
             self._first, self._before = end, rows["zeta"][-1]
 
-    def _fit(self, column: int, rows: NDArray[np.void]) -> Callable[[], Told]:
+    def _fit(self, column: int, rows: NDArray[np.void]) -> Callable[[], SegmentFit]:
         """Have the elements of a segment fitted, with today's estimate of the noise."""
         state, noise = self._state, self._newest.tick.noise
         assert state.averaging is not None
@@ -234,13 +234,13 @@ class Segmenter:
             rows["zeta"],
             tick_averaging.tick_variances(noise, rows["count"], state.model),
             rows["excess"],
-            tick_averaging.tick_unevenness(noise, rows["count"]),
+            tick_averaging.tick_anisotropy(noise, rows["count"]),
             self._before if self._first else None,
         )
-        stretch = Stretch(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
+        stretch = SegmentTicks(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
         if self._executor is None:
-            return partial(tell, stretch)
-        return self._executor.submit(tell, stretch).result
+            return partial(fit_segment, stretch)
+        return self._executor.submit(fit_segment, stretch).result
 
     def _tell(self, count: int) -> Segmentation:
         """The oldest ``count`` segments that are being fitted, and what was filtered meanwhile."""

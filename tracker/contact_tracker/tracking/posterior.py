@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.birth_proposals import named
-from contact_tracker.hypotheses.contact_geometry import geometry_of
-from contact_tracker.landmarks.element_pairs import assumptions
+from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief
@@ -20,77 +20,77 @@ Array = NDArray[np.float64]
 
 def answer(state: TrackerState, online: Belief) -> Belief | None:
     """What to say after a tick: the belief itself, or with a lag that of so long ago, once there is one."""
-    length = state.past.shape[1]
+    length = state.lag_history.shape[1]
     if not length:
         return online
-    return looking_back(state, 0) if len(state.recent) == length else None
+    return lagged_belief(state, 0) if len(state.recent) == length else None
 
 
-def remaining(state: TrackerState) -> list[Belief]:
+def flush_lag(state: TrackerState) -> list[Belief]:
     """What the lag still holds back when the stream has ended."""
-    said = 1 if len(state.recent) == state.past.shape[1] else 0
-    return [looking_back(state, row) for row in range(said, len(state.recent))]
+    said = 1 if len(state.recent) == state.lag_history.shape[1] else 0
+    return [lagged_belief(state, row) for row in range(said, len(state.recent))]
 
 
-def looking_back(state: TrackerState, row: int) -> Belief:
+def lagged_belief(state: TrackerState, row: int) -> Belief:
     """What is believed now of the tick of ``recent[row]``."""
     then = state.recent[row]
-    weight = np.exp(state.log_left - state.log_left.max())
+    weight = np.exp(state.log_state_weight - state.log_state_weight.max())
     back = row - len(state.recent)
-    probability = np.einsum("j,js->s", weight, state.past[:, back])
-    probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.sureness)
+    probability = np.einsum("j,js->s", weight, state.lag_history[:, back])
+    probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.posterior_power)
     contact = STATES[int(np.argmax(probability))]
     # where that contact was lies in what was said of it at the time, or soon after
     telling = next((b for b in state.recent[row:] if b.contact is contact), then)
     onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
     geometry = telling.geometry if telling.contact is contact else None
     inseparable = telling.inseparable if telling.contact is contact else ()
-    purpose = telling.restricted if telling.contact is contact else 0.0
-    probability = ambiguity.shared(probability, contact, inseparable, purpose)
+    purpose = telling.p_deliberate if telling.contact is contact else 0.0
+    probability = ambiguity.redistribute(probability, contact, inseparable, purpose)
     onset_ns = min(onset_ns, then.stamp_ns)
     return Belief(
         then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable, purpose
     )
 
 
-def believe(state: TrackerState, stamp_ns: int) -> Belief:
+def state_posterior(state: TrackerState, stamp_ns: int) -> Belief:
     """What the weights say: posterior of the states, and the best hypothesis of the most probable one.
 
-    Where it touches is told by ``touching``, what the motion leaves open by ``weighed_up``.
+    ``label_geometry`` says where it touches, ``share_among_indistinguishable`` what the motion leaves open.
     """
-    weight = np.exp(state.log_left - state.log_left.max())
-    probability = ambiguity.tempered(weight, state.model.certainty.sureness)
+    weight = np.exp(state.log_state_weight - state.log_state_weight.max())
+    probability = ambiguity.tempered(weight, state.model.certainty.posterior_power)
     label = STATES[int(np.argmax(probability))]
     onset_ns = state.free_since_ns
     if label is not Contact.FREE:
-        best = state.banks[label.column].alone(int(state.leaders[label.column]))
+        best = state.banks[label.column].single(int(state.best_rows[label.column]))
         onset_ns = int(best.onsets.onset_ns[0])
     return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 
-def weighed_up(state: TrackerState, belief: Belief) -> Belief:
+def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief:
     """The same with the states that the motion does not tell from its label: they share its probability."""
     label, onset = belief.contact, state.free_since
     if label is not Contact.FREE:
-        onset = int(state.banks[label.column].onset[state.leaders[label.column]])
-    rivals = ambiguity.rivals_since(state.banks, label, onset, state.ticks - 1)
+        onset = int(state.banks[label.column].onset[state.best_rows[label.column]])
+    rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
-    idle = ambiguity.is_idle(label, since, onset < state.window.index[0])
-    others = ambiguity.inseparable(label, rivals, idle)
+    idle = ambiguity.underuses_freedom(label, since, onset < state.window.index[0])
+    others = ambiguity.indistinguishable(label, rivals, idle)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
-    purpose = ambiguity.restricted(idle, since, state.model.tick_s)
-    probability = ambiguity.shared(belief.probability, label, inseparable, purpose)
-    return replace(belief, probability=probability, inseparable=inseparable, restricted=purpose)
+    purpose = ambiguity.p_deliberate(idle, since, state.model.tick_s)
+    probability = ambiguity.redistribute(belief.probability, label, inseparable, purpose)
+    return replace(belief, probability=probability, inseparable=inseparable, p_deliberate=purpose)
 
 
-def touching(state: TrackerState, label: Contact) -> ContactGeometry | None:
+def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | None:
     """Where the best hypothesis of ``label`` touches."""
     if label is Contact.FREE:
         return None
     living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
-    row = int(state.leaders[label.column])
+    row = int(state.best_rows[label.column])
     assert state.averaging is not None
     scales, origin_m = scales_of(state.model), state.averaging.origin_m
-    pair = assumptions(state.knowledge, contact)[living.pair[row]]
-    window = state.window.with_error(state.model.noise.beyond_floor[label.column])
-    return named(geometry_of(living, row, contact, scales, window, origin_m), pair)
+    pair = element_pairs(state.knowledge, contact)[living.known_pair_index[row]]
+    window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
+    return named(contact_geometry(living, row, contact, scales, window, origin_m), pair)

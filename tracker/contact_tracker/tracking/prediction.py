@@ -7,63 +7,73 @@ import numpy as np
 from contact_tracker import hmm
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import Array
-from contact_tracker.hypotheses.birth import Begins
-from contact_tracker.hypotheses.birth_proposals import Frame, Reminded, beginnings
+from contact_tracker.hypotheses.birth import BirthProposals
+from contact_tracker.hypotheses.birth_proposals import CachedProposals, Frame, propose_births
 from contact_tracker.hypotheses.global_search import is_due
-from contact_tracker.hypotheses.proximity_prior import foreseen, meeting
+from contact_tracker.hypotheses.proximity_prior import proximity_evidence, reweight_transitions
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import TrackerState, scales_of
-from contact_tracker.tracking.transition_model import chances, exposure
+from contact_tracker.tracking.transition_model import hazard_exposure, tick_transitions
 
 
-class Outlook(NamedTuple):
-    """``begins`` of each contact, and what of the memory it has been ``reminded`` of; ``exposure`` to change;
-    ``change`` (7, 7) and ``stay`` (7,), the log chances of changing before the tick and of lasting in it;
-    ``entry`` (7,), the log weights with which states begin."""
+class TransitionPrediction(NamedTuple):
+    """What may come with a tick, before its evidence is known."""
 
-    begins: tuple[Begins, ...]
-    reminded: tuple[Reminded, ...]
-    exposure: float
-    change: Array
-    stay: Array
-    entry: Array
+    proposals: tuple[BirthProposals, ...]
+    """Which hypotheses of each contact may begin."""
+    cached_proposals: tuple[CachedProposals, ...]
+    """The same, with what they follow from."""
+    hazard_exposure: float
+    """To a change of state, in ticks of motion."""
+    log_transition: Array
+    """(7, 7) log chances of a change before the tick, from row to column."""
+    log_survival: Array
+    """(7,) log chances of lasting through it."""
+    log_birth_weight: Array
+    """(7,) log weights with which states begin."""
 
 
-def outlook(state: TrackerState, window: Window) -> Outlook:
+def predict_transitions(state: TrackerState, window: Window) -> TransitionPrediction:
     """The outlook at the newest tick of ``window``, which ``state`` has not taken in."""
     assert state.averaging is not None
     model = state.model
     first, frame = state.ticks == 0, Frame.around(state.averaging.origin_m, window.zeta[-1, T])
     reminded = tuple(
         _reminded(contact, earlier, state, frame)
-        for contact, earlier in zip(CONTACT_MODELS, state.reminded, strict=True)
+        for contact, earlier in zip(CONTACT_MODELS, state.cached_proposals, strict=True)
     )
-    begins = tuple(now.begins for now in reminded)
-    exposed = exposure(window.latest_activity) + state.withheld
+    begins = tuple(now.proposals for now in reminded)
+    exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
     if not state.knowledge:
-        change, stay = chances(model, exposed)
-        entry = state.log_left if first else hmm.enter(state.log_left, change)
-        return Outlook(begins, reminded, exposed, change, stay, entry)
+        change, stay = tick_transitions(model, exposed)
+        entry = state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, change)
+        return TransitionPrediction(begins, reminded, exposed, change, stay, entry)
     # what is known is met by moving, however smoothly
-    exposed = max(exposed, window.unrest)
+    exposed = max(exposed, window.displacement_ratio)
     scales, newest = scales_of(model), window.cut(-1, None)
     met = [
-        meeting(contact, some, newest.with_error(model.noise.beyond_floor[column]), scales)
+        proximity_evidence(
+            contact, some, newest.with_error(model.noise.extra_contact_variance[column]), scales
+        )
         for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))
     ]
     begins = tuple(m.of(b) for m, b in zip(met, begins, strict=True))
-    change, stay = foreseen(*chances(model, exposed), met)
+    change, stay = reweight_transitions(*tick_transitions(model, exposed), met)
     if not first:
-        return Outlook(begins, reminded, exposed, change, stay, hmm.enter(state.log_left, change))
-    entry = state.log_left + np.array([*(m.log_odds for m in met), 0.0])
-    return Outlook(begins, reminded, exposed, change, stay, entry - hmm.log_sum_exp(entry))
+        return TransitionPrediction(
+            begins, reminded, exposed, change, stay, hmm.birth_log_weights(state.log_state_weight, change)
+        )
+    entry = state.log_state_weight + np.array([*(m.log_odds for m in met), 0.0])
+    return TransitionPrediction(begins, reminded, exposed, change, stay, entry - hmm.log_sum_exp(entry))
 
 
-def _reminded(contact: ContactModel, earlier: Reminded, state: TrackerState, frame: Frame) -> Reminded:
+def _reminded(
+    contact: ContactModel, earlier: CachedProposals, state: TrackerState, frame: Frame
+) -> CachedProposals:
     """Contacts take turns: what one tick has taught is not told to all of them in the next."""
     memory = state.memory if is_due(contact, state.ticks) else earlier.memory
     if memory is earlier.memory and frame == earlier.frame:
         return earlier
-    begins = beginnings(contact, state.knowledge, memory, state.model.geometry.recognised, frame)
-    return Reminded(memory, frame, begins)
+    begins = propose_births(contact, state.knowledge, memory, state.model.geometry.revisit_prior, frame)
+    return CachedProposals(memory, frame, begins)

@@ -11,12 +11,12 @@ from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.birth_proposals import Frame, beginnings, named
-from contact_tracker.hypotheses.contact_geometry import geometry_of
-from contact_tracker.hypotheses.refinement import polish
-from contact_tracker.landmarks.element_pairs import assumptions
-from contact_tracker.landmarks.landmark_memory import NOTHING_MET
-from contact_tracker.landmarks.prior_map import Knowledge
+from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births
+from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.refinement import refine
+from contact_tracker.landmarks.element_pairs import element_pairs
+from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
+from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
@@ -32,18 +32,18 @@ PIECE_TICKS: Final = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class SegmentTicks:
     """Ticks of one contact: all of a segment, and what is needed to look at them."""
 
     window: Window
     contact: Contact
     model: Model
-    knowledge: Knowledge
+    knowledge: PriorMap
     origin_m: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class SegmentFit:
     """Of one segment, as in ``Belief``."""
 
     geometry: ContactGeometry | None
@@ -51,37 +51,37 @@ class Told:
     restricted: float
 
 
-def tell(stretch: Stretch) -> Told:
+def fit_segment(stretch: SegmentTicks) -> SegmentFit:
     """All contacts are fitted to the ticks of a segment from scratch."""
     model, knowledge, label, origin_m = stretch.model, stretch.knowledge, stretch.contact, stretch.origin_m
     window = _most_moving(stretch.window)
     scales = scales_of(model)
-    idle = ambiguity.is_idle(label, window, older=False)
+    idle = ambiguity.underuses_freedom(label, window, older=False)
     fits = [_fitted(contact, window, stretch) for contact in CONTACT_MODELS]
-    rivals = ambiguity.Rivals(
+    rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    others = ambiguity.inseparable(label, rivals, idle)
+    others = ambiguity.indistinguishable(label, rivals, idle)
     inseparable = tuple(other for other in others if knowledge.allows(other))
-    restricted = ambiguity.restricted(idle, window, model.tick_s)
+    restricted = ambiguity.p_deliberate(idle, window, model.tick_s)
     if label is Contact.FREE:
-        return Told(None, inseparable, restricted)
+        return SegmentFit(None, inseparable, restricted)
     contact = CONTACT_MODELS[label.column]
-    window = window.with_error(model.noise.beyond_floor[label.column])
-    fitted, information = polish(fits[label.column], contact, window, scales)
-    pair = assumptions(knowledge, contact)[fitted.pair[0]]
-    geometry = named(geometry_of(fitted, 0, contact, scales, window, origin_m, information), pair)
-    return Told(geometry, inseparable, restricted)
+    window = window.with_error(model.noise.extra_contact_variance[label.column])
+    fitted, information = refine(fits[label.column], contact, window, scales)
+    pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
+    geometry = named(contact_geometry(fitted, 0, contact, scales, window, origin_m, information), pair)
+    return SegmentFit(geometry, inseparable, restricted)
 
 
-def _fitted(contact: ContactModel, window: Window, stretch: Stretch) -> Bank:
+def _fitted(contact: ContactModel, window: Window, stretch: SegmentTicks) -> Bank:
     """The best hypothesis of a contact about a whole stretch, if there can be one."""
     place_m = window.zeta[:, T].mean(axis=0)
     frame = Frame.around(stretch.origin_m, place_m)
-    begins = beginnings(contact, stretch.knowledge, NOTHING_MET, 0.0, frame)
-    own = window.with_error(stretch.model.noise.beyond_floor[contact.contact.column])
-    return bank_update.fit_stretch(contact, own, scales_of(stretch.model), begins)
+    begins = propose_births(contact, stretch.knowledge, EMPTY_MEMORY, 0.0, frame)
+    own = window.with_error(stretch.model.noise.extra_contact_variance[contact.contact.column])
+    return bank_update.fit_window(contact, own, scales_of(stretch.model), begins)
 
 
 def _most_moving(window: Window) -> Window:
@@ -89,7 +89,7 @@ def _most_moving(window: Window) -> Window:
     if len(window) <= LONGEST_TICKS:
         return window
     pieces = len(window) // PIECE_TICKS
-    by_piece = window.activity[: pieces * PIECE_TICKS].reshape(pieces, PIECE_TICKS).sum(axis=1)
+    by_piece = window.motion_ratio[: pieces * PIECE_TICKS].reshape(pieces, PIECE_TICKS).sum(axis=1)
     chosen = np.sort(np.argsort(-by_piece, kind="stable")[: LONGEST_TICKS // PIECE_TICKS])
     rows = (chosen[:, None] * PIECE_TICKS + np.arange(PIECE_TICKS)).ravel()
     before = window.before if not rows[0] else window.zeta[rows[0] - 1]

@@ -9,13 +9,13 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.bank_update import Alive
-from contact_tracker.hypotheses.birth import fresh
-from contact_tracker.hypotheses.birth_proposals import Reminded
-from contact_tracker.hypotheses.evidence import Scales
-from contact_tracker.landmarks.landmark_memory import NOTHING_MET, Memory
-from contact_tracker.landmarks.prior_map import NOTHING, Knowledge
-from contact_tracker.motion.sliding import NOTHING_SEEN, Sliding
+from contact_tracker.hypotheses.birth import uninformed_proposal
+from contact_tracker.hypotheses.birth_proposals import CachedProposals
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY, LandmarkMemory
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.sliding import EMPTY_WINDOW, SlidingWindow
 from contact_tracker.motion.tick_grid import TickState
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
@@ -28,56 +28,70 @@ Array = NDArray[np.float64]
 class TrackerState(NamedTuple):
     """Everything the tracker knows; bounded in size however long the stream.
 
-    ``averaging`` of poses into ticks, which may be ahead; the window of the last taken in, ``sliding`` on;
-    ``banks`` of hypotheses by contact; the ``memory`` of elements met, and what of it each contact
-    has been ``reminded`` of; ``log_left`` (7,) weights of the states at the last boundary, up to a
-    constant, the ``residual`` (6,) of each contact (see ``Belief``), the rows of their best hypotheses, the
-    ``leaders`` (6,), and all that is ``alive``; ``ticks`` seen, ``numbers`` of hypotheses given out,
-    ``outliers`` among the poses; the label, tick and time since when it is free; ``exposure`` to change
-    at the last boundary, ``change`` (7, 7) and ``entry`` (7,), the log chances of change there and the log
-    weights with which states began; ``log_normaliser``, what was taken from the weights to keep their numbers
-    small; the exposure that is ``withheld`` while ticks say nothing; ``past``
-    (7, L, 7) of each state and ``recent`` beliefs, where answers lag; the last ``belief``.
+    7 states: the six contacts and free motion; L lagged ticks.
     """
 
     model: Model
-    knowledge: Knowledge
+    knowledge: PriorMap
+    """What the user knows."""
     averaging: TickState | None
-    sliding: Sliding
+    """Poses on their way into ticks; it may be ahead of the hypotheses."""
+    sliding_window: SlidingWindow
+    """The last ticks that hypotheses have taken in."""
     banks: tuple[Bank, ...]
-    memory: Memory
-    reminded: tuple[Reminded, ...]
-    log_left: Array
+    """The hypotheses of each contact."""
+    memory: LandmarkMemory
+    """Elements met before, which contacts may meet again."""
+    cached_proposals: tuple[CachedProposals, ...]
+    """What each contact may begin with, as last worked out."""
+    log_state_weight: Array
+    """(7,) weight of each state at the last boundary, up to a constant."""
     residual: Array
-    leaders: NDArray[np.int64]
-    alive: Alive
+    """(6,) whitened residual of each contact, see ``Belief``."""
+    best_rows: NDArray[np.int64]
+    """(6,) the best hypothesis in each bank, -1 of an empty one."""
+    live_hypotheses: LiveHypotheses
+    """Those of all banks, and free motion."""
     ticks: int
-    numbers: int
+    """So many have been taken in."""
+    next_hypothesis_id: int
+    """The number that the next hypothesis gets."""
     outliers: int
+    """Among the poses so far."""
     label: Contact | None
+    """The most probable state; None before the first tick."""
     free_since: int
+    """The tick since which the label is free."""
     free_since_ns: int
-    exposure: float
-    change: Array
-    entry: Array
+    hazard_exposure: float
+    """To a change of state at the last boundary, in ticks of motion."""
+    log_transition: Array
+    """(7, 7) log chances of change at that boundary, from row to column."""
+    log_birth_weight: Array
+    """(7,) log weights with which states began at it."""
     log_normaliser: float
-    withheld: float
-    past: Array
+    """What was taken from the weights so far to keep them near zero (nats)."""
+    deferred_exposure: float
+    """Of ticks that said nothing: it counts at the next that does."""
+    lag_history: Array
+    """(7, L, 7) of each state, the states that it came from in the last L ticks."""
     recent: tuple[Belief, ...]
+    """Beliefs of the last L ticks, where answers lag."""
     belief: Belief | None
+    """The last one."""
 
     @property
     def log_evidence(self) -> float:
         """Log probability of all ticks so far, relative to that of free motion (nats)."""
-        return self.log_normaliser + float(log_sum_exp(self.log_left))
+        return self.log_normaliser + float(log_sum_exp(self.log_state_weight))
 
     @property
     def window(self) -> Window:
         """The last ticks."""
-        return self.sliding.window
+        return self.sliding_window.window
 
 
-def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> TrackerState:
+def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> TrackerState:
     """A tracker that has seen nothing, but may know something.
 
     With ``lag_s`` it speaks of that long ago, and knows better.
@@ -91,34 +105,40 @@ def start(model: Model, lag_s: float = 0.0, knowledge: Knowledge = NOTHING) -> T
         model=model,
         knowledge=knowledge,
         averaging=None,
-        sliding=NOTHING_SEEN,
+        sliding_window=EMPTY_WINDOW,
         banks=banks,
-        memory=NOTHING_MET,
-        reminded=tuple(Reminded(NOTHING_MET, None, fresh(contact)) for contact in CONTACT_MODELS),
-        log_left=initial,
+        memory=EMPTY_MEMORY,
+        cached_proposals=tuple(
+            CachedProposals(EMPTY_MEMORY, None, uninformed_proposal(contact)) for contact in CONTACT_MODELS
+        ),
+        log_state_weight=initial,
         residual=np.full(len(CONTACT_MODELS), np.nan),
-        leaders=np.full(len(CONTACT_MODELS), -1),
-        alive=Alive.of(banks, -1),
+        best_rows=np.full(len(CONTACT_MODELS), -1),
+        live_hypotheses=LiveHypotheses.of(banks, -1),
         ticks=0,
-        numbers=0,
+        next_hypothesis_id=0,
         outliers=0,
         label=None,
         free_since=0,
         free_since_ns=0,
-        exposure=0.0,
-        change=np.zeros((states, states)),
-        entry=initial,
+        hazard_exposure=0.0,
+        log_transition=np.zeros((states, states)),
+        log_birth_weight=initial,
         log_normaliser=0.0,
-        withheld=0.0,
-        past=past,
+        deferred_exposure=0.0,
+        lag_history=past,
         recent=(),
         belief=None,
     )
 
 
-def scales_of(model: Model) -> Scales:
+def scales_of(model: Model) -> EvidenceParameters:
     """What evidence needs of the model."""
     motion = model.motion
-    return Scales(
-        model.geometry.reach_m, motion.body_radius_m, motion.foreknowledge, motion.independence, model.tick_s
+    return EvidenceParameters(
+        model.geometry.reach_m,
+        motion.body_radius_m,
+        motion.prior_predictive_share,
+        motion.likelihood_exponent,
+        model.tick_s,
     )

@@ -5,30 +5,36 @@ pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states ->
 
 from dataclasses import replace
 
-from contact_tracker.landmarks.landmark_memory import SURE
+from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.sliding import Sliding
+from contact_tracker.motion.sliding import SlidingWindow
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
 from contact_tracker.tracking import measurement_update
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.posterior import answer, believe, remaining, touching, weighed_up
+from contact_tracker.tracking.posterior import (
+    answer,
+    flush_lag,
+    label_geometry,
+    share_among_indistinguishable,
+    state_posterior,
+)
 from contact_tracker.tracking.state import TrackerState, scales_of, start
 
 __all__ = [
     "TrackerState",
+    "accumulate_pose",
+    "accumulate_poses",
     "answer",
+    "close_tick",
     "finish",
-    "gather",
-    "gather_rest",
-    "gather_some",
-    "observe",
-    "remaining",
+    "flush_lag",
     "scales_of",
     "start",
     "step",
+    "update",
 ]
 
 
@@ -36,12 +42,12 @@ def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
     """Take in one pose; a belief comes out when the pose closes a tick, from data up to that tick only.
 
     After a gap in the stream one pose closes several ticks, of which the last is told; who wants them all
-    calls what this is made of: ``gather``, ``observe`` and ``answer``.
+    calls what this is made of: ``accumulate_pose``, ``update`` and ``answer``.
     """
-    state, closed = gather(state, pose)
+    state, closed = accumulate_pose(state, pose)
     belief = None
     for tick in closed:
-        state, online = observe(state, tick)
+        state, online = update(state, tick)
         belief = answer(state, online)
     return state, belief
 
@@ -52,34 +58,34 @@ def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
     Should it go on after all, it has paused: ``step`` takes the next pose as it does after a gap, and says
     nothing twice.
     """
-    state, closed = gather_rest(state)
+    state, closed = close_tick(state)
     beliefs = []
     for tick in closed:
-        state, online = observe(state, tick)
+        state, online = update(state, tick)
         beliefs.append(answer(state, online))
-    rest = remaining(state)
+    rest = flush_lag(state)
     return state._replace(recent=()), [*(b for b in beliefs if b is not None), *rest]
 
 
-def gather(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
+def accumulate_pose(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     """Average poses into ticks; returns the ticks that this pose closes (several after a gap).
 
     The pose is kept as it is until its tick is over.
     """
     averaging = state.averaging
     if averaging is None or not tick_grid.goes_on(averaging, pose.stamp_ns, state.model):
-        return gather_some(state, Poses.collect((pose,)))
+        return accumulate_poses(state, Poses.collect((pose,)))
     return state._replace(averaging=averaging._replace(frames=(*averaging.frames, pose))), []
 
 
-def gather_some(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick]]:
+def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick]]:
     """The same of many poses at once, of which there are some."""
     averaging = tick_grid.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed = tick_grid.advance(averaging, poses, state.model)
     return state._replace(averaging=averaging), closed
 
 
-def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
+def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
     """Close the tick under way."""
     if state.averaging is None or not state.averaging.frames:
         return state, []
@@ -87,49 +93,50 @@ def gather_rest(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
     return state._replace(averaging=averaging), [tick]
 
 
-def observe(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -> tuple[TrackerState, Belief]:
+def update(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -> tuple[TrackerState, Belief]:
     """Take in one tick, and tell of it in ``detail``."""
-    sliding = measurement_update.slid_on(state, tick)
-    if measurement_update.is_mute(state, tick):
-        return hold(state, tick, sliding)
-    return look(measurement_update.weigh(state, tick, sliding), tick, detail)
+    sliding = measurement_update.advanced_window(state, tick)
+    if measurement_update.is_uninformative(state, tick):
+        return skip_update(state, tick, sliding)
+    return read_posterior(measurement_update.update_hypotheses(state, tick, sliding), tick, detail)
 
 
-def hold(state: TrackerState, tick: Tick, sliding: Sliding) -> tuple[TrackerState, Belief]:
+def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tuple[TrackerState, Belief]:
     """Wait through a tick that says nothing: what was believed is believed on."""
     assert state.belief is not None
-    return _remember(
-        measurement_update.wait(state, tick, sliding), replace(state.belief, stamp_ns=tick.stamp_ns)
+    return _record_belief(
+        measurement_update.propagate_without_update(state, tick, sliding),
+        replace(state.belief, stamp_ns=tick.stamp_ns),
     )
 
 
-def look(state: TrackerState, tick: Tick, detail: Detail) -> tuple[TrackerState, Belief]:
+def read_posterior(state: TrackerState, tick: Tick, detail: Detail) -> tuple[TrackerState, Belief]:
     """See what is believed after the tick, which has just been weighed, and learn from it."""
-    belief = believe(state, tick.stamp_ns)
-    shared, learns = belief, _learns(state, belief)
+    belief = state_posterior(state, tick.stamp_ns)
+    shared, learns = belief, _should_update_map(state, belief)
     if learns or detail >= Detail.SHARED:  # which leaves the label no more than it has
-        shared = weighed_up(state, belief)
-        learns = learns and _learns(state, shared)
+        shared = share_among_indistinguishable(state, belief)
+        learns = learns and _should_update_map(state, shared)
     if detail >= Detail.SHARED:
         belief = shared
-    where = touching(state, belief.contact) if learns or detail >= Detail.GEOMETRY else None
+    where = label_geometry(state, belief.contact) if learns or detail >= Detail.GEOMETRY else None
     if learns and where is not None:
         assert state.averaging is not None
         position_m = state.window.zeta[-1, T] + state.averaging.origin_m
-        state = state._replace(memory=state.memory.learn(where, belief.onset_ns, tick.stamp_ns, position_m))
+        state = state._replace(memory=state.memory.insert(where, belief.onset_ns, tick.stamp_ns, position_m))
     if where is not None and detail >= Detail.GEOMETRY:
         belief = replace(belief, geometry=where)
-    return _remember(state, belief)
+    return _record_belief(state, belief)
 
 
-def _remember(state: TrackerState, belief: Belief) -> tuple[TrackerState, Belief]:
-    length = state.past.shape[1]
+def _record_belief(state: TrackerState, belief: Belief) -> tuple[TrackerState, Belief]:
+    length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
     return state._replace(recent=recent, belief=belief), belief
 
 
-def _learns(state: TrackerState, belief: Belief) -> bool:
+def _should_update_map(state: TrackerState, belief: Belief) -> bool:
     """Elements that are certain enough are remembered, and looked at again now and then."""
-    if belief.contact is Contact.FREE or belief.probability.max() < SURE:
+    if belief.contact is Contact.FREE or belief.probability.max() < MAP_INSERTION_PROBABILITY:
         return False
     return state.memory.is_due(belief.onset_ns, belief.stamp_ns)

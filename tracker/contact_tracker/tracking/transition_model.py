@@ -26,17 +26,17 @@ def initial(transitions: Transitions) -> Array:
     first = transitions.initial_f_f
     others = (1.0 - first) / (len(STATES) - 1)
     prior = np.array([first if state is Contact.FF else others for state in STATES])
-    return _mixed(prior, np.array(transitions.seen.begins), transitions.prior_changes)
+    return _mixed(prior, np.array(transitions.counts.begins), transitions.prior_changes)
 
 
 def leave_per_s(transitions: Transitions) -> Array:
     """Rate (7,) at which each state is left while the object moves: mean of the gamma posterior."""
-    weight, seen = transitions.prior_changes, transitions.seen
+    weight, seen = transitions.prior_changes, transitions.counts
     left = weight + np.array(seen.changes).sum(axis=1)
     return np.asarray(left / (weight / transitions.leave_per_s + np.array(seen.moving_s)))
 
 
-def split(transitions: Transitions) -> Array:
+def destinations(transitions: Transitions) -> Array:
     """Where one goes (7, 7) from a state (row) that is left: rows are means of Dirichlet posteriors.
 
     The prior is the lattice: gaining or losing one step of it, and leaving the surface or meeting it, are
@@ -50,7 +50,7 @@ def split(transitions: Transitions) -> Array:
             elif Contact.FREE in (a, b) or _adjacent(a, b):
                 lattice[i, j] = 1.0
     prior = lattice / lattice.sum(axis=1, keepdims=True)
-    return _mixed(prior, np.array(transitions.seen.changes), transitions.prior_changes)
+    return _mixed(prior, np.array(transitions.counts.changes), transitions.prior_changes)
 
 
 def log_initial(model: Model) -> Array:
@@ -58,7 +58,7 @@ def log_initial(model: Model) -> Array:
     return np.log(initial(model.transitions))
 
 
-def exposure(activity: float) -> float:
+def hazard_exposure(activity: float) -> float:
     """As how much of a tick in motion one of this ``activity`` (0 at rest, 1 in motion) counts.
 
     Contacts change by moving: at rest what was believed hardly loosens.
@@ -66,30 +66,31 @@ def exposure(activity: float) -> float:
     return max(activity, AT_REST)
 
 
-class Chances(NamedTuple):
-    """What a tick may bring, in logs: ``change`` (7, 7), row to column, at the boundary before it; and that a
-    state will ``stay`` (7,) through it.
+class TickTransitions(NamedTuple):
+    """Chances of a tick, in logs.
 
-    Free motion has no onset to remember: it stays free by ``change``.
+    Free motion has no onset to remember: it stays free by ``log_transition``.
     """
 
-    change: Array
-    stay: Array
+    log_transition: Array
+    """(7, 7) of a change at the boundary before it, from row to column."""
+    log_survival: Array
+    """(7,) that a state lasts through it."""
 
 
-def chances(model: Model, exposure: float) -> Chances:
-    """Those of a tick of this ``exposure``.
+def tick_transitions(model: Model, exposure: float) -> TickTransitions:
+    """Those of a tick of this ``hazard_exposure``.
 
     A state changes no more than once, unless the exposure is that of many ticks.
     """
     rate, log_split = _rates(model.transitions)
     stay = -rate * (model.tick_s * exposure)
     if exposure > 1.0:
-        return Chances(_often(model, exposure, np.exp(stay)), stay)
+        return TickTransitions(_often(model, exposure, np.exp(stay)), stay)
     # without any exposure nothing changes
     change = np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
     change[FREE, FREE] = stay[FREE]
-    return Chances(change, stay)
+    return TickTransitions(change, stay)
 
 
 def _often(model: Model, exposure: float, stay: Array) -> Array:
@@ -106,7 +107,7 @@ def _often(model: Model, exposure: float, stay: Array) -> Array:
 def _rates(transitions: Transitions) -> tuple[Array, Array]:
     """Rate of leaving (7,) and log of the split (7, 7), read-only."""
     with np.errstate(divide="ignore"):
-        rate, log_split = leave_per_s(transitions), np.log(split(transitions))
+        rate, log_split = leave_per_s(transitions), np.log(destinations(transitions))
     for values in (rate, log_split):
         values.flags.writeable = False
     return rate, log_split

@@ -1,8 +1,8 @@
 """From the arrays of the numpy code to those of the kernels, and back."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,99 +11,49 @@ from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import Array
 from contact_tracker.hypotheses.bank import Bank, Onsets
 from contact_tracker.hypotheses.compiled import kernels
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.row_layout import layout
-from contact_tracker.hypotheses.schedule import patience
+from contact_tracker.hypotheses.schedule import burn_in_ticks
+from contact_tracker.hypotheses.tick_update import StopCondition, TickInput
 from contact_tracker.motion.window import Window
 
 Index = NDArray[np.int64]
 
 
-class Scales(Protocol):
-    """What is read of ``evidence.Scales``."""
-
-    def __hash__(self) -> int: ...
-    @property
-    def reach_m(self) -> float: ...
-    @property
-    def body_radius_m(self) -> float: ...
-    @property
-    def tick_s(self) -> float: ...
-    @property
-    def foreknowledge(self) -> float: ...
-    @property
-    def independence(self) -> float: ...
-
-
-class Births(Protocol):
-    """What is read of ``pruning.Births``."""
-
-    @property
-    def turn(self) -> Array: ...
-    @property
-    def onset(self) -> int: ...
-    @property
-    def onset_ns(self) -> int: ...
-
-
-class Moment(Protocol):
-    """What is read of ``bank_update.Moment``."""
-
-    @property
-    def births(self) -> Births: ...
-    @property
-    def stamp_ns(self) -> int: ...
-    @property
-    def window(self) -> Window: ...
-    @property
-    def before(self) -> Window: ...
-    @property
-    def change(self) -> Array: ...
-    @property
-    def log_stay(self) -> Array: ...
-
-
-class Until(Protocol):
-    """What is read of ``bank_update.Until``."""
-
-    @property
-    def probability(self) -> float: ...
-    @property
-    def sureness(self) -> float: ...
-    @property
-    def due_ns(self) -> Mapping[int, int]: ...
-
-
-class Strode(NamedTuple):
-    """Of each contact the ``words`` of the hypotheses that are kept and of their onsets, and which ``rows``
-    they had in the last tick, of all that there were and then began; what each tick has ``weighed``, as in
-    ``bank_update.Weighed``."""
+class UpdatedRows(NamedTuple):
+    """What the kernels make of the banks."""
 
     words: list[tuple[Array, Array]]
+    """Of each contact, the rows that are kept and the rows of their onsets."""
     rows: list[Index]
+    """Of each contact, which rows these were among the old ones and those that began in the last tick."""
     weighed: list[tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]]
+    """Of each tick the fields of ``TickWeights``."""
 
 
-def moment(
-    one: Moment, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
+def tick_input(
+    one: TickInput, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
 ) -> kernels.Moment:
-    """With what is ``assumed`` of each contact, rows and what is told (see ``Begins``); with random
+    """With what is ``assumed`` of each contact, rows and what is told (see ``BirthProposals``); with random
     ``directions`` of the body's frame it searches from scratch as well."""
     births = one.births
     window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
     when = births.onset, births.onset_ns, one.stamp_ns
-    return kernels.Moment(assumed, directions, births.turn, *when, window, before, one.change, one.log_stay)
+    return kernels.Moment(
+        assumed, directions, births.turn, *when, window, before, one.log_transition, one.log_survival
+    )
 
 
-def stride(
+def update(
     words: Sequence[tuple[Array, Array]],
     moments: Sequence[kernels.Moment],
     number: int,
     entry: Array,
     beyond: Sequence[tuple[float, float]],
-    scales: Scales,
+    scales: EvidenceParameters,
     margin: float,
-    until: Until | None,
-) -> Strode:
+    until: StopCondition | None,
+) -> UpdatedRows:
     """The rows of all banks and of their onsets through some moments; what begins is numbered from ``number``
     on, with the first by this ``entry`` (7,).
 
@@ -111,9 +61,9 @@ def stride(
     """
     limit = None
     if until is not None:
-        limit = kernels.Until(until.probability, until.sureness, list(until.due_ns.items()))
+        limit = kernels.Until(until.probability, until.posterior_power, list(until.due_ns.items()))
     told = words, moments, number, entry, beyond, _weights(scales), margin, limit
-    return Strode(*kernels.strode(_models(scales.reach_m), *told))
+    return UpdatedRows(*kernels.strode(_models(scales.reach_m), *told))
 
 
 @lru_cache(maxsize=64)
@@ -128,7 +78,7 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
         (onsets.words, onsets.first),
         model.body_in_1,
         model.needed,
-        patience(model.needed),
+        burn_in_ticks(model.needed),
         columns,
         (family.SPREAD / reach_m**2).tolist(),
         family.starts(np.eye(len(columns))[None]).shape[1],
@@ -148,13 +98,15 @@ def ticks_of(window: Window) -> kernels.Ticks:
         window.zeta,
         window.inverse,
         window.variance,
-        window.excess,
-        window.unheld,
-        window.uneven,
+        window.innovation_excess,
+        window.displacement_variance,
+        window.position_anisotropy,
     )
 
 
 @cache
-def _weights(scales: Scales) -> kernels.Weights:
+def _weights(scales: EvidenceParameters) -> kernels.Weights:
     pull = 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
-    return kernels.Weights(scales.body_radius_m**2, pull, scales.foreknowledge, scales.independence)
+    return kernels.Weights(
+        scales.body_radius_m**2, pull, scales.prior_predictive_share, scales.likelihood_exponent
+    )

@@ -52,12 +52,12 @@ class Ticks:
     ) -> None: ...
 
 class Weights:
-    """As ``evidence.Scales``; ``pull`` is what a touching point far away costs, per m^2."""
+    """As ``evidence.EvidenceParameters``; ``pull`` is what a touching point far away costs, per m^2."""
 
     def __init__(self, radius_sq: float, pull: float, foreknowledge: float, independence: float) -> None: ...
 
 class Moment:
-    """As ``bank_update.Moment``, see ``calls.moment``."""
+    """As ``bank_update.TickInput``, see ``calls.tick_input``."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class Moment:
     ) -> None: ...
 
 class Until:
-    """As ``bank_update.Until``."""
+    """As ``bank_update.StopCondition``."""
 
     def __init__(self, probability: float, sureness: float, due: Sequence[tuple[int, int]]) -> None: ...
 
