@@ -54,8 +54,8 @@ class Bank(Table):
     onset : (H,) first tick: which of the onsets is its own.
     number : (H,) tells hypotheses apart over the whole recording.
     log_birth_weight : (H,) log weight with which it began.
-    protected_until : (H,) it is kept, however bad, until it has so many ``effective_ticks`` (but old onsets get
-        sparser all the same); set when it begins, if it may search, and put off when it falls.
+    protected_until : (H,) it is kept, however bad, until it has so many ``effective_ticks`` (but old onsets
+        get sparser all the same); set when it begins, if it may search, and put off when it falls.
     prior_index : (H,) which elements it assumes to be known; 0: none.
     prior_mean, prior_information : (H, S), (H, S, S) the prior on x that they are.
     line_anchor : (H, 6) points by which lines are given that go through a known one; NaN: near the body.
@@ -66,8 +66,7 @@ class Bank(Table):
     x : (H, S) geometry that fits the window best.
     row_weight : (H, K) precision of the residuals relative to that of the position.
     log_prior : (H,) log prior probability of what it assumes and of having lasted so long.
-    llr_before_window, gain_before_window : (H,) of the log-likelihood ratio and of its gain, those of the ticks
-        that have left the window.
+    llr_before_window, gain_before_window : (H,) log-likelihood ratio and its gain, before the window.
     log_likelihood : (H,) of all data since the onset, against free motion.
     rms : (H,) whitened root mean square residual.
     """

@@ -88,7 +88,7 @@ def _kinds(model: ContactModel) -> str:
 def by_feet(
     model: ContactModel, prior: ElementPrior, pivots: Array, near_m: Array
 ) -> tuple[ElementPrior, Array]:
-    """Priors of elements whose lines of the surroundings are given by their points nearest to ``near_m`` (3,).
+    """Priors with lines of the surroundings given by their points nearest to ``near_m`` (3,).
 
     That is a linear change of x: a line that turns moves its points by how far along it they are.
     """

@@ -67,7 +67,7 @@ def minimise(
     row_weight : (W, K) precision of each residual, 1/rad^2 or 1/m^2; what the last row gives per metre of
         distance is taken out here, at each x (``Family.scale_sq``).
     prior : weak knowledge that keeps unobservable directions finite.
-    anchors : (W, 6) where the body is in frames 1 and 2 (see ``contacts.base``).
+    anchors : (W, 6) where the body is in frames 1 and 2 (see ``contacts.family``).
     x : (B, S) starts.
     iterations : steps at most, of all or of each start (B,).
     tolerance : see ``TOLERANCE``.

@@ -120,7 +120,7 @@ def posterior_covariance(values: Array, directions: Array, prior: Array) -> Arra
     """Covariance (P, P) from an ``InformationSpectrum``: its values (P,), directions (P, P) and prior (P, P).
 
     Along the directions the precision is a diagonal of all magnitudes and little beside it: then its inverse
-    has all its digits, also where one direction is known all too well, as of two lines that are all but parallel.
+    has all its digits, also where one direction is known all too well, as of lines that are all but parallel.
     """
     precision = directions.T @ prior @ directions
     np.einsum("pp->p", precision)[...] += np.maximum(values - 1.0, 0.0)

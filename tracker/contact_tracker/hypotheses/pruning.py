@@ -74,7 +74,7 @@ class Births(NamedTuple):
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
     """Where each hypothesis has its lines: through known points, or nearest to where the body was on average
-    over its window; (H, 6) as in ``contacts.base``."""
+    over its window; (H, 6) as in ``contacts.family``."""
     anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
     return np.where(np.isnan(bank.line_anchor), anchors, bank.line_anchor)
 

@@ -55,9 +55,8 @@ _UNIT: Final = np.ones(2)
 class FreeMotion(NamedTuple):
     """Filters of two smooth vectors in R^3, the position (m) and the integrated rotation (rad).
 
-    Two predictions compete: that a vector moves on as the filter says, and that it stays at ``last``. Sums over
-    ticks fade with time; errors are added up as logs, so that a jolt does not outshine the seconds of rest
-    after it.
+    Two predictions compete: that a vector moves on as the filter says, and that it stays at ``last``. Sums
+    over ticks fade with time; of errors the logs are added, so that a jolt does not outshine seconds of rest.
 
     Parameters
     ----------

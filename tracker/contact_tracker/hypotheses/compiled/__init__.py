@@ -1,4 +1,4 @@
-"""The compiled update of the hypothesis bank: C++ (``tracker/kernels``), built as the package is installed.
+"""The compiled update of the hypothesis bank: C++ (``tracker/core``), built as the package is installed.
 
 Its numpy reference, ``bank_update.reference``, does the work where there was no compiler: some 20 times
 slower, which is said once. It is imported when a tracker starts.
@@ -18,7 +18,7 @@ from contact_tracker.hypotheses.compiled.sources import fingerprint
 SWITCH: Final = "CONTACT_TRACKER_COMPILED"
 """Environment variable; 0 means numpy."""
 NAME: Final = "contact_tracker.hypotheses.compiled.kernels"
-SOURCES: Final = Path(__file__).parents[3] / "kernels"
+SOURCES: Final = Path(__file__).parents[3] / "core"
 """In a work tree; an installed package has none, and may have another one's folder of that name beside it."""
 
 
@@ -44,7 +44,7 @@ def fault() -> str:
         if (reason := error.__cause__) is not None and not isinstance(reason, Exception):
             raise reason from None  # an interrupt or a signal that came meanwhile
         return f"they cannot be loaded, {' '.join(str(error).split())}"
-    if (SOURCES / "module.cpp").is_file() and fingerprint(SOURCES) != kernels.FINGERPRINT:
+    if (SOURCES / "python" / "module.cpp").is_file() and fingerprint(SOURCES) != kernels.FINGERPRINT:
         return "their sources have changed since, install the package again"
     return ""
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
 from contact_tracker.contacts.family import Array
+from contact_tracker.hypotheses import gauss_newton, schedule
 from contact_tracker.hypotheses.bank import Bank, Onsets
 from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
@@ -33,20 +34,20 @@ class UpdatedRows(NamedTuple):
 
 def tick_input(
     one: TickInput, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
-) -> kernels.Moment:
+) -> kernels.TickInput:
     """With what is ``assumed`` of each contact, rows and what is told (see ``BirthProposals``); with random
     ``directions`` of the body's frame it searches from scratch as well."""
     births = one.births
     window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
     when = births.onset, births.onset_ns, one.stamp_ns
-    return kernels.Moment(
+    return kernels.TickInput(
         assumed, directions, births.turn, *when, window, before, one.log_transition, one.log_survival
     )
 
 
 def update(
     words: Sequence[tuple[Array, Array]],
-    moments: Sequence[kernels.Moment],
+    inputs: Sequence[kernels.TickInput],
     number: int,
     entry: Array,
     beyond: Sequence[tuple[float, float]],
@@ -54,16 +55,16 @@ def update(
     margin: float,
     until: StopCondition | None,
 ) -> UpdatedRows:
-    """The rows of all banks and of their onsets through some moments; what begins is numbered from ``number``
+    """The rows of all banks and of their onsets through some inputs; what begins is numbered from ``number``
     on, with the first by this ``entry`` (7,).
 
     The rest as in ``bank_update.stride``.
     """
     limit = None
     if until is not None:
-        limit = kernels.Until(until.probability, until.posterior_power, list(until.due_ns.items()))
-    told = words, moments, number, entry, beyond, _weights(scales), margin, limit
-    return UpdatedRows(*kernels.strode(_models(scales.reach_m), *told))
+        limit = kernels.StopCondition(until.probability, until.posterior_power, list(until.due_ns.items()))
+    told = words, inputs, number, entry, beyond, _weights(scales), margin, limit
+    return UpdatedRows(*kernels.update(_models(scales.reach_m), *told))
 
 
 @lru_cache(maxsize=64)
@@ -105,8 +106,31 @@ def ticks_of(window: Window) -> kernels.Ticks:
 
 
 @cache
-def _weights(scales: EvidenceParameters) -> kernels.Weights:
+def _weights(scales: EvidenceParameters) -> kernels.EvidenceParameters:
     pull = 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
-    return kernels.Weights(
+    return kernels.EvidenceParameters(
         scales.body_radius_m**2, pull, scales.prior_predictive_share, scales.likelihood_exponent
     )
+
+
+def _settings() -> dict[str, object]:
+    """Constants of the algorithm by the names that they have in C++ (``tracker/core/settings.hpp``)."""
+    names = (
+        *("FIRST_TICKS", "AT_REST", "WAIT_NATS", "FAR_NATS", "FALL_NATS", "LIFT", "AT_THE_NOISE"),
+        *("LEAST_GAIN", "MET_PATIENCE", "GRACE_NATS", "GRACE_TICKS", "RESIDUAL_TICKS", "REFINE_STEPS"),
+        *("FIRST_STEPS", "FALLEN_STEPS", "SCREENED", "WEIGHED", "YOUNG", "ROUNDS"),
+    )
+    damping = ("FIRST_DAMPING", "LEAST_DAMPING", "MOST_DAMPING", "LESS", "MORE", "LEAST_SHARE")
+    return {
+        **{name.lower(): getattr(schedule, name) for name in names},
+        **{name.lower(): getattr(gauss_newton, name) for name in (*damping, "LEAST_CURVATURE", "TOLERANCE")},
+        "sine_sq_floor": edge_edge.SINE_SQ_FLOOR,
+        "tiny": edge_edge.TINY,
+        "edge_ridge": edge_edge.RIDGE,
+        "vertex_ridge": vertex_face.RIDGE,
+        "ages": schedule.AGES.tolist(),
+        "due": schedule.DUE.tolist(),
+    }
+
+
+kernels.configure(_settings())

@@ -1,4 +1,4 @@
-"""What ``tracker/kernels`` is built into; ``calls`` says what for."""
+"""What ``tracker/core`` is built into; ``calls`` says what for."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,6 +11,9 @@ Bools = NDArray[np.bool_]
 
 FINGERPRINT: str
 """Of the sources."""
+
+def configure(settings: Mapping[str, object]) -> None:
+    """Set the constants of the algorithm, see ``calls``; before anything else."""
 
 class Model:
     """What sort of contact it is.
@@ -51,12 +54,12 @@ class Ticks:
         uneven: Numbers | None,
     ) -> None: ...
 
-class Weights:
+class EvidenceParameters:
     """As ``evidence.EvidenceParameters``; ``pull`` is what a touching point far away costs, per m^2."""
 
     def __init__(self, radius_sq: float, pull: float, foreknowledge: float, independence: float) -> None: ...
 
-class Moment:
+class TickInput:
     """As ``bank_update.TickInput``, see ``calls.tick_input``."""
 
     def __init__(
@@ -73,21 +76,21 @@ class Moment:
         log_stay: Numbers,
     ) -> None: ...
 
-class Until:
+class StopCondition:
     """As ``bank_update.StopCondition``."""
 
     def __init__(self, probability: float, sureness: float, due: Sequence[tuple[int, int]]) -> None: ...
 
-def strode(
+def update(
     models: Sequence[Model],
     words: Sequence[tuple[Numbers, Numbers]],
-    moments: Sequence[Moment],
+    inputs: Sequence[TickInput],
     number: int,
     entry: Numbers,
     beyond: Sequence[tuple[float, float]],
-    weights: Weights,
+    scales: EvidenceParameters,
     margin: float,
-    until: Until | None,
+    until: StopCondition | None,
 ) -> tuple[
     list[tuple[Numbers, Numbers]],
     list[Index],

@@ -5,6 +5,7 @@ from pathlib import Path
 
 
 def fingerprint(folder: Path) -> str:
-    """Of the sources in a folder, and of how they are built."""
-    paths = sorted(path for path in folder.iterdir() if path.suffix in {".cpp", ".hpp", ".py"})
+    """Of the sources in a folder and those below it, and of how they are built."""
+    paths = sorted(path for path in folder.rglob("*.?p*") if path.suffix in {".cpp", ".hpp"})
+    paths.append(folder / "build.py")
     return sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:16]

@@ -1,0 +1,163 @@
+// Hypotheses as kernels see them: a row of a table each, and one that all have
+// that began together.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <stdexcept>
+#include <vector>
+
+#include "contacts/contact_models.hpp"
+
+namespace kernels {
+
+// At which word of a row the columns of `bank.Bank` begin.
+struct BankLayout {
+    int onset, number, prior_index, known_pair_index, elements_known, needs_search, from_landmark,
+        log_birth_weight, protected_until, log_prior, llr_before_window, gain_before_window, log_likelihood,
+        rms, prior_mean, prior_information, line_anchor, x, row_weight;
+};
+
+// And those of `bank.Onsets`.
+struct OnsetLayout {
+    int onset, onset_ns, weight, effective_ticks, weighted_position_sum, onset_row, second_moment;
+};
+
+// What sort of contact it is, see `contacts`: where its body is, how many poses
+// are `needed` and the `patience` that follows; which entries of a pose are
+// `lifted` (C,); `pull` (S,) of the weak prior; how many starts are `relaxed`.
+struct Kind {
+    bool body_in_1;
+    double needed, burn_in_ticks;
+    std::vector<std::int64_t> lifted;
+    std::vector<double> pull;
+    int relaxed;
+    BankLayout where;
+    OnsetLayout since;
+};
+
+// So many rows of `words` of eight bytes, numbers or whole numbers.
+struct Table {
+    double* data;
+    int count, words;
+
+    double* row(int b) const { return data + static_cast<std::size_t>(b) * words; }
+};
+
+inline std::int64_t whole(const double* row, int word) {
+    std::int64_t value;
+    std::memcpy(&value, row + word, sizeof value);
+    return value;
+}
+
+inline void put_whole(double* row, int word, std::int64_t value) {
+    std::memcpy(row + word, &value, sizeof value);
+}
+
+// As `Bank.log_weight`.
+inline double log_weight_of(const BankLayout& where, const double* row) {
+    return row[where.log_birth_weight] + row[where.log_likelihood];
+}
+
+// As `pruning.within_far_margin`.
+inline bool within_far_margin(const BankLayout& where, const double* row) {
+    return log_weight_of(where, row) >= -settings.far_nats;
+}
+
+// What is known of hypotheses by themselves, and since their onsets.
+template <class Own, class Since>
+struct Halves {
+    Own own;
+    Since since;
+};
+
+// Of one, and of several that stand side by side.
+using Hypothesis = Halves<double*, const double*>;
+template <class Row>
+using PerLane = std::array<Row*, lanes>;
+using Rows = Halves<PerLane<double>, PerLane<const double>>;
+
+// Call for the hypothesis of each lane.
+template <class Function>
+Rows rows_of(Function&& hypothesis) {
+    Rows rows;
+    for (int i = 0; i < lanes; ++i) {
+        const Hypothesis one = hypothesis(i);
+        rows.own[i] = one.own;
+        rows.since[i] = one.since;
+    }
+    return rows;
+}
+
+// Hypotheses of a contact in order of their onsets, of which there may be more.
+class Bank {
+public:
+    Table own, onsets;
+
+    Bank(const Kind& kind, const Table& own, const Table& onsets)
+        : own(own), onsets(onsets), since_(own.count) {
+        for (int b = 0, o = 0; b < own.count; ++b) {
+            if (b && whole(own.row(b), kind.where.onset) < whole(own.row(b - 1), kind.where.onset)) o = 0;
+            while (o < onsets.count &&
+                   whole(onsets.row(o), kind.since.onset) != whole(own.row(b), kind.where.onset))
+                ++o;
+            if (o == onsets.count) throw std::invalid_argument("a hypothesis without its onset");
+            since_[b] = o;
+        }
+    }
+
+    int count() const { return own.count; }
+    Hypothesis operator[](int b) const { return {own.row(b), since(b)}; }
+    const double* since(int b) const { return onsets.row(since_[b]); }
+    int window_of(int b) const { return since_[b]; }
+
+private:
+    std::vector<int> since_;
+};
+
+// As `pruning.is_protected`.
+inline bool is_protected(const Kind& kind, const Hypothesis& one) {
+    return one.since[kind.since.effective_ticks] <= one.own[kind.where.protected_until];
+}
+
+// As `global_search.in_burn_in`.
+inline bool in_burn_in(const Kind& kind, const Hypothesis& one) {
+    const double share = whole(one.own, kind.where.from_landmark) != 0 ? settings.met_patience : 1.0;
+    return one.since[kind.since.effective_ticks] <= share * kind.burn_in_ticks &&
+           whole(one.own, kind.where.needs_search) != 0;
+}
+
+// What one number of their rows is, of one or of several.
+inline double read(const double* row, int word) { return row[word]; }
+template <class Row>
+Lanes read(const PerLane<Row>& rows, int word) {
+    Lanes out;
+    for (int i = 0; i < lanes; ++i) out.put(i, rows[i][word]);
+    return out;
+}
+
+// And `count` of them.
+template <class R, class N>
+void read(const R& rows, int word, int count, N* out) {
+    for (int i = 0; i < count; ++i) out[i] = read(rows, word + i);
+}
+
+// A symmetric matrix (SIZE, SIZE), of which rows have the upper triangle.
+template <int SIZE, class R, class N>
+void read_symmetric(const R& rows, int word, N* out) {
+    for (int i = 0; i < SIZE; ++i) {
+        for (int j = i; j < SIZE; ++j) out[i * SIZE + j] = out[j * SIZE + i] = read(rows, word++);
+    }
+}
+
+inline void write(const PerLane<double>& rows, int word, const Lanes& values) {
+    for (int i = 0; i < lanes; ++i) rows[i][word] = values[i];
+}
+
+inline void write(const PerLane<double>& rows, int word, int count, const Lanes* values) {
+    for (int i = 0; i < count; ++i) write(rows, word + i, values[i]);
+}
+
+}  // namespace kernels

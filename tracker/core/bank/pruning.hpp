@@ -1,0 +1,79 @@
+// Which hypotheses are dropped: as `pruning.prune`.
+#pragma once
+
+#include <limits>
+
+#include "bank/hypothesis.hpp"
+
+namespace kernels {
+
+// Of so many ticks' onsets one is kept, and which span of them an onset is in.
+struct Span {
+    std::int64_t ticks, which;
+
+    bool operator==(const Span& other) const { return ticks == other.ticks && which == other.which; }
+};
+
+inline Span span_of(std::int64_t onset, std::int64_t now) {
+    const std::int64_t age = now + 1 - onset;
+    if (age <= settings.young) return {1, onset};
+    std::int64_t ticks = 2;
+    while (age >= settings.young * ticks) ticks *= 2;
+    return {ticks, onset / ticks};
+}
+
+// How good a hypothesis is beside those whose onsets share its span, which
+// stand beside it.
+struct Rival {
+    Span span;
+    double joint;
+};
+
+inline std::vector<Rival> rivals_of(const BankLayout& where, const Table& table, std::int64_t now) {
+    std::vector<Rival> rivals(table.count);
+    for (int b = 0; b < table.count; ++b) {
+        const std::int64_t onset = whole(table.row(b), where.onset);
+        const bool again = b && onset == whole(table.row(b - 1), where.onset);
+        rivals[b] = {again ? rivals[b - 1].span : span_of(onset, now), log_weight_of(where, table.row(b))};
+    }
+    return rivals;
+}
+
+// Of equally good ones the first.
+inline bool is_best(const std::vector<Rival>& rivals, int b) {
+    const auto& [span, own] = rivals[b];
+    if (span.ticks == 1) return true;
+    for (int c = b - 1; c >= 0 && rivals[c].span == span; --c) {
+        if (rivals[c].joint >= own) return false;
+    }
+    for (int c = b + 1; c < static_cast<int>(rivals.size()) && rivals[c].span == span; ++c) {
+        if (rivals[c].joint > own) return false;
+    }
+    return true;
+}
+
+// Rows that are kept against the `best` joint log weight.
+inline std::vector<std::int64_t> rows_to_keep(const Kind& kind, const Bank& bank, std::int64_t now,
+                                              double best, double margin) {
+    std::vector<std::int64_t> rows;
+    const std::vector<Rival> rivals = rivals_of(kind.where, bank.own, now);
+    for (int b = 0; b < bank.count(); ++b) {
+        const bool near = rivals[b].joint > best - margin;
+        if ((near || is_protected(kind, bank[b])) && is_best(rivals, b)) rows.push_back(b);
+    }
+    return rows;
+}
+
+// As `pruning.residual`.
+inline double residual_of(const Kind& kind, const Bank& bank) {
+    double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
+    for (int b = 0; b < bank.count(); ++b) {
+        const double told = bank.since(b)[kind.since.effective_ticks];
+        if (!(told >= settings.residual_ticks && told < least)) continue;
+        least = told;
+        rms = bank[b].own[kind.where.rms];
+    }
+    return rms;
+}
+
+}  // namespace kernels

@@ -1,0 +1,199 @@
+// Residuals and evidence of hypotheses on the ticks since their onsets: the
+// sums of `summed`.
+#pragma once
+
+#include "bank/hypothesis.hpp"
+
+namespace kernels {
+
+using Two = std::array<double, 2>;
+
+// W ticks: `number` (W,) as `Window.index`; `pose` (W, 25) lifted, of frame 1
+// in frame 2; `variance` (W, 2) of the noise, which a contact has so much
+// `beyond`; (W, 2) of free motion, of `fitted` and of `known` elements;
+// `uneven` (W, 3, 3), or nothing.
+struct Ticks {
+    const std::int64_t* number;
+    const double *pose, *variance, *excess, *unheld, *uneven;
+    int count;
+    Two beyond;
+
+    static constexpr int entries = 25;
+
+    double noise(int w, int i) const { return variance[2 * w + i] + beyond[i]; }
+
+    std::int64_t newest() const { return number[count - 1]; }
+
+    const double* newest_pose() const { return pose + (count - 1) * entries; }
+
+    // As `Window.latest_activity`.
+    double heard() const {
+        const auto share = [&](int i) {
+            const double free = excess[2 * (count - 1) + i];
+            return free / (free + noise(count - 1, i));
+        };
+        return std::max(share(0), share(1));
+    }
+};
+
+constexpr int T = 9, U = 12,
+              TXR = 15;  // where the lifted pose has them; R comes first
+
+// `radius_sq` of the body, and what a touching point far away costs.
+struct Lengths {
+    double radius_sq, pull;
+};
+
+// As `evidence_sums.EvidenceSums` of some hypotheses.
+template <class F>
+struct EvidenceSums {
+    Lanes log_ratio, chi_sq, ticks, after, gain[F::K], precision[F::K];
+};
+
+// As `Measurement` of one tick.
+template <class F>
+struct Seen {
+    Lanes residual[F::K], lever_sq, reach_sq;
+    Vec<Lanes> along;
+};
+
+// As `Family.measure` where element 2 is a plane.
+template <class F>
+void faced(bool body_in_1, const Lanes* x, const double* r, Seen<F>& seen) {
+    const Vec<Lanes> n = at(x, F::d2), n_r = n.x * at(r, 0) + n.y * at(r, 3) + n.z * at(r, 6);
+    const Lanes nt = inner(n, at(r, T)), h = x[F::h];
+    seen.along = body_in_1 ? n : n_r;
+    if constexpr (F::q1 < 0) {
+        const auto [b1, b2] = across(at(x, F::d1));
+        seen.residual[0] = inner(n_r, b1);
+        seen.residual[1] = inner(n_r, b2);
+        seen.residual[2] = nt - h;
+        seen.lever_sq = seen.reach_sq = 0.0;
+    } else {
+        const Vec<Lanes> q = at(x, F::q1), arm = body_in_1 ? q : q + at(r, U);
+        Lanes reach_sq = inner(arm, arm), height = inner(n_r, q);
+        if constexpr (F::d1 >= 0) {
+            const Vec<Lanes> d = at(x, F::d1);
+            const Lanes s = -inner(d, arm);
+            seen.residual[0] = inner(n_r, d);
+            reach_sq -= s * s;
+            height += s * seen.residual[0];
+        }
+        seen.residual[F::last] = height + nt - h;
+        if (!body_in_1) height += nt;
+        seen.lever_sq = larger<Lanes>(reach_sq - height * height, 0.0);
+        seen.reach_sq = reach_sq;
+    }
+}
+
+// As `edge_edge.measure`.
+template <class F>
+void crossed(const Lanes* x, const double* r, Seen<F>& seen) {
+    const Vec<Lanes> d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2), q2 = at(x, F::q2);
+    const Vec<Lanes> across = turned(r, 0, d1);
+    const Lanes d2_r_m1 = inner(d2, turned(r, 0, cross(q1, d1)));
+    const Lanes volume = d2_r_m1 + inner(cross(q2, d2), across) + inner(d2, turned(r, TXR, d1));
+    const Lanes cosine = inner(d2, across);
+    const Lanes sine_sq = larger<Lanes>(1.0 - cosine * cosine, settings.sine_sq_floor);
+    const Lanes w_d1 = inner(q1, d1) + inner(d1, at(r, U)) - inner(q2, across);
+    const Lanes w_d2 = inner(d2, turned(r, 0, q1)) + inner(d2, at(r, T)) - inner(d2, q2);
+    const Lanes inverse_sq = 1.0 / sine_sq, inverse = sqrt(inverse_sq);
+    const Lanes s = (cosine * w_d2 - w_d1) * inverse_sq;
+    seen.reach_sq = inner(q1, q1) + 2.0 * s * inner(q1, d1) + s * s;
+    seen.residual[0] = volume * inverse;
+    seen.along = inverse * cross(across, d2);
+    seen.lever_sq = larger<Lanes>(seen.reach_sq - d2_r_m1 * d2_r_m1 * inverse_sq, 0.0);
+}
+
+// What hypotheses measure in tick w.
+template <class F>
+void see(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, Seen<F>& seen) {
+    const double* pose = ticks.pose + w * Ticks::entries;
+    if constexpr (F::crosses) {
+        crossed<F>(x, pose, seen);
+    } else {
+        faced<F>(kind.body_in_1, x, pose, seen);
+    }
+}
+
+// What hypotheses say of tick w, in whose windows it `counts` and comes `after`
+// their first; `narrowed` (K,) is by how many times the variance under free
+// motion exceeds the noise, multiplied over ticks: a logarithm takes longer.
+template <class F>
+void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask& certain, const Mask& counts,
+         const Mask& after, const Lengths& lengths, Lanes (&narrowed)[F::K], EvidenceSums<F>& sums) {
+    const Lanes most = 1e100, none = 0.0;  // before it overflows
+    Seen<F> seen;
+    see<F>(kind, x, ticks, w, seen);
+    const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
+    const double *fitted = ticks.excess + 2 * w, *known = ticks.unheld + 2 * w, *uneven = ticks.uneven;
+    const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
+                          where(certain, known[1], Lanes(fitted[1]))};
+    for (int k = 0; k < F::K; ++k) {
+        Lanes noise = rotation, excess = free[1];
+        if (k == F::last) {
+            noise = position + rotation * seen.lever_sq;
+            excess = free[0] + free[1] * (seen.lever_sq + lengths.radius_sq);
+            if (uneven) noise += inner(seen.along, turned(uneven + 9 * w, 0, seen.along));
+        }
+        const Lanes whole = noise + excess, square = seen.residual[k] * seen.residual[k];
+        const Lanes inverse = 1.0 / (noise * whole), over_noise = whole * inverse;
+        sums.precision[k] += where(counts, position * over_noise, none);
+        sums.chi_sq += where(counts, square * over_noise, none);
+        sums.log_ratio -= where(after, 0.5 * square * excess * inverse, none);
+        narrowed[k] *= where(after, whole * over_noise, Lanes(1.0));
+        const Mask much = most < narrowed[k];
+        if (any(much)) {
+            sums.gain[k] += where(much, 0.5 * log(narrowed[k]), none);
+            narrowed[k] = where(much, Lanes(1.0), narrowed[k]);
+        }
+    }
+    if (fitted[0] > 0.0) sums.log_ratio -= where(after, lengths.pull * seen.reach_sq, none);
+}
+
+// BankLayout the ticks begin that count for a hypothesis, and from where they
+// tell: the first tick is given.
+struct Since {
+    int first, after;
+};
+
+inline Since since(const Ticks& ticks, std::int64_t onset) {
+    int first = ticks.count;
+    while (first > 0 && ticks.number[first - 1] >= onset) --first;
+    return {first, first + (first < ticks.count && ticks.number[first] == onset)};
+}
+
+// As `evidence_sums.sum_evidence` of hypotheses x (S,).
+template <class F>
+WIDE EvidenceSums<F> sum_evidence(const Kind& kind, const Lanes* x, const std::int64_t* onset,
+                                  const Mask& certain, const Ticks& ticks, const Lengths& lengths) {
+    Since begun[lanes];
+    EvidenceSums<F> sums;
+    int first = ticks.count;
+    for (int i = 0; i < lanes; ++i) {
+        begun[i] = since(ticks, onset[i]);
+        first = std::min(first, begun[i].first);
+        sums.ticks.put(i, ticks.count - begun[i].first);
+        sums.after.put(i, ticks.count - begun[i].after);
+    }
+    Lanes narrowed[F::K];
+    sums.log_ratio = sums.chi_sq = 0.0;
+    std::fill_n(sums.gain, F::K, Lanes(0.0));
+    std::fill_n(sums.precision, F::K, Lanes(0.0));
+    std::fill_n(narrowed, F::K, Lanes(1.0));
+    for (int w = first; w < ticks.count; ++w) {
+        Mask counts, after;
+        for (int i = 0; i < lanes; ++i) {
+            counts.put(i, w >= begun[i].first);
+            after.put(i, w >= begun[i].after);
+        }
+        add<F>(kind, x, ticks, w, certain, counts, after, lengths, narrowed, sums);
+    }
+    for (int k = 0; k < F::K; ++k) {
+        sums.gain[k] += 0.5 * log(narrowed[k]);
+        sums.log_ratio += sums.gain[k];
+    }
+    return sums;
+}
+
+}  // namespace kernels

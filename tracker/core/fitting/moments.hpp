@@ -1,0 +1,82 @@
+// Rows times moments.
+//
+// BankLayout element 2 is a plane, all of them and what shifts of points change
+// begin with vec(d2 b^T): d2 is multiplied once.
+#pragma once
+
+#include "fitting/workspace.hpp"
+
+namespace kernels {
+
+// The k-th row, or how it changes, times the moments; and with another one.
+template <class F, int K>
+void carry(const Lanes* row, const Moments<F>& window, Lanes* out) {
+    multiply<F::active_in(K), F::active_in(K), F::C>(row, window.moments, out);
+}
+
+template <class F, int K>
+Lanes pair(const Lanes* row, const Lanes* carried) {
+    return dot<F::active_in(K)>(row, carried);
+}
+
+// How the last row changes with the I-th shift, with another one: some columns
+// are zero.
+template <class F, int I>
+Lanes pair_shift(const Lanes* row, const Lanes* carried) {
+    constexpr Columns own = F::shifted_by(I);
+    return dot<own.end - own.first>(row + own.first, carried + own.first);
+}
+
+// Three rows of a matrix, which are `STRIDE` apart, added up with weights v.
+template <int COLUMNS, int STRIDE>
+void weighted(const Vec<Lanes>& v, const Lanes* rows, Lanes* out) {
+    for (int c = 0; c < COLUMNS; ++c)
+        out[c] = v.x * rows[c] + v.y * rows[STRIDE + c] + v.z * rows[2 * STRIDE + c];
+}
+
+// The b of each row but the last one.
+template <class F>
+std::array<Vec<Lanes>, 2> seconds(const Lanes* x) {
+    if constexpr (F::last == 0) return {};
+    if constexpr (F::last == 1) return {at(x, F::d1), {}};
+    const auto [b1, b2] = across(at(x, F::d1));
+    return {b1, b2};
+}
+
+// All rows at x, which is not shifted yet: there is no coordinate but of lines,
+// which go where anchors are.
+template <class F>
+void carry_rows(const Lanes* x, const Moments<F>& window, Work<F>& work) {
+    if constexpr (F::crosses) {
+        carry<F, F::last>(work.rows[F::last], window, work.carried[F::last]);
+    } else {
+        Lanes* last = work.carried[F::last];
+        const Vec<Lanes> d2 = at(x, F::d2);
+        for (int i = 0; i < 3; ++i) weighted<F::C, 3 * F::C>(d2, window.moments + i * F::C, work.by_d2[i]);
+        weighted<F::C, F::C>(d2, window.moments + 9 * F::C, last);
+        if constexpr (F::last == 1) {
+            Lanes of_line[F::C];
+            weighted<F::C, F::C>(at(x, F::q1), work.by_d2[0], of_line);
+            for (int c = 0; c < F::C; ++c) last[c] += of_line[c];
+        }
+        const auto b = seconds<F>(x);
+        for (int k = 0; k < F::last; ++k) weighted<9, F::C>(b[k], work.by_d2[0], work.carried[k]);
+    }
+}
+
+// How the last row changes with the I-th shift, which goes `along` that
+// direction.
+template <class F, int I>
+void carry_shift(const Lanes* along, const Moments<F>& window, const Work<F>& work, Lanes* out) {
+    constexpr Columns own = F::shifted_by(I);
+    if constexpr (F::crosses) {
+        multiply<own.end - own.first, F::active_in(F::last), F::C>(work.design[I] + own.first,
+                                                                   window.moments + own.first * F::C, out);
+    } else if constexpr (own.first > 0) {
+        for (int c = 0; c < F::C; ++c) out[c] = -window.moments[own.first * F::C + c];
+    } else {
+        weighted<F::C, F::C>(at(along, F::q1), work.by_d2[0], out);
+    }
+}
+
+}  // namespace kernels

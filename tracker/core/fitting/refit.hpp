@@ -1,0 +1,181 @@
+// What `following` does to a bank in every tick: its moments grow, and it
+// learns from them.
+#pragma once
+
+#include "evidence/evidence.hpp"
+#include "evidence/laplace_volume.hpp"
+
+namespace kernels {
+
+// As in `evidence.EvidenceParameters`.
+struct EvidenceParameters {
+    Lengths lengths;
+    double foreknowledge, independence;
+};
+
+// As `refit._with_evidence`; `work` is at the hypotheses' x (S,).
+template <class F>
+void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const EvidenceParameters& weights,
+                    const EvidenceSums<F>& sums, Work<F>& work) {
+    const BankLayout& where = kind.where;
+    const Lanes ticks = larger<Lanes>(sums.ticks, 1.0);
+    const Lanes share = weights.foreknowledge * kind.needed /
+                        larger<Lanes>(read(rows.since, kind.since.effective_ticks), 1.0);
+    Lanes earned = read(rows.own, where.gain_before_window), foretold[F::K], first[F::C];
+    for (int k = 0; k < F::K; ++k) {
+        foretold[k] = share * exp(-2.0 * sums.gain[k] / larger<Lanes>(sums.after, 1.0));
+        earned += sums.gain[k];
+        write(rows.own, where.row_weight + k, sums.precision[k] / ticks);
+    }
+    read(rows.since, kind.since.onset_row, F::C, first);
+    Lanes price = volume<F>(first, foretold, work);
+    work.prior.times(x, work.pull);
+    price += 0.5 * dot<F::S>(x, work.pull) - dot<F::S>(x, work.prior.information) + work.prior.constant;
+    const Lanes told =
+        sums.log_ratio + read(rows.own, where.llr_before_window) - smaller<Lanes>(earned, price);
+    write(rows.own, where.log_likelihood, read(rows.own, where.log_prior) + weights.independence * told);
+    write(rows.own, where.rms, sqrt(sums.chi_sq / (ticks * double(F::K))));
+    write(rows.own, where.x, F::S, x);
+}
+
+// As `refit.accumulate` of the `onsets`, by the newest of `ticks`, in which so
+// much motion is `heard`.
+template <class F>
+WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& ticks, double heard) {
+    const OnsetLayout& where = kind.since;
+    const double *pose = ticks.newest_pose(), precision = 1.0 / ticks.noise(ticks.count - 1, 0);
+    const Vector place = kind.body_in_1 ? at(pose, T) : -at(pose, U);
+    double lifted[F::C], products[F::C * (F::C + 1) / 2];
+    for (int c = 0; c < F::C; ++c) lifted[c] = pose[kind.lifted[c]];
+    for (int c = 0, i = 0; c < F::C; ++c) {
+        for (int d = c; d < F::C; ++d) products[i++] = lifted[c] * lifted[d];
+    }
+    for (int o = 0; o < onsets.count; ++o) {
+        double *row = onsets.row(o), *moments = row + where.second_moment;
+        const bool begins = whole(row, where.onset) == ticks.newest();
+        const double weight = precision * (begins ? 1.0 : std::max(heard, settings.at_rest));
+        for (int i = 0; i < F::C * (F::C + 1) / 2; ++i) moments[i] += weight * products[i];
+        for (int c = 0; begins && c < F::C; ++c) row[where.onset_row + c] = lifted[c] * std::sqrt(precision);
+        put(row, where.weighted_position_sum, at(row, where.weighted_position_sum) + weight * place);
+        row[where.weight] += weight;
+        row[where.effective_ticks] += begins ? 1.0 : heard;
+    }
+}
+
+// As `refit.accumulate` of all else.
+template <class F>
+void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, double heard, double log_stay) {
+    accumulate_onsets<F>(kind, bank.onsets, ticks, heard);
+    for (int b = 0; b < bank.count(); ++b) {
+        const Hypothesis one = bank[b];
+        double anchors[6];
+        if (whole(one.own, kind.where.onset) != ticks.newest()) one.own[kind.where.log_prior] += log_stay;
+        anchor(kind, one, anchors);
+        normalise<F>(one.own + kind.where.x, anchors);
+    }
+}
+
+// When hypotheses began, and of which ones both elements are known.
+struct Onsets {
+    std::int64_t onset[lanes];
+    Mask certain;
+
+    Onsets(const Kind& kind, const Rows& rows) {
+        for (int i = 0; i < lanes; ++i) {
+            onset[i] = whole(rows.own[i], kind.where.onset);
+            certain.put(i, whole(rows.own[i], kind.where.elements_known) != 0);
+        }
+    }
+};
+
+// As `bank_update.marginalise_expired_ticks` of the first `count` hypotheses,
+// by the ticks that the window has lost: they are `gone`.
+template <class F>
+void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, const Ticks& gone,
+                               const Lengths& lengths) {
+    const BankLayout& where = kind.where;
+    if (!gone.count) return;
+    for (int first = 0; first < count; first += lanes) {  // they are in order of onset
+        if (whole(bank.own.row(first), where.onset) > gone.newest()) return;
+        const Rows rows = rows_of([&](int i) { return bank[std::min(first + i, count - 1)]; });
+        Lanes x[F::S];
+        read(rows.own, where.x, F::S, x);
+        const Onsets begun(kind, rows);
+        const EvidenceSums<F> sums = sum_evidence<F>(kind, x, begun.onset, begun.certain, gone, lengths);
+        Lanes earned = read(rows.own, where.gain_before_window);
+        for (int k = 0; k < F::K; ++k) earned += sums.gain[k];
+        write(rows.own, where.llr_before_window, read(rows.own, where.llr_before_window) + sums.log_ratio);
+        write(rows.own, where.gain_before_window, earned);
+    }
+}
+
+// How many steps a hypothesis takes in every tick.
+inline int steps_of(const Kind& kind, const Hypothesis& one) {
+    return one.since[kind.since.effective_ticks] < settings.first_ticks ? settings.first_steps
+                                                                        : settings.refine_steps;
+}
+
+// As `refit.is_deferred`.
+inline bool is_deferred(const Kind& kind, const double* row) {
+    return !(log_weight_of(kind.where, row) >= -settings.wait_nats);
+}
+
+// Whether a hypothesis has fallen, whose log weight was that before the tick,
+// from no more than so many `nats` behind the best: as in
+// `refit.recover_fallen`.
+inline bool has_fallen(const Kind& kind, const double* row, double was, double nats) {
+    const bool falls = was >= -nats && log_weight_of(kind.where, row) < was - settings.fall_nats;
+    return falls && row[kind.where.rms] > settings.at_the_noise;
+}
+
+// As `refit.refit_in_steps` of hypotheses that take so many steps.
+template <class F>
+WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps,
+                const EvidenceParameters& weights, Work<F>& work) {
+    const BankLayout& where = kind.where;
+    const Moments<F> window(kind, rows);
+    const Onsets begun(kind, rows);
+    Lanes x[F::S];
+    read(rows.own, where.x, F::S, x);
+    read_prior<F>(kind, rows, work.prior);
+    descend<F>(window, x, steps, work);
+    weigh_evidence<F>(kind, rows, x, weights,
+                      sum_evidence<F>(kind, x, begun.onset, begun.certain, ticks, weights.lengths), work);
+}
+
+// Hypotheses that are to learn, until as many stand side by side: those that
+// take as many steps, and of which something is known, or nothing.
+class RefitQueue {
+public:
+    void add(const Kind& kind, const Hypothesis& one, int steps) {
+        const bool known = !is_nothing_known(kind, one.own);
+        for (Group& group : groups_) {
+            if (group.steps == steps && group.known == known) return group.all.push_back(one);
+        }
+        groups_.push_back({steps, known, {one}});
+    }
+
+    template <class F>
+    void learn(const Kind& kind, const Ticks& ticks, const EvidenceParameters& weights, Work<F>& work) {
+        for (Group& group : groups_) {
+            for (std::size_t first = 0; first < group.all.size(); first += lanes) {
+                const Rows rows = rows_of([&](int i) {  // the last one again where there are too few
+                    return group.all[std::min(first + i, group.all.size() - 1)];
+                });
+                kernels::learn<F>(kind, rows, ticks, group.steps, weights, work);
+            }
+        }
+        groups_.clear();
+    }
+
+private:
+    struct Group {
+        int steps;
+        bool known;
+        std::vector<Hypothesis> all;
+    };
+
+    std::vector<Group> groups_;
+};
+
+}  // namespace kernels

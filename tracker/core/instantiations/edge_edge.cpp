@@ -1,0 +1,3 @@
+// What takes long to compile, of two edges.
+#define HERE EdgeEdge
+#include "instantiations/instantiations.hpp"

@@ -1,0 +1,33 @@
+// What takes long to compile: a file for each family has it, so that several
+// processors work at it.
+#pragma once
+
+#include "update/contact_update.hpp"
+
+namespace kernels {
+
+#define HEAVY(PREFIX, F)                                                                                  \
+    PREFIX template Lanes complete<F>(const Moments<F>&, Lanes*, Work<F>&);                               \
+    PREFIX template void equations<F>(const Moments<F>&, const Lanes*, Work<F>&);                         \
+    PREFIX template Lanes take_step<F>(const Lanes&, Work<F>&);                                           \
+    PREFIX template void accept<F>(const Moments<F>&, const Mask&, Lanes*, Work<F>&);                     \
+    PREFIX template Lanes volume<F>(const Lanes*, const Lanes*, Work<F>&);                                \
+    PREFIX template EvidenceSums<F> sum_evidence<F>(const Kind&, const Lanes*, const std::int64_t*,       \
+                                                    const Mask&, const Ticks&, const Lengths&);           \
+    PREFIX template void accumulate_onsets<F>(const Kind&, const Table&, const Ticks&, double);           \
+    PREFIX template void learn<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
+                                  Work<F>&);                                                              \
+    PREFIX template void every_square<F>(const std::vector<Windows<F>>&, const Offer<F>&, Squares<F>&);   \
+    PREFIX template void every_cost<F>(const std::vector<Asked<F>>&, const Offer<F>&, const Squares<F>&,  \
+                                       double* const*);
+
+#ifndef HERE
+HEAVY(extern, Family<FaceFace>)
+HEAVY(extern, Family<EdgeFace>)
+HEAVY(extern, Family<VertexFace>)
+HEAVY(extern, Family<EdgeEdge>)
+#else
+HEAVY(, Family<HERE>)
+#endif
+
+}  // namespace kernels

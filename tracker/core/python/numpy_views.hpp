@@ -1,0 +1,108 @@
+// From the arrays of the numpy code to what the kernels take.
+#pragma once
+
+#include <pybind11/stl.h>
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "instantiations/instantiations.hpp"
+#include "python/numpy_arrays.hpp"
+
+namespace kernels {
+
+enum class Which { face_face, edge_face, vertex_face, edge_edge };
+
+// A kind, which family it is of, and how many words the rows of its tables
+// have.
+struct Model {
+    Kind kind;
+    Which which;
+    int words, onset_words;
+};
+
+// Call with the family as a type.
+template <class Function>
+decltype(auto) visit(const Model& model, Function&& function) {
+    switch (model.which) {
+        case Which::face_face: return function(Family<FaceFace>{});
+        case Which::edge_face: return function(Family<EdgeFace>{});
+        case Which::vertex_face: return function(Family<VertexFace>{});
+        default: return function(Family<EdgeEdge>{});
+    }
+}
+
+// To be read: rows of so many words.
+inline Table table_of(const Floats& rows, int words) {
+    require(rows.ndim() == 2 && rows.shape(1) == words, "not a table of this contact");
+    return {const_cast<double*>(rows.data()), static_cast<int>(rows.shape(0)), words};
+}
+
+inline Bank bank_of(const Model& model, const Floats& words, const Floats& onsets) {
+    return {model.kind, table_of(words, model.words), table_of(onsets, model.onset_words)};
+}
+
+// To be changed in place: Python says so where that is not allowed.
+inline Bank changing(const Model& model, Floats& words, Floats& onsets) {
+    words.mutable_data();
+    onsets.mutable_data();
+    return bank_of(model, words, onsets);
+}
+
+// All but the onsets.
+inline Bank changing(const Model& model, Floats& words, const Floats& onsets) {
+    words.mutable_data();
+    return bank_of(model, words, onsets);
+}
+
+// Some ticks, with the arrays that they look into: of the body's `pose` in the
+// world, and its `inverse`.
+struct TickArrays {
+    Ints number;
+    Floats pose, inverse, variance, excess, unheld;
+    std::optional<Floats> uneven;
+
+    TickArrays(Ints number, Floats pose, Floats inverse, Floats variance, Floats excess, Floats unheld,
+               std::optional<Floats> uneven)
+        : number(number),
+          pose(pose),
+          inverse(inverse),
+          variance(variance),
+          excess(excess),
+          unheld(unheld),
+          uneven(uneven) {
+        require(number.ndim() == 1 && number.shape(0) > 0, "there are no ticks");
+        const py::ssize_t count = number.shape(0);
+        for (const Floats& one : {pose, inverse})
+            require_shape(one, {count, Ticks::entries}, "a tick has one lifted pose");
+        for (const Floats& two : {variance, excess, unheld})
+            require_shape(two, {count, 2}, "a tick has two variances of each sort");
+        if (uneven) require_shape(*uneven, {count, 3, 3}, "a tick has one covariance");
+    }
+
+    // What a contact sees of them, with its noise `beyond` theirs.
+    Ticks ticks(const Model& model, const Two& beyond = {}) const {
+        return {number.data(),
+                (model.kind.body_in_1 ? pose : inverse).data(),
+                variance.data(),
+                excess.data(),
+                unheld.data(),
+                uneven ? uneven->data() : nullptr,
+                static_cast<int>(number.shape(0)),
+                beyond};
+    }
+};
+
+inline Directions directions_of(const Model& model, const Floats& x, const Floats& turn) {
+    const int size = visit(model, [](auto family) { return decltype(family)::S; });
+    require(x.ndim() == 2 && x.shape(1) == size, "directions are not geometry of this contact");
+    require_shape(turn, {3, 3}, "a turn is a matrix");
+    return {x.data(), turn.data(), static_cast<int>(x.shape(0))};
+}
+
+}  // namespace kernels

@@ -1,0 +1,149 @@
+// Parts of the kernels by themselves, for tests: as the functions are that they
+// stand for.
+#pragma once
+
+#include "update/bank_update.hpp"
+
+namespace kernels::parts {
+
+// Problems that tests set: windows of so many hypotheses, their priors and
+// where they start.
+struct Problems {
+    const Model& model;
+    Bank bank;
+    const Floats &precision, &information, &constant, &anchors;
+
+    int own(int first, int i) const { return std::min(first + i, bank.count() - 1); }
+
+    Rows rows(int first) const {
+        return rows_of([&](int i) { return bank[own(first, i)]; });
+    }
+
+    // Of some from the `first` on.
+    template <class F>
+    void put_prior(int first, Prior<F, Lanes>& prior) const {
+        for (int i = 0; i < lanes; ++i) {
+            const int b = own(first, i);
+            for (int s = 0; s < F::S * F::S; ++s)
+                prior.precision[s].put(i, precision.data()[b * F::S * F::S + s]);
+            for (int s = 0; s < F::S; ++s) prior.information[s].put(i, information.data()[b * F::S + s]);
+            for (int a = 0; a < 6; ++a) prior.anchors[a].put(i, anchors.data()[b * 6 + a]);
+            prior.constant.put(i, constant.data()[b]);
+        }
+    }
+
+    // Numbers (H, `size`) of some from the `first` on.
+    void take(const double* from, int size, int first, Lanes* out) const {
+        for (int i = 0; i < lanes; ++i) {
+            for (int s = 0; s < size; ++s) out[s].put(i, from[own(first, i) * size + s]);
+        }
+    }
+
+    void give(const Lanes* values, int size, int first, double* to) const {
+        for (int i = 0; i < lanes; ++i) {
+            for (int s = 0; s < size; ++s) to[own(first, i) * size + s] = values[s][i];
+        }
+    }
+};
+
+inline py::tuple minimised(const Model& model, const Floats& words, const Floats& onsets,
+                           const Floats& precision, const Floats& information, const Floats& constant,
+                           const Floats& anchors, int steps, const Floats& start) {
+    const Problems given{model, bank_of(model, words, onsets), precision, information, constant, anchors};
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const int count = given.bank.count();
+        py::array_t<double> x({count, F::S}), cost(count), hessian({count, F::K, F::U});
+        py::array_t<bool> converged(count);
+        Work<F> work;
+        Lanes geometry[F::S];
+        for (int first = 0; first < count; first += lanes) {
+            given.put_prior<F>(first, work.prior);
+            given.take(start.data(), F::S, first, geometry);
+            const Moments<F> window(model.kind, given.rows(first));
+            const Descent found = descend<F>(window, geometry, steps, work);
+            const Mask done = kernels::converged<F>(found, work);
+            given.give(geometry, F::S, first, x.mutable_data());
+            given.give(&found.cost, 1, first, cost.mutable_data());
+            given.give(work.near.hessian[0], F::K * F::U, first, hessian.mutable_data());
+            for (int i = 0; i < lanes; ++i) converged.mutable_at(given.own(first, i)) = done[i];
+        }
+        return py::make_tuple(x, cost, hessian, converged);
+    });
+}
+
+inline py::tuple completed(const Model& model, const Floats& words, const Floats& onsets,
+                           const Floats& precision, const Floats& information, const Floats& constant,
+                           const Floats& anchors, const Floats& start) {
+    const Problems given{model, bank_of(model, words, onsets), precision, information, constant, anchors};
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const int count = given.bank.count();
+        py::array_t<double> x({count, F::S}), cost(count);
+        Work<F> work;
+        Lanes geometry[F::S];
+        for (int first = 0; first < count; first += lanes) {
+            given.put_prior<F>(first, work.prior);
+            given.take(start.data(), F::S, first, geometry);
+            const Lanes found = complete<F>(Moments<F>(model.kind, given.rows(first)), geometry, work);
+            given.give(geometry, F::S, first, x.mutable_data());
+            given.give(&found, 1, first, cost.mutable_data());
+        }
+        return py::make_tuple(x, cost);
+    });
+}
+
+inline void grown(const Model& model, Floats words, Floats onsets, const TickArrays& seen, double log_stay) {
+    const Bank bank = changing(model, words, onsets);
+    const Ticks ticks = seen.ticks(model);
+    visit(model, [&](auto family) {
+        accumulate<decltype(family)>(model.kind, bank, ticks, ticks.heard(), log_stay);
+    });
+}
+
+inline std::vector<int> offered(const Model& model, const Floats& words, const Floats& onsets) {
+    const Bank bank = bank_of(model, words, onsets);
+    return visit(model, [&](auto family) { return best_donors<decltype(family)>(model.kind, bank); });
+}
+
+inline std::vector<int> searching(const Model& model, const Floats& words, const Floats& onsets) {
+    return lost(model.kind, bank_of(model, words, onsets));
+}
+
+inline py::tuple dropped(const Model& model, const Floats& words, const Floats& onsets, std::int64_t now,
+                         double best, double margin) {
+    GrowingBank held(model, words, onsets, 0, 0);
+    const KeptHypotheses left =
+        keep_best(model.kind, Bank(model.kind, held.own(), held.onsets()), now, best, margin, held);
+    const auto [own, since] = held.left();
+    return py::make_tuple(Ints(left.rows.size(), left.rows.data()), own, since, left.log_weight,
+                          left.residual, left.leader);
+}
+
+inline py::tuple relaxed(const Model& model, const Floats& moments) {
+    return visit(model, [&](auto family) {
+        using F = decltype(family);
+        const int windows = static_cast<int>(moments.shape(0)), most = model.kind.relaxed;
+        py::array_t<double> x({windows, most, F::S});
+        py::array_t<std::int64_t> many(windows);
+        for (int b = 0; b < windows; ++b) {
+            const double* window = moments.data() + b * F::C * F::C;
+            many.mutable_at(b) = relax<F>(window, most, x.mutable_data() + b * most * F::S);
+        }
+        return py::make_tuple(x, many);
+    });
+}
+
+// All of them.
+inline void add(py::module_ module) {
+    module.def("minimised", &minimised);
+    module.def("completed", &completed);
+    module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets").noconvert(),
+               py::arg("ticks"), py::arg("log_stay"));
+    module.def("offered", &offered);
+    module.def("searching", &searching);
+    module.def("dropped", &dropped);
+    module.def("relaxed", &relaxed);
+}
+
+}  // namespace kernels::parts

@@ -1,0 +1,154 @@
+// What geometries cost in many windows, several of both at once.
+#pragma once
+
+#include <limits>
+
+#include "fitting/gauss_newton.hpp"
+
+namespace kernels {
+
+// So many windows stand side by side, and so many geometries are offered
+// together: their sums stay in registers.
+constexpr int abreast = 8, together = 4;
+
+// Windows in which geometries are weighed, `abreast` columns at a time: the
+// upper triangles of their `moments`, and the square of the lift's 1, `total`.
+template <class F>
+struct Windows {
+    double moments[F::C * (F::C + 1) / 2][abreast], total[abreast];
+
+    void put(int b, const double* upper) {
+        constexpr int entries = F::C * (F::C + 1) / 2;
+        for (int i = 0; i < entries; ++i) moments[i][b] = upper[i];
+        total[b] = upper[entries - 1];
+    }
+};
+
+// What hypotheses ask of a geometry beside that, in the same way: the upper
+// triangle of the `precision` of what they knew before, `information`,
+// `constant`, `row_weight`, and which `window` is theirs.
+template <class F>
+struct Asked {
+    double precision[F::S * (F::S + 1) / 2][abreast];
+    double information[F::S][abreast], constant[abreast], row_weight[F::K][abreast];
+    int window[abreast];
+
+    void put(int b, const Kind& kind, const Hypothesis& one, int of) {
+        Prior<F, double> prior{};
+        read_prior<F>(kind, one, prior);
+        for (int c = 0, i = 0; c < F::S; ++c) {
+            for (int d = c; d < F::S; ++d, ++i) precision[i][b] = prior.precision[c * F::S + d];
+        }
+        for (int s = 0; s < F::S; ++s) information[s][b] = prior.information[s];
+        for (int k = 0; k < F::K; ++k) row_weight[k][b] = one.own[kind.where.row_weight + k];
+        constant[b] = prior.constant;
+        window[b] = of;
+    }
+};
+
+// What `v M v` is made of, of `together` vectors v that are zero beyond the
+// first A of N columns: products of their entries, for all of M's triangle that
+// these meet.
+template <int N, int A = N>
+struct Products {
+    double factor[A * (A + 1) / 2][together];
+
+    void of(int g, const double* v) {
+        for (int a = 0, i = 0; a < A; ++a) {
+            for (int b = a; b < A; ++b, ++i) factor[i][g] = (a == b ? 1.0 : 2.0) * v[a] * v[b];
+        }
+    }
+
+    void squares(const double (*matrices)[abreast], double (&out)[together][abreast]) const {
+        double sum[together][abreast] = {};
+        for (int a = 0, i = 0; a < A; ++a) {
+            const double (*matrix)[abreast] = matrices + a * N - a * (a - 1) / 2;
+            for (int b = 0; b < A - a; ++b, ++i) {
+                for (int g = 0; g < together; ++g) {
+                    for (int c = 0; c < abreast; ++c) sum[g][c] += factor[i][g] * matrix[b][c];
+                }
+            }
+        }
+        std::copy_n(sum[0], together * abreast, out[0]);
+    }
+};
+
+// Geometries that are offered: products of x (S,), of its rows, and of what
+// their scale hangs on.
+template <class F>
+struct Offer {
+    double x[together][F::S];
+    Products<F::S> prior;
+    Products<F::C, F::active_in(0)> first[F::K > 1 ? F::K - 1 : 1];
+    Products<F::C, F::active_in(F::last)> last;
+    Products<F::C, F::crosses ? 9 : 1> cosine;
+
+    void put(int g, const double* geometry) {
+        double of_rows[F::K][F::C];
+        rows<F>(geometry, of_rows);
+        std::copy_n(geometry, F::S, x[g]);
+        prior.of(g, geometry);
+        for (int k = 0; k < F::last; ++k) first[k].of(g, of_rows[k]);
+        last.of(g, of_rows[F::last]);
+        if constexpr (F::crosses) cosine.of(g, of_rows[F::last] + 9);
+    }
+};
+
+// Squares of the rows of what is offered, summed up over each window: of the
+// k-th one of geometry g `out[k][g]` (N,).
+template <class F>
+using Squares = std::vector<double>[F::K][together];
+
+template <class F>
+WIDE void every_square(const std::vector<Windows<F>>& windows, const Offer<F>& offer, Squares<F>& out) {
+    double squares[together][abreast], cosines[together][abreast];
+    const auto write = [&](int k, std::size_t n) {
+        for (int g = 0; g < together; ++g) std::copy_n(squares[g], abreast, &out[k][g][n * abreast]);
+    };
+    for (std::size_t n = 0; n < windows.size(); ++n) {
+        for (int k = 0; k < F::last; ++k) {
+            offer.first[k].squares(windows[n].moments, squares);
+            write(k, n);
+        }
+        offer.last.squares(windows[n].moments, squares);
+        if constexpr (F::crosses) {  // per metre, see edge_edge.scale_sq
+            offer.cosine.squares(windows[n].moments, cosines);
+            for (int g = 0; g < together; ++g) {
+                for (int c = 0; c < abreast; ++c) {
+                    const double mean_sq = cosines[g][c] / std::max(windows[n].total[c], settings.tiny);
+                    squares[g][c] /= std::max(1.0 - mean_sq, settings.sine_sq_floor);
+                }
+            }
+        }
+        write(F::last, n);
+    }
+}
+
+// As `gauss_newton.every_cost` of what is offered, with its `squares`, for all
+// that is `asked`: each `out` (N,).
+template <class F>
+WIDE void every_cost(const std::vector<Asked<F>>& asked, const Offer<F>& offer, const Squares<F>& squares,
+                     double* const* out) {
+    double held[together][abreast];
+    for (std::size_t n = 0; n < asked.size(); ++n) {
+        const Asked<F>& of = asked[n];
+        offer.prior.squares(of.precision, held);
+        for (int g = 0; g < together; ++g) {
+            double cost[abreast];
+            for (int c = 0; c < abreast; ++c) cost[c] = 0.5 * held[g][c] + of.constant[c];
+            for (int s = 0; s < F::S; ++s) {
+                for (int c = 0; c < abreast; ++c) cost[c] -= offer.x[g][s] * of.information[s][c];
+            }
+            for (int k = 0; k < F::K; ++k) {
+                for (int c = 0; c < abreast; ++c)
+                    cost[c] += 0.5 * of.row_weight[k][c] * squares[k][g][of.window[c]];
+            }
+            for (int c = 0; c < abreast; ++c) {
+                const bool is_number = !std::isnan(cost[c]);
+                out[g][n * abreast + c] = is_number ? cost[c] : std::numeric_limits<double>::infinity();
+            }
+        }
+    }
+}
+
+}  // namespace kernels

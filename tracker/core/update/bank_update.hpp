@@ -1,0 +1,210 @@
+// What lives on after a tick: as `bank_update.update_reference`.
+#pragma once
+
+#include <limits>
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "bank/pruning.hpp"
+#include "python/numpy_views.hpp"
+
+namespace kernels {
+
+// The first rows of a table, as a part of it.
+inline Floats front(const Floats& table, py::ssize_t count) {
+    const auto size = static_cast<py::ssize_t>(sizeof(double));
+    const std::vector<py::ssize_t> shape{count, table.shape(1)}, strides{table.shape(1) * size, size};
+    return Floats(shape, strides, table.data(), table);
+}
+
+// The hypotheses of a contact, `count` of them, and their onsets, in tables
+// with room for what begins.
+class GrowingBank {
+public:
+    // With room for `more` hypotheses and onsets.
+    GrowingBank(const Model& model, const Floats& words, const Floats& onsets, py::ssize_t more,
+                py::ssize_t more_onsets)
+        : words_({words.shape(0) + more, py::ssize_t(model.words)}),
+          onsets_({onsets.shape(0) + more_onsets, py::ssize_t(model.onset_words)}),
+          count_(table_of(words, model.words).count),
+          since_(table_of(onsets, model.onset_words).count) {
+        std::copy_n(words.data(), words.size(), words_.mutable_data());
+        std::copy_n(onsets.data(), onsets.size(), onsets_.mutable_data());
+    }
+
+    // With so many rows more.
+    Table own(int more = 0) { return rows_of_table(words_, count_ + more); }
+    Table onsets(int more = 0) { return rows_of_table(onsets_, since_ + more); }
+    int count() const { return count_; }
+    int since() const { return since_; }
+    // So many rows are left, which have come to stand in front.
+    void keep(int count, int since) {
+        count_ = count;
+        since_ = since;
+    }
+    std::pair<Floats, Floats> left() const { return {front(words_, count_), front(onsets_, since_)}; }
+
+private:
+    static Table rows_of_table(Floats& table, int count) {
+        require(count <= table.shape(0), "there is no room for what begins");
+        return {table.mutable_data(), count, static_cast<int>(table.shape(1))};
+    }
+
+    Floats words_, onsets_;
+    int count_, since_;
+};
+
+// What is left of a contact after a tick: which `rows` of its table are kept;
+// the log of the sum of their weights, the residual that is told of them, and
+// the best of them, -1 without any.
+struct KeptHypotheses {
+    std::vector<std::int64_t> rows;
+    double log_weight, residual;
+    std::int64_t leader;
+};
+
+// They move to the front of the tables; weights are against `best`.
+inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t now, double best,
+                                double margin, GrowingBank& held) {
+    for (int b = 1; b < bank.count(); ++b)
+        require(bank.window_of(b - 1) <= bank.window_of(b), "hypotheses are not in order of onset");
+    const std::vector<std::int64_t> rows = rows_to_keep(kind, bank, now, best, margin);
+    const int count = static_cast<int>(rows.size());
+    double top = -std::numeric_limits<double>::infinity(), sum = 0.0;
+    std::int64_t leader = -1;
+    int begun = 0;
+    for (int i = 0, before = -1; i < count; ++i) {
+        const int b = static_cast<int>(rows[i]), onset = bank.window_of(b);
+        double* row = bank.own.row(i);
+        if (b != i) std::copy_n(bank.own.row(b), bank.own.words, row);
+        if (onset != before && onset != begun)
+            std::copy_n(bank.onsets.row(onset), bank.onsets.words, bank.onsets.row(begun));
+        begun += onset != before;
+        before = onset;
+        row[kind.where.log_birth_weight] -= best;
+        if (i && !(log_weight_of(kind.where, row) > top)) continue;
+        top = log_weight_of(kind.where, row);
+        leader = i;
+    }
+    for (int i = 0; i < count; ++i) sum += std::exp(log_weight_of(kind.where, bank.own.row(i)) - top);
+    held.keep(count, begun);
+    const Bank living(kind, held.own(), held.onsets());
+    return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, living), leader};
+}
+
+// As `tick_update.TickInput`, with what is `assumed` of each contact by what
+// begins, and random `directions` where it searches.
+struct TickInput {
+    std::vector<std::pair<Floats, Bools>> assumed;
+    std::vector<std::optional<Floats>> directions;
+    Floats turn;
+    std::int64_t onset, onset_ns, stamp_ns;
+    std::shared_ptr<TickArrays> window, before;
+    Floats change, log_stay;
+};
+
+// What is told of a contact's hypotheses when a tick begins.
+struct ContactTask {
+    const Model& model;
+    int old;    // so many before the tick
+    Bank bank;  // in it
+    Ticks ticks, gone;
+    double log_stay;
+    std::optional<Directions> directions;
+};
+
+// As `tick_update.LiveHypotheses`, `now` and free motion last.
+inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::vector<GrowingBank>& held,
+                                 std::int64_t now) {
+    py::ssize_t count = 1, b = 0;
+    for (const GrowingBank& one : held) count += one.count();
+    Ints state(count), onset(count);
+    Floats log_likelihood(count);
+    std::int64_t *states = state.mutable_data(), *onsets = onset.mutable_data();
+    double* told = log_likelihood.mutable_data();
+    const auto put = [&](std::size_t of, std::int64_t since, double likelihood) {
+        states[b] = static_cast<std::int64_t>(of);
+        onsets[b] = since;
+        told[b++] = likelihood;
+    };
+    for (std::size_t i = 0; i < held.size(); ++i) {
+        const BankLayout& where = models[i]->kind.where;
+        const Table table = held[i].own();
+        for (int h = 0; h < table.count; ++h)
+            put(i, whole(table.row(h), where.onset), table.row(h)[where.log_likelihood]);
+    }
+    put(held.size(), now, 0.0);
+    return py::make_tuple(state, onset, log_likelihood);
+}
+
+// As `tick_update.TickWeights`, with what is left of each contact.
+struct BankUpdate {
+    std::vector<KeptHypotheses> left;
+    Floats entry, log_left, residual;
+    Ints leaders;
+};
+
+// What a contact meets in a tick: what begins joins the hypotheses that are
+// `held`.
+inline ContactTask task_for(const Model& model, std::size_t i, const TickInput& moment, std::int64_t number,
+                            double entry, const Two& beyond, GrowingBank& held) {
+    const auto& [born, told] = moment.assumed[i];
+    const Table fresh = table_of(born, model.words);
+    const int size = visit(model, [](auto family) { return decltype(family)::S; }), old = held.count();
+    require_shape(told, {fresh.count, size}, "what is told is not of these births");
+    const Birth birth{fresh, told.data(), moment.turn.data(), moment.onset, moment.onset_ns, number, entry};
+    const Ticks ticks = moment.window->ticks(model, beyond);
+    Ticks gone = (moment.before ? *moment.before : *moment.window).ticks(model, beyond);
+    gone.count = moment.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;
+    const Table rows = held.own(fresh.count), onsets = held.onsets(fresh.count > 0);
+    visit(model, [&](auto family) {
+        add_births<decltype(family)>(model.kind, old, held.since(), birth, rows, onsets);
+    });
+    std::optional<Directions> directions;
+    if (moment.directions[i]) directions = directions_of(model, *moment.directions[i], moment.turn);
+    return {model, old, Bank(model.kind, rows, onsets), ticks, gone, moment.log_stay.at(i), directions};
+}
+
+// All contacts through a tick; what begins is numbered from `number` on, which
+// goes on to the next. What is kept is so against the best of all and of free
+// motion, whose `entry` is the last.
+inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vector<GrowingBank>& held,
+                               const TickInput& moment, std::int64_t& number, const Floats& entry,
+                               const std::vector<Two>& beyond, const EvidenceParameters& weights,
+                               double margin) {
+    const std::size_t contacts = models.size();
+    const auto states = static_cast<py::ssize_t>(contacts) + 1;
+    require_shape(moment.turn, {3, 3}, "a turn is a matrix");
+    require_shape(moment.log_stay, {states}, "states do not have one chance to stay each");
+    std::vector<ContactTask> all;
+    for (std::size_t i = 0; i < contacts; ++i) {
+        all.push_back(task_for(*models[i], i, moment, number, entry.at(i), beyond[i], held[i]));
+        number += moment.assumed[i].first.shape(0);
+    }
+    double best = entry.at(contacts);
+    for (ContactTask& one : all) {
+        visit(one.model, [&](auto family) {
+            py::gil_scoped_release release;
+            advance<decltype(family)>(one.model.kind, one.bank, one.old, one.ticks, one.gone, weights,
+                                      one.log_stay, one.directions ? &*one.directions : nullptr);
+        });
+        for (int b = 0; b < one.bank.count(); ++b)
+            best = std::max(best, log_weight_of(one.model.kind.where, one.bank[b].own));
+    }
+    BankUpdate lived{{}, entry, Floats(states), Floats(states - 1), Ints(states - 1)};
+    for (std::size_t i = 0; i < contacts; ++i) {
+        ContactTask& one = all[i];  // who has not searched may only have lost its minimum
+        const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
+        lived.left.push_back(keep_best(one.model.kind, one.bank, moment.onset, best, least, held[i]));
+        lived.log_left.mutable_at(i) = lived.left[i].log_weight;
+        lived.residual.mutable_at(i) = lived.left[i].residual;
+        lived.leaders.mutable_at(i) = lived.left[i].leader;
+    }
+    lived.log_left.mutable_at(contacts) = entry.at(contacts) - best;
+    number += 1;  // of free motion
+    return lived;
+}
+
+}  // namespace kernels

@@ -1,0 +1,118 @@
+// Tick after tick, for as long as nobody has to look at what they teach: as
+// `bank_update.update`.
+#pragma once
+
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "update/bank_update.hpp"
+
+namespace kernels {
+
+// As `tick_update.StopCondition`: since when each onset may teach more.
+struct StopCondition {
+    double probability, sureness;
+    std::vector<std::pair<std::int64_t, std::int64_t>> due;
+};
+
+// As `numpy.logaddexp`.
+inline double add_logs(double a, double b) {
+    const double lead = a - b;
+    if (lead == 0.0 || a == b) return a + std::log(2.0);
+    if (lead > 0.0) return a + std::log1p(std::exp(-lead));
+    return lead <= 0.0 ? b + std::log1p(std::exp(lead)) : lead;
+}
+
+// As `hmm.birth_log_weights`.
+inline Floats birth_log_weights(const Floats& log_left, const Floats& change) {
+    const py::ssize_t states = log_left.size();
+    require_shape(log_left, {states}, "states do not have one weight each");
+    require_shape(change, {states, states}, "changes are from state to state");
+    Floats entry(states);
+    for (py::ssize_t j = 0; j < states; ++j) {
+        double sum = -std::numeric_limits<double>::infinity();
+        for (py::ssize_t i = 0; i < states; ++i) sum = add_logs(sum, log_left.at(i) + change.at(i, j));
+        entry.mutable_at(j) = sum;
+    }
+    return entry;
+}
+
+// Whether a tick may teach something: one contact is that probable, and has not
+// just been looked at.
+inline bool must_stop(const StopCondition& until, const std::vector<const Model*>& models,
+                      std::vector<GrowingBank>& held, const BankUpdate& lived, std::int64_t stamp_ns) {
+    const double* log_left = lived.log_left.data();
+    const std::size_t contacts = models.size(),
+                      best = std::max_element(log_left, log_left + contacts + 1) - log_left;
+    if (best == contacts) return false;
+    double sum = 0.0;
+    for (std::size_t i = 0; i <= contacts; ++i)
+        sum += std::exp(until.sureness * (log_left[i] - log_left[best]));
+    constexpr double nearly = 1.0 - 1e-9;  // who is asked then knows exactly
+    if (1.0 / sum < nearly * until.probability) return false;
+    const KeptHypotheses& left = lived.left[best];
+    if (left.leader < 0) return true;  // weights are no numbers
+    const Bank bank(models[best]->kind, held[best].own(), held[best].onsets());
+    const std::int64_t onset_ns =
+        whole(bank.since(static_cast<int>(left.leader)), models[best]->kind.since.onset_ns);
+    for (const auto& [of, due_ns] : until.due) {
+        if (of == onset_ns) return stamp_ns >= due_ns;
+    }
+    return true;
+}
+
+// Tables of the hypotheses of each contact and of their onsets.
+using Tables = std::vector<std::pair<Floats, Floats>>;
+
+// Tables of one's own, with room for all that begins in the `moments`.
+inline std::vector<GrowingBank> growing_banks(const std::vector<const Model*>& models, const Tables& words,
+                                              const std::vector<const TickInput*>& moments) {
+    std::vector<GrowingBank> held;
+    for (const TickInput* moment : moments) {
+        for (std::size_t size : {moment->assumed.size(), moment->directions.size()})
+            require(size == models.size(), "something is not told of each contact");
+    }
+    for (std::size_t i = 0; i < models.size(); ++i) {
+        py::ssize_t more = 0, onsets = 0;
+        for (const TickInput* moment : moments) {
+            const py::ssize_t many = moment->assumed[i].first.shape(0);
+            more += many;
+            onsets += many > 0;
+        }
+        held.emplace_back(*models[i], words[i].first, words[i].second, more, onsets);
+    }
+    return held;
+}
+
+// Through the `moments`, of which there are some, up to the first that
+// `teaches`; with the first the states begin by this `entry`.
+inline py::tuple update_in_batch(const std::vector<const Model*>& models, const Tables& words,
+                                 const std::vector<const TickInput*>& moments, std::int64_t number,
+                                 Floats entry, const std::vector<Two>& beyond,
+                                 const EvidenceParameters& weights, double margin,
+                                 const std::optional<StopCondition>& until) {
+    for (std::size_t size : {words.size(), beyond.size()})
+        require(size == models.size(), "something is not told of each contact");
+    require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
+    require(!moments.empty() && !std::count(moments.begin(), moments.end(), nullptr), "there are no moments");
+    require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");
+    std::vector<GrowingBank> held = growing_banks(models, words, moments);
+    BankUpdate lived;
+    py::list weighed, kept, rows;
+    for (const TickInput* moment : moments) {
+        if (moment != moments.front()) entry = birth_log_weights(lived.log_left, moment->change);
+        lived = update_banks(models, held, *moment, number, entry, beyond, weights, margin);
+        weighed.append(py::make_tuple(lived.entry, lived.log_left, lived.residual, lived.leaders,
+                                      live_hypotheses(models, held, moment->onset)));
+        if (until && must_stop(*until, models, held, lived, moment->stamp_ns)) break;
+    }
+    for (std::size_t i = 0; i < models.size(); ++i) {
+        const std::vector<std::int64_t>& left = lived.left[i].rows;
+        kept.append(held[i].left());
+        rows.append(Ints(left.size(), left.data()));
+    }
+    return py::make_tuple(kept, rows, weighed);
+}
+
+}  // namespace kernels

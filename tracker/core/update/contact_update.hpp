@@ -1,0 +1,151 @@
+// What `bank_update.update_reference` does to all hypotheses of one contact in
+// a tick.
+#pragma once
+
+#include "search/geometry_exchange.hpp"
+#include "search/global_search.hpp"
+
+namespace kernels {
+
+// As `pruning.Birth`: `words` of hypotheses that have seen nothing, what (n, S)
+// is `told` of their geometry.
+struct Birth {
+    Table words;
+    const bool* told;
+    const double* turn;
+    std::int64_t onset, onset_ns, number;
+    double entry;
+};
+
+// As `ContactModel.faced`, in place.
+template <class F>
+void face(const bool* told, const double* turn, double* x) {
+    if constexpr (!F::apart) {
+        const bool first = told[F::d1], second = told[F::d2];
+        const Vector m = at(x, F::d1), n = at(x, F::d2);
+        if (first && !second) put(x, F::d2, turned(turn, 0, m));
+        if (second && !first) put(x, F::d1, n.x * at(turn, 0) + n.y * at(turn, 3) + n.z * at(turn, 6));
+    }
+}
+
+// As `pruning.add`, to a `table` (H + n, words) of which the first `old` rows
+// are there, and to `onsets`, of which all are that are `earlier`.
+template <class F>
+void add_births(const Kind& kind, int old, int earlier, const Birth& birth, const Table& table,
+                const Table& onsets) {
+    const BankLayout& where = kind.where;
+    int best = 0;
+    for (int b = 1; b < old; ++b) {
+        if (log_weight_of(where, table.row(b)) > log_weight_of(where, table.row(best))) best = b;
+    }
+    std::copy_n(birth.words.data, static_cast<std::size_t>(birth.words.count) * table.words, table.row(old));
+    for (int o = earlier; o < onsets.count; ++o) {
+        std::fill_n(onsets.row(o), onsets.words, 0.0);
+        put_whole(onsets.row(o), kind.since.onset, birth.onset);
+        put_whole(onsets.row(o), kind.since.onset_ns, birth.onset_ns);
+    }
+    for (int i = 0; i < birth.words.count; ++i) {
+        double *row = table.row(old + i), *x = row + where.x;
+        put_whole(row, where.onset, birth.onset);
+        put_whole(row, where.number, birth.number + i);
+        row[where.log_birth_weight] = birth.entry;
+        if (old) {
+            std::copy_n(table.row(best) + where.x, F::S, x);
+            std::copy_n(table.row(best) + where.row_weight, F::K, row + where.row_weight);
+        } else {
+            turn_world<F>(kind.body_in_1, birth.turn, x);
+        }
+        for (int s = 0; s < F::S; ++s) {
+            if (birth.told[i * F::S + s]) x[s] = row[where.prior_mean + s];
+        }
+        face<F>(birth.told + i * F::S, birth.turn, x);
+    }
+}
+
+// Let hypotheses take geometry that others offer.
+template <class F>
+void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const EvidenceParameters& weights,
+           Work<F>& work) {
+    const std::vector<int> giver = best_donors<F>(kind, bank);
+    std::vector<double> offered(static_cast<std::size_t>(bank.count()) * F::S);
+    for (int b = 0; b < bank.count(); ++b) std::copy_n(bank[b].own + kind.where.x, F::S, &offered[b * F::S]);
+    RefitQueue learners;
+    for (int b = 0; b < bank.count(); ++b) {
+        if (giver[b] == b) continue;
+        std::copy_n(&offered[giver[b] * F::S], F::S, bank[b].own + kind.where.x);
+        learners.add(kind, bank[b], steps_of(kind, bank[b]));
+    }
+    learners.learn<F>(kind, ticks, weights, work);
+}
+
+// Of a hypothesis, as in `global_search.select_for_search`; -1 if it does not
+// search.
+inline int group_of(const Kind& kind, const Hypothesis& one) {
+    const BankLayout& where = kind.where;
+    const double *row = one.own, told = one.since[kind.since.effective_ticks];
+    if (!may_win(kind, one)) return -1;
+    const int age = static_cast<int>(std::min(told, static_cast<double>(settings.due.size() - 1)));
+    if (!(settings.due[age] && row[where.rms] > settings.at_the_noise && whole(row, where.needs_search) != 0))
+        return -1;
+    const auto passed =
+        std::upper_bound(settings.ages.begin(), settings.ages.end(), told) - settings.ages.begin();
+    return 2 * static_cast<int>(passed) + (whole(row, where.prior_index) > 0);
+}
+
+// As `global_search.select_for_search`.
+inline std::vector<int> lost(const Kind& kind, const Bank& bank) {
+    std::vector<int> best(2 * (settings.ages.size() + 1), -1);
+    for (int b = 0; b < bank.count(); ++b) {
+        const int group = group_of(kind, bank[b]);
+        if (group < 0) continue;
+        int& rival = best[group];
+        if (rival < 0) {
+            rival = b;
+            continue;
+        }
+        const double held = log_weight_of(kind.where, bank[rival].own);
+        if (log_weight_of(kind.where, bank[b].own) > held || std::isnan(held)) rival = b;
+    }
+    best.erase(std::remove(best.begin(), best.end(), -1), best.end());
+    return best;
+}
+
+// The `bank` of `old` hypotheses and those that began after them, whose window
+// has lost some ticks that are `gone`; with `directions` they search as well.
+template <class F>
+void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, const Ticks& gone,
+             const EvidenceParameters& weights, double log_stay, const Directions* directions) {
+    Work<F> work;
+    RefitQueue learners;
+    const double heard = ticks.heard();
+    std::vector<double> was(bank.count());
+    marginalise_expired_ticks<F>(kind, bank, old, gone, weights.lengths);
+    accumulate<F>(kind, bank, ticks, heard, log_stay);
+    for (int b = 0; b < bank.count(); ++b) {
+        const double* row = bank[b].own;
+        const bool begins = b >= old;
+        was[b] = log_weight_of(kind.where, row);
+        // what assumes met elements begins with them: one tick, which is given,
+        // changes no weight
+        const bool idle =
+            (is_deferred(kind, row) && !directions) || (begins && whole(row, kind.where.from_landmark) != 0);
+        if (!idle) learners.add(kind, bank[b], steps_of(kind, bank[b]));
+    }
+    learners.learn<F>(kind, ticks, weights, work);
+    for (int b = 0; b < bank.count(); ++b) {
+        if (has_fallen(kind, bank[b].own, was[b], settings.wait_nats))
+            learners.add(kind, bank[b], settings.fallen_steps);
+    }
+    learners.learn<F>(kind, ticks, weights, work);
+    for (int b = 0; b < bank.count(); ++b) {
+        if (!has_fallen(kind, bank[b].own, was[b], settings.grace_nats)) continue;
+        double& grace = bank[b].own[kind.where.protected_until];
+        grace = std::max(grace, bank[b].since[kind.since.effective_ticks] + settings.grace_ticks);
+    }
+    if (!directions) return;
+    adopt<F>(kind, bank, ticks, weights, work);
+    if (heard <= settings.at_rest) return;
+    for (int b : lost(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
+}
+
+}  // namespace kernels

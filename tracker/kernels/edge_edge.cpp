@@ -1,3 +1,0 @@
-// What takes long to compile, of two edges.
-#define HERE EdgeEdge
-#include "heavy.hpp"

@@ -1,3 +1,0 @@
-// What takes long to compile, of edges and faces.
-#define HERE EdgeFace
-#include "heavy.hpp"

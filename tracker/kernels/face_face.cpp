@@ -1,3 +1,0 @@
-// What takes long to compile, of two faces.
-#define HERE FaceFace
-#include "heavy.hpp"

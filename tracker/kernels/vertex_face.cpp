@@ -1,3 +1,0 @@
-// What takes long to compile, of vertices and faces.
-#define HERE VertexFace
-#include "heavy.hpp"
