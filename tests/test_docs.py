@@ -12,6 +12,8 @@ from itertools import islice, pairwise, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pytest
+
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
@@ -171,3 +173,17 @@ def test_links_lead_somewhere() -> None:
     for path in [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]:
         for target in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")):
             assert "://" in target or (path.parent / target).exists(), f"{path.name} links to {target}"
+
+
+@pytest.mark.parametrize("page", ["architecture.md", "glossary.md"])
+def test_what_a_page_on_the_code_names_is_there(page):
+    """Files and folders by their path in the package, and functions behind a colon."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    named = re.findall(r"`([a-z_0-9/]+(?:\.[a-z]{2,3}|/))(?:: ([a-z_]+))?`", text)
+    assert len(named) > 25
+    for path, function in named:
+        places = [PACKAGE / path, ROOT / "tracker" / path, ROOT / path]
+        places += PACKAGE.glob(f"*/{path}")  # in the package that the line is about
+        found = [place for place in places if place.exists()]
+        assert found, path
+        assert not function or f"def {function}(" in found[0].read_text(encoding="utf-8"), function
