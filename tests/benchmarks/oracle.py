@@ -22,11 +22,12 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import ContactGeometry, shifted
 from contact_tracker.ground_truth import Truth, TruthInterval
-from contact_tracker.hypotheses import bank_update, evidence
+from contact_tracker.hypotheses import evidence
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
 from contact_tracker.hypotheses.element_prior import element_priors
 from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.landmarks.prior_map import Accuracy, known_to
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
@@ -168,7 +169,7 @@ def _fit_all(true: Contact, x: Array | None, window: Window, scales: EvidencePar
     excess[FREE] = 0.0
     for contact in CONTACT_MODELS:
         column, family = contact.contact.column, contact.family
-        fits = [bank_update.fit_window(contact, window, scales)]
+        fits = [fit_window(contact, window, scales)]
         if contact.contact is true and x is not None:
             fits.append(_from_truth(contact, x, window, scales))
         best = max(fits, key=lambda fit: float(fit.log_likelihood[0]))
@@ -189,7 +190,7 @@ def _from_truth(contact: ContactModel, x: Array, window: Window, scales: Evidenc
         begin = BirthProposals(
             new.rows.replace_columns(needs_search=0, prior_mean=x), np.ones_like(new.is_given)
         )
-        fitted = bank_update.fit_window(contact, window, scales, begin)
+        fitted = fit_window(contact, window, scales, begin)
         x = fitted.x[0]
     return fitted
 

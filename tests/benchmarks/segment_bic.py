@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.scoring import UNSCORED, Scoring, tick_in_force
-from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
@@ -91,7 +91,7 @@ def posterior(window: Window, scales: EvidenceParameters) -> Array:
     chi_sq, parameters = np.zeros(len(STATES)), np.zeros(len(STATES))
     for model in CONTACT_MODELS:
         column, family = model.contact.column, model.family
-        fitted = bank_update.fit_window(model, window, scales)
+        fitted = fit_window(model, window, scales)
         chi_sq[column] = fitted.rms[0] ** 2 * family.ROWS * len(window)
         parameters[column] = family.PARAMETERS
     return from_criteria(criteria(chi_sq, parameters, len(window)))

@@ -13,9 +13,9 @@ from contact_tracker.evaluation.bound import cramer_rao, errors
 from contact_tracker.evaluation.elements import Deviation
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
-from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
+from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
@@ -126,5 +126,5 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
         tick_anisotropy(noise, counts),
     )
     model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
-    fitted, information = refine(bank_update.fit_window(model, window, scales), model, window, scales)
+    fitted, information = refine(fit_window(model, window, scales), model, window, scales)
     return contact_geometry(fitted, 0, model, scales, window, state.averaging.origin_m, information)

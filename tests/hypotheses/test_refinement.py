@@ -15,9 +15,9 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao
 from contact_tracker.evaluation.elements import angle_rad, deviation
 from contact_tracker.geometry.elements import Plane
-from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.ar1_noise import Ar1Noise, estimate_ar1, whiten_ar1
 from contact_tracker.hypotheses.refinement import FIRST_ECHO, refine
+from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.simulate import Scenario, simulate
@@ -183,6 +183,6 @@ def test_poses_that_are_held_exactly_leave_a_finite_geometry(contact):
     scales = scales_of(load_model())
     zeta = np.tile(lift(np.eye(3), np.zeros(3)), (count, 1))
     rest = Window(np.arange(count), zeta, np.tile([1e-9, 1e-8], (count, 1)), np.zeros((count, 2)))
-    polished = refine(bank_update.fit_window(model, rest, scales), model, rest, scales)
+    polished = refine(fit_window(model, rest, scales), model, rest, scales)
     assert np.isfinite(polished.bank.x).all()
     assert np.isfinite(polished.information).all()

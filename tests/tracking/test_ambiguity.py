@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
-from contact_tracker.hypotheses import bank_update, observability, refit
+from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.tables import json_line, write_csv
@@ -77,9 +78,7 @@ def turning(axis, angle):
 def found(contact, window):
     """Geometry of one contact fitted to all ticks."""
     model = CONTACT_MODELS[contact.column]
-    return contact_geometry(
-        bank_update.fit_window(model, window, SCALES), 0, model, SCALES, window, np.zeros(3)
-    )
+    return contact_geometry(fit_window(model, window, SCALES), 0, model, SCALES, window, np.zeros(3))
 
 
 def ways(element, how):
@@ -110,7 +109,7 @@ def test_noise_feigns_as_much_as_is_said(contact):
     model = CONTACT_MODELS[contact.column]
     rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
     window = ticks(rest, np.zeros((1000, 3)))
-    bank = bank_update.fit_window(model, window, SCALES)
+    bank = fit_window(model, window, SCALES)
     anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
     tangent = model.family.tangent(bank.x, anchors)[0]
     information = refit.information(bank, model, SCALES)[0]

@@ -18,7 +18,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.forward_pass import FilteredTick, RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
-from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
+from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Segmentation
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
@@ -251,9 +251,9 @@ def test_of_a_very_long_segment_the_moving_parts_are_looked_at(monkeypatch):
     stretch = SegmentTicks(long, Contact.FF, MODEL, EMPTY_MAP, np.zeros(3))
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.PIECE_TICKS", 5)
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 35)
-    some = fit_segment(stretch)
+    some = fit_segments([stretch])[0]
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 1000)
-    everything = fit_segment(stretch)
+    everything = fit_segments([stretch])[0]
     for a, b in ((some, everything),):
         # either side of a plane may be called its front
         assert abs(a.geometry.environment.normal @ b.geometry.environment.normal) > np.cos(5e-3)

@@ -45,13 +45,12 @@ class OfflineTracker:
         detail: Detail = Detail.SHARED,
     ) -> Iterator[Segmentation]:
         """As ``offline_smoother.pieces``; ``detail`` is that of the beliefs that are ``filtered``."""
-        stream = batches(poses)
-        looked_at, early = self._choose(stream, detail)
+        looked_at, rest, early = self._choose(batches(poses), detail)
         best = self._state.best
         if best is None:
             yield Segmentation()
             return
-        everything = _Stream(chain(looked_at, self._inspected(stream)))
+        everything = _Stream(chain(looked_at, self._inspected(rest)))
         others = self._knowledge, self._executor, None, detail
         found = offline_smoother.pieces(everything, best.model, progress, *others)
         waiting = Beliefs.of(early)  # what was said before the model was chosen
@@ -70,20 +69,27 @@ class OfflineTracker:
             self._state = self._state._replace(inspection=inspection)
             yield poses
 
-    def _choose(self, stream: Iterator[Poses], detail: Detail) -> tuple[Iterator[Poses], list[Belief]]:
-        """Poses until the model is chosen, and what was believed online meanwhile."""
+    def _choose(
+        self, stream: Iterator[Poses], detail: Detail
+    ) -> tuple[Iterator[Poses], Iterator[Poses], list[Belief]]:
+        """Poses until the model is chosen, the rest, and what was believed online meanwhile."""
         looked_at, beliefs, count = list[Poses](), list[Belief](), 0
         for some in stream:
-            looked_at.append(some)
-            self._state, told = online.advance(self._state, some, detail)
-            beliefs += told
-            count += len(some)
+            used = 0
+            while used < len(some) and not self._state.is_decided:
+                part = some[used : used + online.TOGETHER]
+                self._state, said = online.advance(self._state, part, detail)
+                beliefs += said
+                used += len(part)
+            looked_at.append(some[:used])
+            count += used
             if self._state.is_decided or count >= MOST_POSES:
+                stream = chain([some[used:]] if used < len(some) else [], stream)
                 break
         else:
-            self._state, told = online.finish(self._state)
-            beliefs += told
-        return _released(looked_at), beliefs if detail >= Detail.SHARED else []
+            self._state, said = online.finish(self._state)
+            beliefs += said
+        return _released(looked_at), stream, beliefs if detail >= Detail.SHARED else []
 
 
 def _doubted(piece: Segmentation) -> Segmentation:

@@ -19,6 +19,7 @@ from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.window import Window
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
@@ -41,10 +42,10 @@ DECIDED_AFTER_S: Final = 10.0
 
 
 class TrackedTick(NamedTuple):
-    """A tick that a tracker has taken in: its ``evidence``, whether the object ``moves``, and the answer."""
+    """A tick that a tracker has taken in: its ``evidence``, the ``window`` up to it, and the answer."""
 
     evidence: TickEvidence
-    moves: bool
+    window: Window
     belief: Belief | None
 
 
@@ -152,28 +153,34 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     )
     alive = np.arange(len(state.trackers))
     for now in zip(first, *(followed for _, followed in begun), strict=True):
-        state, kept = _weigh_trackers(state, [now[i] for i in alive])
+        moves = is_moving(now[alive[0]].window)
+        state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
     return state
 
 
 def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """All trackers take in poses; one that is dropped meanwhile says nothing any more."""
-    gathered = [tracker.accumulate_poses(one, poses) for one in state.trackers]
-    if not gathered[0][1]:  # no tick is over, of any of them
-        return state._replace(trackers=tuple([one for one, _ in gathered])), []
-    if state.is_decided:
-        return _single(state, *gathered[0], detail)
-    followed = [_observe(one, closed, detail) for one, closed in gathered]
+    leader, *others = state.trackers
+    advanced, closed = tracker.accumulate_poses(leader, poses)
+    if not others and state.is_decided:
+        return _single(state, advanced, closed, detail)
+    # frames are averaged once: the ticks that trackers are compared by are the same
+    gathered = [tracker.follow_ticks(one, leader, advanced, closed) for one in others]
+    gathered.insert(0, (advanced, closed))
+    if not closed:
+        return state._replace(trackers=tuple(one for one, _ in gathered)), []
+    followed = [_observe(one, own, detail) for one, own in gathered]
     state = state._replace(trackers=tuple(one for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(seen for _, seen in followed), strict=True):
-        state, kept = _weigh_trackers(state, [now[i] for i in alive])
+        moves = is_moving(now[alive[0]].window)
+        state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
         said = [now[i].belief for i in alive]
         if said[0] is not None:  # they lag alike
             activity = np.array([now[i].evidence.activity for i in alive])
-            held_for_motion = 0.0 if now[0].moves else REST_NATS * activity
+            held_for_motion = 0.0 if moves else REST_NATS * activity
             beliefs.append(mixture([b for b in said if b is not None], state.log_weight - held_for_motion))
     return state, beliefs
 
@@ -199,17 +206,20 @@ def _observe(
     for tick in closed:
         before = state
         state, online = tracker.update(state, tick, detail)
-        evidence, moves = tick_evidence(before, state), is_moving(state.window)
-        followed.append(TrackedTick(evidence, moves, tracker.answer(state, online)))
+        followed.append(
+            TrackedTick(tick_evidence(before, state), state.window, tracker.answer(state, online))
+        )
     return state, followed
 
 
-def _weigh_trackers(state: SideBySide, now: Sequence[TrackedTick]) -> tuple[SideBySide, NDArray[np.int64]]:
-    """Weigh the trackers by what a tick was to each of them; which of them are kept."""
+def _weigh_trackers(
+    state: SideBySide, now: Sequence[TrackedTick], moves: bool
+) -> tuple[SideBySide, NDArray[np.int64]]:
+    """Weigh the trackers by what a tick in which the object ``moves`` was to each; which of them are kept."""
     every = np.arange(len(now))
     if len(now) == 1:
         return state if state.pending is None else state._replace(first=(*state.first, *now)), every
-    if not now[0].moves:
+    if not moves:
         return state, every
     model = state.trackers[0].model
     log_weight = state.log_weight + relative_evidence([one.evidence for one in now], model.motion)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from contact_tracker.calibration.tick_stream import MOVING, Observed, runs
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.evidence import residual_noise
+from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS
 from contact_tracker.tracking.state import scales_of
@@ -65,7 +65,7 @@ def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretc
             noisy = window.with_error(_floors_sq(model)).with_error(
                 model.noise.extra_contact_variance[column]
             )
-            fitted = bank_update.fit_window(contact, noisy, scales)
+            fitted = fit_window(contact, noisy, scales)
             stretches.append(Stretch(column, window, fitted.x[0]))
     return stretches
 

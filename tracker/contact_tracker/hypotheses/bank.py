@@ -153,7 +153,7 @@ class Bank(Table):
         since = int(self.onsets.raw_column("onset").searchsorted(self.raw_column("onset")[row]))
         onsets = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
         one = Bank(own, self.layout, onsets, self.lag_history[row : row + 1])
-        vars(one)["window"] = _FIRST
+        vars(one)["onset_index"] = _FIRST
         return one
 
     def pick(self, rows: Index) -> "Bank":

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.hypotheses import compiled
-from contact_tracker.hypotheses.bank import Bank, Onsets, blank
-from contact_tracker.hypotheses.birth import BirthProposals, uninformed_proposal
+from contact_tracker.hypotheses.bank import Bank, Onsets
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.evidence_sums import sum_evidence
 from contact_tracker.hypotheses.global_search import (
@@ -20,7 +19,7 @@ from contact_tracker.hypotheses.global_search import (
     select_for_search,
 )
 from contact_tracker.hypotheses.pruning import Birth, Births, add, joined, prune, residual
-from contact_tracker.hypotheses.refit import accumulate, accumulate_window, is_deferred, recover_fallen, refit
+from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import AT_REST
 from contact_tracker.hypotheses.tick_update import (
     BankUpdate,
@@ -145,7 +144,11 @@ def _update_contact(
     if due:
         bank = exchange_geometry(bank, model, window, scales)
         if window.latest_motion_ratio > AT_REST:
-            bank = search(bank, select_for_search(bank, model), model, window, scales)
+            drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
+            rows = select_for_search(bank, model)
+            bank = search(
+                bank, rows, model, scales, drawn, lambda some, _: refit(some, model, window, scales)
+            )
     return bank
 
 
@@ -160,21 +163,3 @@ def marginalise_expired_ticks(
         llr_before_window=bank.llr_before_window + seen.log_ratio,
         gain_before_window=bank.gain_before_window + seen.gain.sum(axis=1),
     )
-
-
-def fit_window(
-    model: ContactModel, window: Window, scales: EvidenceParameters, begins: BirthProposals | None = None
-) -> Bank:
-    """A bank of one hypothesis, fitted from scratch to all ticks of the window.
-
-    It is the best of ``begins``, if given; the bank is empty if there are none.
-    """
-    begins = uninformed_proposal(model) if begins is None else begins
-    nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
-    birth = Birth(begins, int(window.index[0]), 0, 0, 0.0, nothing.lag_history.sum(axis=0), turn)
-    bank = add(nothing, model, birth)
-    if not len(bank):
-        return bank
-    bank = refit(accumulate_window(bank, model, window), model, window, scales)
-    bank = search(bank, np.flatnonzero(bank.needs_search), model, window, scales)
-    return bank.pick(np.array([bank.log_likelihood.argmax()]))

@@ -47,6 +47,10 @@ class Fit:
     at: Array
     converged: NDArray[np.bool_]
 
+    def pick(self, rows: Index) -> "Fit":
+        """Some of them."""
+        return Fit(self.x[rows], self.cost[rows], self.hessian[rows], self.at[rows], self.converged[rows])
+
 
 def minimise(
     family: Family,
@@ -109,6 +113,17 @@ def minimise(
             tangent[won], gradient[won], hessian[won], held[won] = _normal_equations(
                 family, moments[won], row_weight[won], prior.pick(won), anchors[won], x[won]
             )
+
+
+def data_information(
+    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
+) -> Array:
+    """Hessian (B, P, P) of the data alone, at x (B, S) with its coordinates where they cost least.
+
+    Arguments as of ``minimise``.
+    """
+    x, _ = complete(family, moments, row_weight, prior, anchors, x)
+    return np.asarray(_normal_equations(family, moments, row_weight, prior, anchors, x)[2].sum(axis=1))
 
 
 def _step(family: Family, gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:

@@ -1,5 +1,6 @@
 """How hypotheses find their minimum from afar: where others are, or from many random starts."""
 
+from collections.abc import Callable
 from functools import cache
 from typing import Final
 
@@ -26,7 +27,6 @@ from contact_tracker.hypotheses.schedule import (
     WEIGHED,
     burn_in_ticks,
 )
-from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
@@ -88,16 +88,29 @@ def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
     return (bank.effective_ticks <= share * burn_in_ticks(model.needed)) & bank.needs_search
 
 
-def search(bank: Bank, rows: Index, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
-    """Let ``rows`` search from scratch, and keep what is better."""
+def search(
+    bank: Bank,
+    rows: Index,
+    model: ContactModel,
+    scales: EvidenceParameters,
+    drawn: Array,
+    weigh: Callable[[Bank, Index], Bank],
+) -> Bank:
+    """Let ``rows`` search from scratch, and keep what is better.
+
+    Parameters
+    ----------
+    drawn : (N, S) or (R, N, S) directions to start from, beside those of the relaxed problem.
+    weigh : refits hypotheses that were found; given are they, and the row of ``bank`` that each is of.
+    """
     if not len(rows):
         return bank
-    drawn = directions(model, window.index[-1])
-    x = _found(bank, rows, model, scales, model.turned(drawn, window.zeta[-1, R].reshape(3, 3)))
+    x = _found(bank, rows, model, scales, drawn)
     many = x.shape[1]
-    some = bank.pick(rows.repeat(many)).replace_columns(x=x.reshape(-1, x.shape[-1]))
+    of = rows.repeat(many)
+    some = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
     for _ in range(WEIGHED):
-        some = refit(some, model, window, scales)
+        some = weigh(some, of)
     told = some.log_likelihood.reshape(-1, many)
     best = told.argmax(axis=1) + many * np.arange(len(rows))
     improved = np.flatnonzero(told.max(axis=1) > bank.log_likelihood[rows])
@@ -120,7 +133,7 @@ def select_for_search(bank: Bank, model: ContactModel) -> Index:
 def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array) -> Array:
     """The best geometries (R, n, S) that ``rows`` find without regard to where they are.
 
-    They start from the best of the relaxed problem's solutions and of the directions ``drawn`` (N, S).
+    They start from the best of the relaxed problem's solutions and of the directions ``drawn``.
     (Compiled, solutions that too few poses leave open are no starts.)
     """
     moments = bank.second_moment[rows]
@@ -128,7 +141,7 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     relaxed = model.family.starts(moments + LIFT * trace * np.eye(moments.shape[-1]))
     known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
     told = ElementPrior(mean, bank.prior_information[rows]).is_given(model)
-    x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape))], axis=1)
+    x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))], axis=1)
     x = np.where(told[:, None], mean[:, None], x)
     windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])
     x = _least(

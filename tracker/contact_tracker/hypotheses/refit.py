@@ -2,6 +2,7 @@
 it was, and what the ticks since their onsets say of it is weighed anew.
 """
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -114,10 +115,33 @@ def refit(
     bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, idle: Bools | None = None
 ) -> Bank:
     """``refit_in_steps`` as far as is due in every tick, what is ``idle`` (H,) nothing."""
-    steps = REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.effective_ticks < FIRST_TICKS)
+    steps = _steps_due(bank)
     if idle is not None:
         steps[idle] = NOT_AT_ALL
     return refit_in_steps(bank, model, window, scales, steps)
+
+
+def _steps_due(bank: Bank) -> Index:
+    """In every tick (H,)."""
+    return REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.effective_ticks < FIRST_TICKS)
+
+
+def refit_in_windows(
+    bank: Bank, of: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
+) -> Bank:
+    """``refit`` where each hypothesis has a window of its own: ``of`` (H,) the ``windows``, in order."""
+    known = prior_at_anchors(bank, model, scales)
+    found = gauss_newton.minimise(
+        model.family, bank.second_moment, bank.row_weight, *known, bank.x, _steps_due(bank)
+    )
+    bank = bank.replace_columns(x=found.x)
+    for i, window in enumerate(windows):
+        rows = np.flatnonzero(of == i)
+        if len(rows):
+            own = PriorAtAnchors(known.prior.pick(rows), known.anchors[rows])
+            weighed = _with_evidence(bank.pick(rows), model, window, scales, own, found.pick(rows))
+            bank = bank.replace_rows(rows, weighed, np.arange(len(rows)))
+    return bank
 
 
 def refit_in_steps(
@@ -142,8 +166,7 @@ def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
     Its coordinates are taken where they cost least.
     """
     known = prior_at_anchors(bank, model, scales)
-    found = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *known, bank.x, 0)
-    return np.asarray(found.hessian.sum(axis=1))
+    return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *known, bank.x)
 
 
 def _with_evidence(

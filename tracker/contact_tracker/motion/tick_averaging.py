@@ -1,7 +1,7 @@
 """From frames to ticks: they are averaged in the lift, outliers left out, and teach the noise and how the
 object moves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -97,16 +97,23 @@ def _average_tick(
         typical = some if 2 * len(some) > len(frames) else frames  # outliers are no noise, unless most are
         heard, estimate = sensor_noise.advance(heard, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
-    motion, excess, turn = learnt.free_motion, NO_EXCESS, zeta[R].reshape(3, 3)
-    if motion is not None:
-        variance = tick_variances(estimate, np.array(float(len(some))), model)
-        motion, excess = free_motion.advance(
-            motion, turn, zeta[T], variance, model.tick_s, model.motion.error_memory_s
-        )
-    elif not is_rest:
-        motion = free_motion.begin(turn, zeta[T])
-    tick = Tick(start_ns, stamp_ns, zeta, len(some), len(frames) - len(some), excess, estimate)
+    tick = Tick(start_ns, stamp_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
+    motion, tick = with_excess(learnt.free_motion, tick, model, is_rest)
     return StreamState(estimate, heard, motion), tick
+
+
+def with_excess(
+    motion: FreeMotion | None, tick: Tick, model: Model, is_rest: bool
+) -> tuple[FreeMotion | None, Tick]:
+    """The filter of free motion after a tick with frames, and the tick with the innovation excess by it."""
+    turn, position_m = tick.zeta[R].reshape(3, 3), tick.zeta[T]
+    if motion is None:
+        return None if is_rest else free_motion.begin(turn, position_m), tick
+    variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
+    motion, excess = free_motion.advance(
+        motion, turn, position_m, variance, model.tick_s, model.motion.error_memory_s
+    )
+    return motion, replace(tick, innovation_excess=excess)
 
 
 def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -84,7 +84,7 @@ class Window:
         What does not change with the noise is carried along: it is worked out of the new tick alone.
         """
         first = len(self) + 1 - len(variance)
-        unheld = np.maximum(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
+        displaced = np.maximum(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
         moved_on = Window(
             np.concatenate([self.index[first:], [index]]),
             np.concatenate([self.zeta[first:], zeta[None]]),
@@ -95,12 +95,12 @@ class Window:
         )
         inverse = np.concatenate([self.inverse[first:], lift_of_inverse(zeta)[None]])
         return moved_on.with_cached(
-            inverse, np.concatenate([self.displacement_variance[first:], unheld[None]])
+            inverse, np.concatenate([self.displacement_variance[first:], displaced[None]])
         )
 
-    def with_cached(self, inverse: Array, unheld: Array) -> "Window":
+    def with_cached(self, inverse: Array, displacement_variance: Array) -> "Window":
         """The same window, told what is ``inverse`` and ``displacement_variance``."""
-        vars(self).update(inverse=inverse, unheld=unheld)
+        vars(self).update(inverse=inverse, displacement_variance=displacement_variance)
         return self
 
     def expired_by(self, after: "Window") -> "Window":

@@ -6,8 +6,7 @@ with the recording.
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor
-from functools import partial
+from concurrent.futures import Executor, Future
 from typing import Any, Final
 
 import numpy as np
@@ -28,7 +27,7 @@ from contact_tracker.tracking.finished_segment import FinishedSegment
 from contact_tracker.tracking.forward_pass import FilteredTick, filter_batches, forward
 from contact_tracker.tracking.measurement_update import FREE
 from contact_tracker.tracking.row_buffer import Columns
-from contact_tracker.tracking.segment_fit import SegmentFit, SegmentTicks, fit_segment
+from contact_tracker.tracking.segment_fit import SegmentFit, SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import TrackerState
 
@@ -133,7 +132,8 @@ class Segmenter:
         self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet told
         self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
         self._path: deque[hmm.PathSegment] = deque()
-        self._jobs: deque[FinishedSegment] = deque()
+        self._finished: deque[FinishedSegment] = deque()
+        self._fits: deque[Future[list[SegmentFit]]] = deque()  # where others do it
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
@@ -172,9 +172,9 @@ class Segmenter:
         self._smoothed(posterior[:certain])
         self._decided(self._survivors.decided_prefix(living))
         self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
-        waiting = len(self._jobs)
+        waiting = len(self._finished)
         self._begin(final=False)
-        return self._tell(len(self._jobs) if self._executor is None else waiting)
+        return self._tell(len(self._finished) if self._executor is None else waiting)
 
     def finish(self) -> Segmentation:
         """The recording has ended: all the rest."""
@@ -185,7 +185,7 @@ class Segmenter:
             self._smoothed(self._past.posterior(living))
         self._decided(self._survivors.finish(living))
         self._begin(final=True)
-        return self._tell(len(self._jobs))
+        return self._tell(len(self._finished))
 
     def _followed(self) -> hmm.FilterFrontier:
         """What is alive after the last tick, the trellis being grown up to it."""
@@ -222,11 +222,14 @@ class Segmenter:
             last = not len(self._ticks)
             end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
             posterior = self._posterior.take(count)["probability"]
-            self._jobs.append(FinishedSegment(state, rows, end_ns, posterior, self._fit(state, rows)))
+            ticks = self._segment_ticks(state, rows)
+            self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks))
+            if self._executor is not None:
+                self._fits.append(self._executor.submit(fit_segments, [ticks]))
             self._first, self._before = end, rows["zeta"][-1]
 
-    def _fit(self, column: int, rows: NDArray[np.void]) -> Callable[[], SegmentFit]:
-        """Have the elements of a segment fitted, with today's estimate of the noise."""
+    def _segment_ticks(self, column: int, rows: NDArray[np.void]) -> SegmentTicks:
+        """What contacts are fitted to, with today's estimate of the noise."""
         state, noise = self._state, self._newest.tick.noise
         assert state.averaging is not None
         window = Window(
@@ -237,14 +240,16 @@ class Segmenter:
             tick_averaging.tick_anisotropy(noise, rows["count"]),
             self._before if self._first else None,
         )
-        stretch = SegmentTicks(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
-        if self._executor is None:
-            return partial(fit_segment, stretch)
-        return self._executor.submit(fit_segment, stretch).result
+        return SegmentTicks(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
 
     def _tell(self, count: int) -> Segmentation:
         """The oldest ``count`` segments that are being fitted, and what was filtered meanwhile."""
-        found = [self._jobs.popleft().told() for _ in range(count)]
+        finished = [self._finished.popleft() for _ in range(count)]
+        if self._executor is None:
+            fits = fit_segments([one.ticks for one in finished])
+        else:
+            fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
+        found = [one.with_fit(fit) for one, fit in zip(finished, fits, strict=True)]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers

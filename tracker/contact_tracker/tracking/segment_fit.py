@@ -1,5 +1,6 @@
 """What the ticks of a segment tell when its ends are known: its elements, and what else fits."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -9,11 +10,11 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
+from contact_tracker.hypotheses.window_fit import fit_windows
 from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
@@ -51,13 +52,19 @@ class SegmentFit:
     restricted: float
 
 
-def fit_segment(stretch: SegmentTicks) -> SegmentFit:
-    """All contacts are fitted to the ticks of a segment from scratch."""
-    model, knowledge, label, origin_m = stretch.model, stretch.knowledge, stretch.contact, stretch.origin_m
-    window = _most_moving(stretch.window)
-    scales = scales_of(model)
+def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
+    """All contacts are fitted to the ticks of each of these segments of one recording from scratch."""
+    if not segments:
+        return []
+    windows = [_most_moving(one.window) for one in segments]
+    fits = zip(*(_fitted(contact, windows, segments) for contact in CONTACT_MODELS), strict=True)
+    return [_judged(*one) for one in zip(segments, windows, fits, strict=True)]
+
+
+def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
+    """By the fit of each contact to the segment's ``window``."""
+    model, knowledge, label = segment.model, segment.knowledge, segment.contact
     idle = ambiguity.underuses_freedom(label, window, older=False)
-    fits = [_fitted(contact, window, stretch) for contact in CONTACT_MODELS]
     rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
@@ -67,21 +74,25 @@ def fit_segment(stretch: SegmentTicks) -> SegmentFit:
     restricted = ambiguity.p_deliberate(idle, window, model.tick_s)
     if label is Contact.FREE:
         return SegmentFit(None, inseparable, restricted)
-    contact = CONTACT_MODELS[label.column]
+    contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fits[label.column], contact, window, scales)
     pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
-    geometry = named(contact_geometry(fitted, 0, contact, scales, window, origin_m, information), pair)
-    return SegmentFit(geometry, inseparable, restricted)
+    where = contact_geometry(fitted, 0, contact, scales, window, segment.origin_m, information)
+    return SegmentFit(named(where, pair), inseparable, restricted)
 
 
-def _fitted(contact: ContactModel, window: Window, stretch: SegmentTicks) -> Bank:
-    """The best hypothesis of a contact about a whole stretch, if there can be one."""
-    place_m = window.zeta[:, T].mean(axis=0)
-    frame = Frame.around(stretch.origin_m, place_m)
-    begins = propose_births(contact, stretch.knowledge, EMPTY_MEMORY, 0.0, frame)
-    own = window.with_error(stretch.model.noise.extra_contact_variance[contact.contact.column])
-    return bank_update.fit_window(contact, own, scales_of(stretch.model), begins)
+def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
+    """The best hypothesis of a contact about each whole segment, if there can be one."""
+    model, knowledge = segments[0].model, segments[0].knowledge
+    frames = [
+        Frame.around(one.origin_m, window.zeta[:, T].mean(axis=0))
+        for one, window in zip(segments, windows, strict=True)
+    ]
+    proposals = [propose_births(contact, knowledge, EMPTY_MEMORY, 0.0, frame) for frame in frames]
+    error = model.noise.extra_contact_variance[contact.contact.column]
+    own = [window.with_error(error) for window in windows]
+    return fit_windows(contact, own, scales_of(model), proposals)
 
 
 def _most_moving(window: Window) -> Window:

@@ -3,6 +3,7 @@
 pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states -> belief
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
@@ -83,6 +84,19 @@ def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, l
     averaging = tick_grid.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed = tick_grid.advance(averaging, poses, state.model)
     return state._replace(averaging=averaging), closed
+
+
+def follow_ticks(
+    state: TrackerState, leader: TrackerState, advanced: TrackerState, closed: Sequence[Tick]
+) -> tuple[TrackerState, list[Tick]]:
+    """The same by poses that a ``leader`` has averaged, see ``tick_grid.follow``."""
+    assert state.averaging is not None
+    assert leader.averaging is not None
+    assert advanced.averaging is not None
+    averaging, own = tick_grid.follow(
+        state.averaging, leader.averaging, advanced.averaging, closed, state.model
+    )
+    return state._replace(averaging=averaging), own
 
 
 def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
