@@ -77,6 +77,7 @@ def test_a_window_that_grows_tick_by_tick_is_the_one_of_all_ticks(model, seed, m
         assert (grown.before is None) == (known.before is None)
     for name in ("inverse", "displacement_variance"):
         noisier = grown.with_error((1e-9, 1e-9))
+        assert name in vars(noisier), "kept, not worked out anew"
         np.testing.assert_array_equal(getattr(noisier, name), getattr(grown, name))
 
 

@@ -83,6 +83,44 @@ def test_ticks_are_the_same_whatever_comes_at_once(seed, batch, rate_hz):
         np.testing.assert_array_equal(a.zeta, b.zeta)
 
 
+@settings(max_examples=15, deadline=None)
+@given(seed=seeds, batch=st.sampled_from([7, 20, 333]), rate_hz=st.sampled_from([30.0, 200.0]))
+def test_who_follows_a_leader_of_the_same_noise_has_its_ticks(seed, batch, rate_hz):
+    """Bit for bit, with spikes, gaps, and a stream that goes on after it has ended in the midst of a tick."""
+    rng = np.random.default_rng(seed)
+    poses, _ = spiked(rng, moving(rng, 600 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
+    late = rng.choice([0, 10**9, 10**10], p=[0.996, 0.002, 0.002], size=len(poses)).cumsum()
+    poses = replace(poses, stamp_ns=poses.stamp_ns + late)
+    leader = follower = tick_grid.begin(MODEL, poses)
+    ended = int(rng.integers(len(poses)))
+    for first in range(0, len(poses), batch):
+        advanced, closed = tick_grid.advance(leader, poses[first : first + batch], MODEL)
+        follower, ticks = tick_grid.follow(follower, leader, advanced, closed, MODEL)
+        assert len(ticks) == len(closed)
+        for own, told in zip(ticks, closed, strict=True):
+            assert own.innovation_excess == told.innovation_excess
+            np.testing.assert_array_equal(own.zeta, told.zeta)
+        leader = advanced
+        if first <= ended < first + batch:
+            (leader, last), (follower, same) = (tick_grid.close(one, MODEL) for one in (leader, follower))
+            assert last.innovation_excess == same.innovation_excess
+    assert (leader.stream.free_motion is None) == (follower.stream.free_motion is None)
+
+
+def test_a_follower_of_another_noise_judges_surprise_by_itself():
+    """White noise, no outliers: as if it had averaged the frames."""
+    poses = moving(np.random.default_rng(2), 20.0, 200.0, 3e-4, 2e-3)
+    noisier = replace(MODEL, noise=replace(MODEL.noise, floor_position_m=1e-3, floor_rotation_rad=5e-3))
+    start = tick_grid.begin(MODEL, poses)
+    advanced, closed = tick_grid.advance(start, poses, MODEL)
+    assert not sum(tick.outliers for tick in closed)
+    _, ticks = tick_grid.follow(start, start, advanced, closed, noisier)
+    _, alone = tick_grid.advance(start, poses, noisier)
+    for own, expected in zip(ticks, alone, strict=True):
+        assert own.innovation_excess == pytest.approx(expected.innovation_excess, rel=1e-9)
+    assert ticks[-1].innovation_excess != closed[-1].innovation_excess
+
+
 def test_a_tick_is_the_mean_of_its_frames():
     poses = moving(np.random.default_rng(2), 3.0, 200.0, 3e-4, 2e-3)
     found = averaged(poses)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from contact_tracker.cli.main import run
@@ -23,6 +23,7 @@ def is_distribution(probability: np.ndarray) -> bool:
 
 
 @given(posteriors, states, st.sets(states), st.floats(0.0, 1.0))
+@example(np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.4, 0.4]), Contact.EF, {Contact.FREE}, 1.0)
 def test_sharing_among_inseparable_states_keeps_a_distribution(posterior, label, others, purpose):
     """Also where the label is not the most probable state, as on a Viterbi path or some time ago."""
     others = tuple(state for state in STATES if state in others - {label})

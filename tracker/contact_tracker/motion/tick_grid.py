@@ -70,7 +70,7 @@ def follow(
     and the noise of a frame are the leader's; how far a tick surprises free motion is not.
     """
     motion, missed, ticks = state.stream.free_motion, 0, list[Tick]()
-    is_rest = _has_closed_early(leader, model)
+    is_rest = bool(closed) and _has_closed_early(leader, model) and goes_on(leader, closed[0].start_ns, model)
     for tick in closed:
         if not tick.count:
             missed += 1

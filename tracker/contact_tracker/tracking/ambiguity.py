@@ -105,8 +105,8 @@ def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...]
     """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
 
     The most probable contact among them gives to all the others, as likely as motion is restricted on
-    ``purpose``. That is the label itself, but for the label of a Viterbi path or of some time ago. The order
-    of the states stays, and a distribution stays one.
+    ``purpose``. That is the label itself, but for the label of a Viterbi path or of some time ago. The most
+    probable state stays that, and a distribution stays one.
     """
     if not others or label is Contact.FREE:
         return probability
@@ -117,11 +117,16 @@ def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...]
     share[giver] = FIRST_CHOICE
     share /= share.sum()
     change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
-    # as far as the giver stays ahead of those that are behind it
-    lead, loss = probability[giver] - probability, change - change[giver]
+    # as far as the giver, and the most probable state, stay ahead of those that are behind them
+    most = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
+    return np.asarray(probability + min(purpose, ALMOST * most) * change)
+
+
+def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
+    """The share of the ``change`` (7,), at most 1, with which nothing passes the state ``ahead``."""
+    lead, loss = probability[ahead] - probability, change - change[ahead]
     behind = (loss > 0.0) & (lead >= 0.0)
-    most = np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0)
-    return np.asarray(probability + min(purpose, ALMOST * float(most)) * change)
+    return float(np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0))
 
 
 def used_directions(window: Window) -> int:
