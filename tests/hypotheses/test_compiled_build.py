@@ -89,7 +89,7 @@ def test_a_folder_of_the_same_name_beside_an_installed_package_is_another_ones(t
 def test_kernels_of_other_sources_are_done_without(tmp_path, monkeypatch):
     """Of a work tree that has moved on since it was installed."""
     (tmp_path / "python").mkdir()
-    (tmp_path / "build.py").write_text("")
+    (tmp_path / "CMakeLists.txt").write_text("")
     (tmp_path / "python" / "module.cpp").write_text("// another algorithm")
     monkeypatch.setattr(compiled, "SOURCES", tmp_path)
     fault = compiled.fault.__wrapped__()
