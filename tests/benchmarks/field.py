@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-import sections
+import kept_tables
 from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
@@ -33,12 +33,12 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking import offline_smoother
 from distortions import DISTORTIONS
-from identification import ROOT, find_sets
+from identification import ROOT, command_of, find_sets
+from kept_tables import Table
 
-SECTION: Final = "field"
 HEADER: Final = (
-    *("distortion", "offline", "online", "sure and wrong", "online", "calibration", "online"),
-    *("worst", "online", "not adapted", "online"),
+    *("distortion", "offline", "online", "sure and wrong offline", "online", "calibration offline", "online"),
+    *("worst offline", "online", "not adapted offline", "online"),
 )
 
 
@@ -104,18 +104,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--only", nargs="+", default=[*DISTORTIONS], choices=DISTORTIONS, metavar="NAME")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
-    parser.add_argument(
-        "--markdown", type=Path, metavar="FILE", help="put the table into this file, between its markers"
-    )
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
     paths = [str(path) for some in find_sets(args.folder, args.set).values() for path in some]
-    if args.markdown:
-        sections.find(args.markdown, SECTION)  # before the long run
-    text = table(HEADER, list(measure_all(paths, args.only, args.model, args.processes)))
-    print(text)
-    if args.markdown:
-        sections.write(args.markdown, SECTION, f"{len(paths)} recordings:\n\n```text\n{text}\n```")
+    rows = list(measure_all(paths, args.only, args.model, args.processes))
+    print(table(HEADER, rows))
+    if args.tables:
+        command = command_of("field", args.set, args.model)
+        kept_tables.keep(args.tables, command, {"distortions": Table(HEADER, rows)})
     return 0
 
 

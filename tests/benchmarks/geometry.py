@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.evaluation.bound import cramer_rao
@@ -34,6 +35,7 @@ from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
+from kept_tables import Table
 from stretches import NOISES, Found, find_simulated
 
 Array = NDArray[np.float64]
@@ -178,13 +180,16 @@ def covariance_rows(name: str, rows: Sequence[ElementError]) -> Iterator[list[st
             ]
 
 
-def report(folder: Path, sets: Sequence[str], noises: Sequence[str], seeds: int, run: Run) -> None:
-    """Print the tables, each as soon as it is known."""
-    rows = []
+def report(
+    folder: Path, sets: Sequence[str], noises: Sequence[str], seeds: int, run: Run
+) -> dict[str, Table]:
+    """Print the tables, each as soon as it is known; a summary of them."""
+    rows, kept = list[list[str]](), dict[str, Table]()
     for name, contact in product(noises, CONTACTS):
         found = list(run(partial(find_simulated, contact, NOISES[name]), range(seeds)))
         rows += list(simulation_rows(name, contact, found))
     if rows:
+        kept["simulated"] = summary(rows)
         worse = np.array([float(row[6]) for row in rows])
         print(table(SIMULATED, rows))
         print(
@@ -193,14 +198,34 @@ def report(folder: Path, sets: Sequence[str], noises: Sequence[str], seeds: int,
     judged = {name: list(run(judge, sorted((folder / name).glob("*.mcap")))) for name in sets}
     judged = {name: some for name, some in judged.items() if some}
     if "paper" in judged:
-        print(table(AGAINST_PAPER, list(paper_rows(judged["paper"]))), end="\n\n")
+        kept["paper"] = Table(AGAINST_PAPER, list(paper_rows(judged["paper"])))
+        print(table(*kept["paper"]), end="\n\n")
     if judged:
         rows = [
             row
             for name, some in judged.items()
             for row in covariance_rows(name, [r for j in some for r in j.rows])
         ]
-        print(table(COVARIANCE, rows))
+        kept["covariance"] = Table(COVARIANCE, rows)
+        print(table(*kept["covariance"]))
+    return kept
+
+
+def summary(rows: Sequence[list[str]]) -> Table:
+    """Of each noise and contact the medians of the errors, over both elements, and their worst ratios."""
+    columns = "noise", "contact", "angle, deg", "distance, mm", "worst over the bound", "nees"
+    kept = list[list[str]]()
+    for noise, contact in dict.fromkeys((row[0], row[1]) for row in rows):
+        some = [row for row in rows if (row[0], row[1]) == (noise, contact)]
+        cells = [noise, contact]
+        for kind in ("angle", "distance"):
+            medians = [float(row[4]) for row in some if row[3].startswith(kind)]
+            cells.append(
+                "-".join(dict.fromkeys((f"{min(medians):g}", f"{max(medians):g}"))) if medians else ""
+            )
+        nees = [float(row[7]) for row in some]
+        kept.append([*cells, f"{max(float(row[6]) for row in some):g}", f"{min(nees):g}-{max(nees):g}"])
+    return Table(columns, kept)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -214,12 +239,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--noise", nargs="*", default=list(NOISES), choices=list(NOISES))
     parser.add_argument("--seeds", type=int, default=60, help="simulated stretches per contact and noise")
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep a summary in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
     with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
-        report(args.folder, args.set, args.noise, args.seeds, pool.map)
+        kept = report(args.folder, args.set, args.noise, args.seeds, pool.map)
+    if args.tables:
+        command = (
+            f"python tests/benchmarks/geometry.py FOLDER --set {' '.join(args.set)} --seeds {args.seeds}"
+        )
+        kept_tables.keep(args.tables, command, kept)
 
 
 if __name__ == "__main__":

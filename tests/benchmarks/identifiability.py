@@ -1,7 +1,6 @@
 """Which of the tracker's errors are its own, and which nobody could avoid: beside oracles.
 
     python tests/benchmarks/identifiability.py FOLDER --set hard robot
-    python tests/benchmarks/identifiability.py FOLDER --markdown docs/benchmarks.md
 
 Sets of labelled recordings as in identification.py. The tracker's offline labels stand beside those of
 oracles that are told the true boundaries (``oracle.py``), and each second that it was wrong is put into one
@@ -16,7 +15,6 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +22,6 @@ from tqdm import tqdm
 
 import identifiability_tables
 import oracle
-import sections
 import tracking
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
@@ -35,13 +32,11 @@ from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
 from identifiability_tables import Judged, Mistake
-from identification import ROOT, command_of, find_sets
+from identification import ROOT, find_sets
 from scores import OFFLINE, Method
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-SECTION: Final = "identifiability"
 
 
 def measure(path: Path, model_name: str) -> Judged:
@@ -170,18 +165,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", nargs="?", type=Path, default=Path(default), help="default: %(default)s")
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables into its section")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
     sets = find_sets(args.folder, args.set)
-    if args.markdown:
-        sections.find(args.markdown, SECTION)  # before the long run
     judged = measure_sets(sets, args.model, args.processes)
-    text = identifiability_tables.to_text(judged)
-    print(text)
-    if args.markdown:
-        command = command_of("identifiability", args.set, args.model)
-        sections.write(args.markdown, SECTION, f"```console\n{command}\n```\n\n```text\n{text}\n```")
+    print(identifiability_tables.to_text(judged))
     return 0 if sum(map(len, judged.values())) == sum(map(len, sets.values())) else 1
 
 

@@ -1,7 +1,7 @@
 """How well contacts are identified in sets of labelled recordings: by the tracker, and by alternatives.
 
     python tests/benchmarks/identification.py --set paper sequence --json figures.json
-    python tests/benchmarks/identification.py FOLDER --markdown docs/benchmarks.md
+    python tests/benchmarks/identification.py FOLDER --tables docs/benchmarks/identification.json
 
 A set is a folder with .mcap files. Figures of a set derive from the sum over its recordings. The tracker
 passes over each recording once; the alternatives are described in ``fixed_windows`` and ``segment_bic``.
@@ -22,7 +22,7 @@ from tqdm import tqdm
 import fixed_windows
 import identification_json
 import identification_tables
-import sections
+import kept_tables
 import segment_bic
 import tracking
 from contact_tracker.config.loading import load_model
@@ -150,24 +150,18 @@ def main(
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all figures to this file")
-    parser.add_argument(
-        "--markdown", type=Path, metavar="FILE", help="put the tables into this file, between its markers"
-    )
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the summary in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
 
     sets = find_sets(args.folder, args.set)
-    if args.markdown:
-        sections.find(args.markdown, identification_tables.SECTION)  # before the long run
     measured = measure_them(sets, args.model, args.processes)
     if measured:
         blocks = identification_tables.blocks(measured)
         print(identification_tables.to_text(blocks))
-        if args.markdown:
-            section = identification_tables.to_markdown(
-                blocks, command_of("identification", args.set, args.model)
-            )
-            sections.write(args.markdown, identification_tables.SECTION, section)
+        if args.tables:
+            command = command_of("identification", args.set, args.model)
+            kept_tables.keep(args.tables, command, identification_tables.summary(measured))
         if args.json:
             args.json.write_text(identification_json.to_json(measured), encoding="utf-8")
     return 0 if sum(map(len, measured.values())) == sum(map(len, sets.values())) else 1

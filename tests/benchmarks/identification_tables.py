@@ -1,4 +1,4 @@
-"""The tables of the identification benchmark: as text, and in the documentation."""
+"""The tables of the identification benchmark, and a summary to be kept."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,10 +11,10 @@ from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.metrics import Array, quantile
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.states import STATES, Contact
+from kept_tables import Table
 from scores import OFFLINE, Method, Scores
 from tracking import NAME as TRACKER
 
-SECTION: Final = "identification"
 TOTAL: Final = "all sets"
 CHANGES: Final = ("bound. s", "90 %", "missed", "delay s", "90 %", "never")
 BELIEFS: Final = ("log-loss", "Brier", "ECE", "sure&wrong")
@@ -24,6 +24,12 @@ BY_METHOD: Final = (
     "method", "", "right", BAND, "F1", *CHANGES, "log-loss", "Brier", "ECE", BAND, "exact", "sure&wrong",
     *GEOMETRY, "in 3 sd", "| right", "sure&wrong",
 )  # fmt: skip
+SUMMARY: Final = {
+    "": 1, "right": 2, "5-95 %": 3, "F1": 4, "delay, s": 8, "log-loss": 11, "ECE": 13, "sure and wrong": 16,
+    "angle, deg": 17, "distance, mm": 18, "within 3 sd": 19,
+}  # fmt: skip
+"""What is kept of a row of ``BY_METHOD``: by its title there, and where it is."""
+SHOWN: Final = ("offline", "lag 1 s", "online")
 BY_CONTACT: Final = ("contact", "s", "method", "", "right", "F1", *CHANGES, *BELIEFS, *GEOMETRY)
 LEGEND: Final = """\
 right       share of the time in which the label was right; by contact: of the time in which it was true
@@ -89,9 +95,13 @@ def summed(measured: Sequence[Judged]) -> Sum:
 
 def blocks(sets: Mapping[str, Sequence[Judged]]) -> list[Block]:
     """The tables of each set, and of all together where there are several."""
+    return [_block(name, measured) for name, measured in _with_all(sets).items()]
+
+
+def _with_all(sets: Mapping[str, Sequence[Judged]]) -> dict[str, Sequence[Judged]]:
+    """The sets, and all together where there are several."""
     everything = [m for measured in sets.values() for m in measured]
-    shown = dict(sets) | ({TOTAL: everything} if len(sets) > 1 else {})
-    return [_block(name, measured) for name, measured in shown.items()]
+    return dict(sets) | ({TOTAL: everything} if len(sets) > 1 else {})
 
 
 def _block(name: str, measured: Sequence[Judged]) -> Block:
@@ -216,17 +226,22 @@ def to_text(shown: Sequence[Block]) -> str:
     return "\n\n".join([*by_contact, *by_method, LEGEND])
 
 
-def to_markdown(shown: Sequence[Block], command: str) -> str:
-    """A section: the command, the tables by method, those by contact folded."""
-    lines = ["```console", command, "```", "", "```text", LEGEND, "```"]
-    for block in shown:
-        lines += ["", f"**{block.title}**", "", "```text", block.by_method, "```", ""]
-        lines += [
-            "<details><summary>by contact</summary>",
-            "",
-            "```text",
-            block.by_contact,
-            "```",
-            "</details>",
-        ]
-    return "\n".join(lines)
+def summary(sets: Mapping[str, Sequence[Judged]]) -> dict[str, Table]:
+    """What a reader wants to know first: the tracker by set, and beside the alternatives."""
+    totals = {name: summed(measured) for name, measured in _with_all(sets).items()}
+    by_set, beside = list[list[str]](), list[list[str]]()
+    columns = ["set", "scored, s"]
+    for name, total in totals.items():
+        for method in in_order(total.scores):
+            if method.name == TRACKER and method.when in SHOWN:
+                cells = _method_row(method, total)
+                by_set.append([name, *(cells[i] for i in SUMMARY.values())])
+        others = [method for method in in_order(total.scores) if method.when in ("offline", "online")]
+        columns[2:] = [f"{method.name} {method.when}" for method in others]
+        seconds = next(iter(total.scores.values())).main.seconds()
+        accuracies = (number(total.scores[method].main.accuracy()) for method in others)
+        beside.append([name, f"{seconds:.0f}", *accuracies])
+    return {
+        "tracker": Table(("set", *SUMMARY), by_set),
+        "alternatives": Table(tuple(columns), beside),
+    }

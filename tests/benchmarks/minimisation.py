@@ -12,11 +12,13 @@ python tests/benchmarks/minimisation.py recordings/paper_experiment.mcap
 import argparse
 import time
 from collections.abc import Callable
+from pathlib import Path
 from statistics import median
 from typing import TypeVar
 
 import numpy as np
 
+import kept_tables
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.evaluation.tables import table
 from contact_tracker.motion.poses import Poses
@@ -49,6 +51,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("log")
     parser.add_argument("--windows", type=int, default=40, help="windows on which SLSQP is run")
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     args = parser.parse_args()
     poses = Poses.collect(open_log(args.log))
     count = (len(poses) - FRAMES) // STEP + 1
@@ -64,6 +67,12 @@ def main() -> None:
     )
     print(f"per window and contact; {count} windows, SLSQP on {args.windows}")
     print(table(header, rows))
+    if args.tables:
+        kept_tables.keep(
+            args.tables,
+            f"python tests/benchmarks/minimisation.py recordings/{Path(args.log).name}",
+            {"minima": kept_tables.Table(header, [list(row) for row in rows])},
+        )
     spent, _ = timed(lambda: curves(poses, FRAMES, STEP))
     print(f"all six curves of {len(poses)} poses, sums over windows and all: {spent:.2f} s")
 

@@ -23,6 +23,7 @@ from typing import Final
 from speeds.figures import Figure, Setup, length, peak_mb
 
 ROWS: Final = ("reading", "averaging", "online", "offline", "live", "growing", "viewing", "starting")
+COLUMNS: Final = ("what", "figure", "unit", "target", "")
 IN_COMMANDS: Final = ("offline", "live", "starting")
 """These measure the command line, whose memory they tell themselves."""
 LENGTHS_S: Final = (60, 600)
@@ -69,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--fast-log", type=Path, default=recordings / "robot_1khz.mcap", metavar="MCAP")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep what has a target in this file")
     parser.add_argument("--long", action="store_true", help=f"logs up to {length(LONG_S[-1])}")
     args = parser.parse_args(argv)
     for library in ("OMP", "OPENBLAS", "MKL"):
@@ -80,9 +82,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         for row in args.only:
             print(f"measuring {row}", file=sys.stderr)
             rows += measure_apart(row, setup)
+    import kept_tables
     from contact_tracker.evaluation.tables import table
 
-    print(table(("what", "figure", "unit", "target", ""), [line(figure) for figure in rows]))
+    print(table(COLUMNS, [line(figure) for figure in rows]))
+    if args.tables:
+        aims = [list(line(figure)) for figure in rows if figure.target]
+        kept_tables.keep(
+            args.tables, "python tests/benchmarks/speed.py", {"aims": kept_tables.Table(COLUMNS, aims)}
+        )
     return 0
 
 

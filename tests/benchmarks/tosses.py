@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+import kept_tables
 from contact_tracker.adaptation import segment
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
@@ -37,6 +38,7 @@ MOVING_M_S: Final = 0.05
 """The cube is in motion while its fastest corner is faster than this."""
 SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
 """How exactly the metadata are taken to tell plane and cube."""
+COLUMNS: Final = ("known", "frames", "offline", "online")
 LEVELS: Final = ("nothing", "plane", "plane and cube")
 
 
@@ -91,13 +93,17 @@ def in_motion(poses: Poses, side_m: float) -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(velocity, axis=2).max(axis=1) > MOVING_M_S)
 
 
-def lines(total: dict[str, Scores]) -> Iterator[str]:
-    """The table of accuracies, then what was taken for what with everything known."""
-    rows = [
+def accuracies(total: dict[str, Scores]) -> list[list[str]]:
+    """Rows of the table: a line for each level of knowledge."""
+    return [
         [level, str(scores.offline.sum()), *(number(c.trace() / c.sum()) for c in scores)]
         for level, scores in total.items()
     ]
-    yield table(("known", "frames", "offline", "online"), rows)
+
+
+def lines(total: dict[str, Scores]) -> Iterator[str]:
+    """The table of accuracies, then what was taken for what with everything known."""
+    yield table(COLUMNS, accuracies(total))
     confusion = total[LEVELS[-1]].offline
     yield f"\noffline with {LEVELS[-1]} known: truth by row, label by column"
     yield table(
@@ -112,7 +118,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
     parser.add_argument("folder", nargs="?", type=Path, default=Path(default) / "cube_tosses")
-    parser.add_argument("--model", default="impacts", metavar="NAME|FILE")
+    parser.add_argument("--model", nargs="+", default=["impacts"], metavar="NAME|FILE")
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     parser.add_argument("--half", choices=("checked", "chosen"), default="checked")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
@@ -121,15 +128,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise SystemExit(f"{args.folder}: no recordings")
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
+    kept = list[list[str]]()
     begin_s = time.monotonic()
     with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
-        results = list(pool.map(partial(measure, model_name=args.model), paths))
-    total = {
-        level: Scores(*(sum(r[level][i] for r in results) for i in range(2)))  # type: ignore[arg-type]
-        for level in LEVELS
-    }
-    print("\n".join(lines(total)))
+        for model in args.model:
+            results = list(pool.map(partial(measure, model_name=model), paths))
+            total = {
+                level: Scores(*(sum(r[level][i] for r in results) for i in range(2)))  # type: ignore[arg-type]
+                for level in LEVELS
+            }
+            print(f"{model}\n" + "\n".join(lines(total)))
+            kept += [[model, *row] for row in accuracies(total)]
     print(f"\n{len(paths)} recordings, {time.monotonic() - begin_s:.0f} s", file=sys.stderr)
+    if args.tables:
+        command = f"python tests/benchmarks/tosses.py --model {' '.join(args.model)}"
+        kept_tables.keep(args.tables, command, {"tosses": kept_tables.Table(("model", *COLUMNS), kept)})
     return 0
 
 

@@ -1,0 +1,48 @@
+"""Writes the tables of docs/benchmarks.md from the JSON files in docs/benchmarks/.
+
+    python tests/benchmarks/document.py
+    python tests/benchmarks/document.py --check
+
+A table stands between ``<!-- FILE TABLE: begin -->`` and ``... end -->``, under the command that made it.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from kept_tables import FOLDER, ROOT, read, to_markdown
+
+DOCUMENT: Final = ROOT / "docs" / "benchmarks.md"
+SECTION: Final = re.compile(r"(<!-- (\w+) (\w+): begin -->\n)(.*?)(<!-- \2 \3: end -->)", re.DOTALL)
+
+
+def rewritten(text: str, folder: Path) -> str:
+    """The document with its tables as the files in ``folder`` have them."""
+
+    def section(match: re.Match[str]) -> str:
+        begin, file, name, _, end = match.groups()
+        kept = read(folder / f"{file}.json")
+        return f"{begin}```console\n{kept.command}\n```\n\n{to_markdown(kept.tables[name])}\n{end}"
+
+    return SECTION.sub(section, text)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 if it would change")
+    args = parser.parse_args(argv)
+    before = DOCUMENT.read_text(encoding="utf-8")
+    after = rewritten(before, FOLDER)
+    if args.check:
+        return 0 if after == before else 1
+    DOCUMENT.write_text(after, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""How well the recordings that come with the project are labelled.
+
+    python tests/benchmarks/shipped.py
+    python tests/benchmarks/shipped.py --tables docs/benchmarks/shipped.json
+
+As ``contact-tracker evaluate recordings/*.mcap``, which says more.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import kept_tables
+from contact_tracker import adaptation
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker.evaluation.metrics import quantile
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log, read_truth
+from field import gated
+from kept_tables import ROOT, Table
+
+COLUMNS: Final = (
+    *("recording", "offline", "online", "log-loss offline", "online", "ECE offline", "online"),
+    *("sure and wrong offline", "online", "found", "angle, deg", "distance, mm", "within 3 sd"),
+)
+
+
+def measure(path: Path) -> Evaluation:
+    """Segment one recording, adapted to its stream, and judge it."""
+    truth = read_truth(str(path))
+    assert truth is not None, f"{path}: no truth"
+    poses = gated(Poses.collect(open_log(str(path))))
+    return evaluate(poses, truth, adaptation.segment(poses, load_model()))
+
+
+def row(name: str, judged: Evaluation) -> list[str]:
+    """A line of the table."""
+    tallies, geometry = (judged.offline, judged.online), judged.geometry
+    figures = [
+        *(tally.accuracy() for tally in tallies),
+        *(tally.log_loss for tally in tallies),
+        *(tally.calibration_error for tally in tallies),
+        *(tally.sure_wrong for tally in tallies),
+    ]
+    return [
+        name,
+        *(number(float(figure)) for figure in figures),
+        f"{geometry.found_segments} of {geometry.true_segments}",
+        number(quantile(geometry.angle_deg, 0.5), 2),
+        number(quantile(geometry.distance_mm, 0.5), 2),
+        number(geometry.within_3_sd, 2),
+    ]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
+    args = parser.parse_args(argv)
+    paths = sorted((ROOT / "recordings").glob("*.mcap"))
+    rows = [row(path.stem, measure(path)) for path in paths]
+    print(table(COLUMNS, rows))
+    if args.tables:
+        kept_tables.keep(
+            args.tables, "python tests/benchmarks/shipped.py", {"recordings": Table(COLUMNS, rows)}
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
