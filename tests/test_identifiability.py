@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -182,13 +181,6 @@ def test_classes_and_tables_by_hand() -> None:
     assert "some e-f e-e 1.5 1 3.0 200 0.30 6.0 15.0 -5.0 near tie" in lines
     assert "some_00 1.0 2.5 e-f e-e 1.5 9.0 15.0 -5.0" in lines
     assert not any("none" in line for line in lines)
-
-
-def test_a_command_that_finds_no_section_says_so_before_it_runs(tmp_path: Path) -> None:
-    (tmp_path / "paper").mkdir()
-    (tmp_path / "paper" / "a.mcap").touch()
-    with pytest.raises(SystemExit, match="there is no <!-- identifiability: begin -->"):
-        identifiability.main([str(tmp_path), "--markdown", str(tmp_path / "absent.md")])
 
 
 # --- intervals -------------------------------------------------------------------------------------------

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import document
 import fixed_windows
 import identification
+import kept_tables
 import segment_bic
 import tracking
 from contact_tracker import hmm
@@ -269,23 +271,22 @@ def test_the_tables_say_each_figure_in_its_place(folder: Path, capsys: pytest.Ca
     assert online
 
 
-def test_the_section_of_a_document_is_replaced(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    document = folder / "benchmarks.md"
-    document.write_text("before\n", encoding="utf-8")
-    arguments = [str(folder), "--set", "other", "--markdown", str(document)]
-    with pytest.raises(SystemExit, match="there is no <!-- identification: begin -->"):
-        identification.main(arguments, fake)
-    frame = "before\n{}\n{}\nafter\n"
-    document.write_text(frame.format(*(f"<!-- identification: {end} -->" for end in ("begin", "end"))))
-    assert identification.main(arguments, fake) == 0
-    once = document.read_text(encoding="utf-8")
-    assert identification.main(arguments, fake) == 0
-    assert document.read_text(encoding="utf-8") == once
-    assert once.startswith("before\n")
-    assert once.endswith("\nafter\n")
-    assert "python tests/benchmarks/identification.py FOLDER --set other" in once
-    assert str(folder) not in once
-    assert capsys.readouterr().out.count("other: 1 recordings") == 4
+def test_the_summary_is_kept_and_stands_in_a_document(folder: Path) -> None:
+    out = folder / "identification.json"
+    assert identification.main([str(folder), "--set", "other", "--tables", str(out)], fake) == 0
+    kept = kept_tables.read(out)
+    assert kept.command == "python tests/benchmarks/identification.py FOLDER --set other"
+    offline = dict(zip(kept.tables["tracker"].columns, kept.tables["tracker"].rows[0], strict=True))
+    assert (offline["set"], offline[""], offline["right"]) == ("other", "offline", "0.900")
+    assert kept.tables["alternatives"].columns[:3] == ("set", "scored, s", "tracker offline")
+    frame = "before\n<!-- identification tracker: begin -->\n{}<!-- identification tracker: end -->\nafter\n"
+    written = document.rewritten(frame.format("of old\n"), folder)
+    assert "of old" not in written
+    assert f"```console\n{kept.command}\n```" in written
+    assert "| other | offline | 0.900 |" in written
+    assert written.startswith("before\n")
+    assert written.endswith("\nafter\n")
+    assert document.rewritten(written, folder) == written
 
 
 def test_all_figures_are_in_the_json(folder: Path) -> None:

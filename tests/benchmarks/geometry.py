@@ -220,11 +220,9 @@ def summary(rows: Sequence[list[str]]) -> Table:
         cells = [noise, contact]
         for kind in ("angle", "distance"):
             medians = [float(row[4]) for row in some if row[3].startswith(kind)]
-            cells.append(
-                "-".join(dict.fromkeys((f"{min(medians):g}", f"{max(medians):g}"))) if medians else ""
-            )
+            cells.append(" to ".join(dict.fromkeys(f"{end(medians):g}" for end in (min, max) if medians)))
         nees = [float(row[7]) for row in some]
-        kept.append([*cells, f"{max(float(row[6]) for row in some):g}", f"{min(nees):g}-{max(nees):g}"])
+        kept.append([*cells, f"{max(float(row[6]) for row in some):g}", f"{min(nees):g} to {max(nees):g}"])
     return Table(columns, kept)
 
 

@@ -66,6 +66,9 @@ class ModelError(UsageError):
         self.key = key
         self.reason = reason
 
+    def __reduce__(self) -> tuple[type[ContactTrackerError], tuple[str, str]]:
+        return type(self), (self.key, self.reason)  # it crosses from a worker process
+
 
 class KnowledgeError(UsageError):
     """What is given as known has a key that is missing, unknown, of the wrong type or out of range; with no
@@ -75,6 +78,9 @@ class KnowledgeError(UsageError):
         super().__init__(f"known {key}: {reason}" if key else f"what is known: {reason}")
         self.key = key
         self.reason = reason
+
+    def __reduce__(self) -> tuple[type[ContactTrackerError], tuple[str, str]]:
+        return type(self), (self.key, self.reason)  # it crosses from a worker process
 
 
 class SlowUpdate(UserWarning):
