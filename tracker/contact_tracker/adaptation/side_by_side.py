@@ -143,16 +143,16 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     assert state.pending is not None
     _, *models = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(model, state.lag_s, state.knowledge) for model in models)
-    begun = [_observe(*tracker.accumulate_poses(start, state.pending), detail) for start in starts]
+    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail) for start in starts]
     first = state.first
     state = state._replace(
-        trackers=(*state.trackers, *(one for one, _ in begun)),
+        trackers=(*state.trackers, *(one for one, _ in started)),
         log_weight=LOG_PRIOR_STEP * np.arange(1.0 + len(models)),
         pending=None,
         first=(),
     )
     alive = np.arange(len(state.trackers))
-    for now in zip(first, *(followed for _, followed in begun), strict=True):
+    for now in zip(first, *(followed for _, followed in started), strict=True):
         moves = is_moving(now[alive[0]].window)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
@@ -173,7 +173,7 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     followed = [_observe(one, own, detail) for one, own in gathered]
     state = state._replace(trackers=tuple(one for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
-    for now in zip(*(seen for _, seen in followed), strict=True):
+    for now in zip(*(ticks for _, ticks in followed), strict=True):
         moves = is_moving(now[alive[0]].window)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]

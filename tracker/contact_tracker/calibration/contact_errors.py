@@ -30,7 +30,7 @@ def learn_contact_errors(model: Model, stretches: Sequence[Stretch], keys: Seque
     for key in keys:
         floor = FLOOR_OF[key]
         own = [value_of(one, floor) ** 2 - value_of(model, floor) ** 2 for one in alone]
-        shown = [doubt(bare, some, floor) > SHOWN for some in mine]
-        errors = [rounded(sqrt(max(o, 0.0))) if s else 0.0 for o, s in zip(own, shown, strict=True)]
+        is_significant = [doubt(bare, some, floor) > SHOWN for some in mine]
+        errors = [rounded(sqrt(max(o, 0.0))) if s else 0.0 for o, s in zip(own, is_significant, strict=True)]
         model = with_value(model, key, (*errors, 0.0))
     return model

@@ -75,9 +75,9 @@ class KnownStates:
                 log_evidence += float(steps[after, i, j])
                 changes[after, i, j] = 1.0
             elif after - before - 1 <= longest:
-                between, told = _bridge(steps[before : after + 1], i, j)
+                between, log_share = _bridge(steps[before : after + 1], i, j)
                 changes[before + 1 : after + 1] = between[1:]
-                log_evidence += told
+                log_evidence += log_share
         stays[:] = changes[:, _DIAGONAL, _DIAGONAL]
         changes[:, _DIAGONAL, _DIAGONAL] = 0.0
         return Expected(begins, stays, changes, log_evidence)
@@ -101,8 +101,8 @@ def _bridge(steps: Array, first: int, last: int) -> tuple[Array, float]:
     alive = [np.arange(b * states, (b + 1) * states) for b in range(ticks)]
     alive[0], alive[-1] = alive[0][[first]], alive[-1][[last]]
     silent = hmm.Trellis(state, onset, alive, [np.zeros(len(some)) for some in alive])
-    _, changes, told = hmm.expect(silent, np.zeros(states), steps)
-    return changes, told
+    _, changes, log_share = hmm.expect(silent, np.zeros(states), steps)
+    return changes, log_share
 
 
 @dataclass(frozen=True, eq=False)

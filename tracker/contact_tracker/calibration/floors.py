@@ -51,54 +51,57 @@ def learn_floors(
     -------
     The model, and each floor overall and by contact.
     """
-    stretches, seen = list(stretches), []
+    stretches, all_residuals = list(stretches), []
     for turn in range(ROUNDS):
         before = model
         both = [refined(s, model, FIRST_STEPS if turn == 0 else 2) for s in stretches]
-        stretches, seen = [s for s, _ in both], [r for _, r in both]
-        model = _solved(model, seen, keys)
+        stretches, all_residuals = [s for s, _ in both], [r for _, r in both]
+        model = _solved(model, all_residuals, keys)
         if _moved(before, model) < CONVERGED:
             break
-    told = [Floor(key, "all", _of(model, seen, key), _size(seen, key)) for key in keys]
+    floors = [Floor(key, "all", _of(model, all_residuals, key), _size(all_residuals, key)) for key in keys]
     for column, contact in enumerate(CONTACTS):
-        mine = [r for s, r in zip(stretches, seen, strict=True) if s.column == column]
-        told += [
+        mine = [r for s, r in zip(stretches, all_residuals, strict=True) if s.column == column]
+        floors += [
             Floor(key, contact.value, _of(model, mine, key), _size(mine, key))
             for key in keys
             if _size(mine, key)
         ]
-    return model, tuple(told)
+    return model, tuple(floors)
 
 
-def _solved(model: Model, seen: Sequence[Residuals], keys: Sequence[str]) -> Model:
+def _solved(model: Model, all_residuals: Sequence[Residuals], keys: Sequence[str]) -> Model:
     for key in (ROTATION, POSITION):  # the floor of rotation enters distances
-        value = _of(model, seen, key) if key in keys else None
+        value = _of(model, all_residuals, key) if key in keys else None
         if value is not None:
             model = with_value(model, key, value)
     return model
 
 
-def _of(model: Model, seen: Sequence[Residuals], key: str) -> float | None:
+def _of(model: Model, all_residuals: Sequence[Residuals], key: str) -> float | None:
     """One floor, given the other."""
-    if _size(seen, key) < FEWEST:
+    if _size(all_residuals, key) < FEWEST:
         return None
-    whitened_sq = _whitened_sq(model, seen, key)
+    whitened_sq = _whitened_sq(model, all_residuals, key)
     return _root(lambda floor: float(np.mean(whitened_sq(floor))) - _MEAN)
 
 
-def _whitened_sq(model: Model, seen: Sequence[Residuals], key: str) -> Callable[[float], Array]:
+def _whitened_sq(model: Model, all_residuals: Sequence[Residuals], key: str) -> Callable[[float], Array]:
     """Clipped whitened squares of all residuals that a floor is of, by its value."""
-    rows = [_angles(r) if key == ROTATION else _distances(r, model.noise.floor_rotation_rad) for r in seen]
+    rows = [
+        _angles(r) if key == ROTATION else _distances(r, model.noise.floor_rotation_rad)
+        for r in all_residuals
+    ]
     square, variance, free = (np.concatenate(column) for column in zip(*rows, strict=True))
     return lambda floor: np.minimum(square / (free * (variance + floor**2)), CLIP**2)
 
 
 def doubt(model: Model, stretches: Sequence[Stretch], key: str) -> float:
     """By how many standard errors residuals are larger than the floors of ``model`` say; 0 of too few."""
-    seen = [refined(s, model, FIRST_STEPS)[1] for s in stretches]
-    if _size(seen, key) < FEWEST:
+    all_residuals = [refined(s, model, FIRST_STEPS)[1] for s in stretches]
+    if _size(all_residuals, key) < FEWEST:
         return 0.0
-    found = _whitened_sq(model, seen, key)(float(value_of(model, key)))
+    found = _whitened_sq(model, all_residuals, key)(float(value_of(model, key)))
     return float((found.mean() - _MEAN) / (found.std() / np.sqrt(len(found)) + LEAST))
 
 
@@ -124,8 +127,8 @@ def _distances(r: Residuals, floor_rotation: float) -> tuple[Array, Array, Array
     return r.residual[-1] ** 2, variance, r.free[-1]
 
 
-def _size(seen: Sequence[Residuals], key: str) -> int:
-    return sum(r.residual[:-1].size if key == ROTATION else r.residual[-1].size for r in seen)
+def _size(all_residuals: Sequence[Residuals], key: str) -> int:
+    return sum(r.residual[:-1].size if key == ROTATION else r.residual[-1].size for r in all_residuals)
 
 
 def _moved(before: Model, after: Model) -> float:

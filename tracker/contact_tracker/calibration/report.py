@@ -51,11 +51,11 @@ def _source(calibration: Calibration) -> str:
     labelled = sum(study.labelled for study in studies)
     seconds = sum(study.seconds for study in studies)
     rounds = calibration.lesson.rounds
-    told = f"{len(studies)} recordings, {seconds:.0f} s; learned from the truth of {labelled}"
+    head = f"{len(studies)} recordings, {seconds:.0f} s; learned from the truth of {labelled}"
     if not rounds:
-        return told
+        return head
     gained = f"{rounds[-1] - rounds[0]:.1f} nats"
-    return f"{told}; transitions after {len(rounds)} rounds, log posterior {gained} higher"
+    return f"{head}; transitions after {len(rounds)} rounds, log posterior {gained} higher"
 
 
 def _scalars(calibration: Calibration, start: Model, model: Model) -> str:

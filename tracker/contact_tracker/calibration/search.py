@@ -33,7 +33,7 @@ def coordinate_search(
     model: Model, keys: Sequence[str], loss: Callable[[Model], float]
 ) -> tuple[Model, tuple[Searched, ...]]:
     """Lower ``loss`` along each of ``keys`` in turn; a parameter stays where that gains too little."""
-    told = []
+    searched = []
     best = loss(model) if keys else 0.0
     for key in keys:
         start = float(value_of(model, key))
@@ -44,8 +44,8 @@ def coordinate_search(
         before = best
         if least < best * (1.0 - WORTH):
             model, best = with_value(model, key, value), least
-        told.append(Searched(key, before, best, ((start, before), *tried)))
-    return model, tuple(told)
+        searched.append(Searched(key, before, best, ((start, before), *tried)))
+    return model, tuple(searched)
 
 
 def _tried(

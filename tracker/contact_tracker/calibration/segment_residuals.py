@@ -81,8 +81,8 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
     noisy = own.with_error(_floors_sq(model))
 
     def measured(many: Array) -> tuple[Array, Array, Array]:
-        seen = contact.measure(many, stretch.window.zeta)
-        return seen.residual, residual_noise(seen, noisy), seen.lever_sq
+        measurement = contact.measure(many, stretch.window.zeta)
+        return measurement.residual, residual_noise(measurement, noisy), measurement.lever_sq
 
     def cost(x: Array) -> float:
         residual, noise, _ = measured(x[None])

@@ -120,13 +120,13 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
 
 
 def _pass(poses: Poses, truth: Truth | None, model: Model) -> tuple[Judged, BelievedStates, Segmentation]:
-    seen = RecordedPass()
-    found = segment(poses, model, watch=seen.note)
-    steps = np.array([tick_transitions(model, exposed).log_transition for exposed in seen.exposure])
-    trellis = seen.trellis
+    recorded = RecordedPass()
+    found = segment(poses, model, watch=recorded.note)
+    steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
+    trellis = recorded.trellis
     _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)
-    belief = BelievedStates.of(trellis, seen.exposure, model)
+    belief = BelievedStates.of(trellis, recorded.exposure, model)
     return Judged(evaluation, log_evidence, _duration_s(poses)), belief, found
 
 

@@ -41,12 +41,12 @@ def learn_transitions(model: Model, chains: Sequence[Chain]) -> Learning:
         expected = [chain.expect(model) for chain in chains]
         trail.append(sum(e.log_evidence for e in expected) + log_prior(model))
         before = model
-        seen = count(model, chains, expected)
-        model = replace(model, transitions=replace(model.transitions, counts=seen))
+        counted = count(model, chains, expected)
+        model = replace(model, transitions=replace(model.transitions, counts=counted))
         if _moved(before, model) < CONVERGED:
             break
     return Learning(
-        replace(model, transitions=replace(model.transitions, counts=_rounded(seen))), tuple(trail)
+        replace(model, transitions=replace(model.transitions, counts=_rounded(counted))), tuple(trail)
     )
 
 
@@ -97,12 +97,12 @@ def _moved(before: Model, after: Model) -> float:
     return float(np.max(np.abs(a - b) / np.maximum(b, NEGLIGIBLE)))
 
 
-def _rounded(seen: TransitionCounts) -> TransitionCounts:
+def _rounded(counted: TransitionCounts) -> TransitionCounts:
     """To hundredths, as the file will say."""
     return TransitionCounts(
-        tuple(round(value, 2) for value in seen.begins),
-        tuple(round(value, 2) for value in seen.moving_s),
-        tuple(tuple(round(value, 2) for value in row) for row in seen.changes),
+        tuple(round(value, 2) for value in counted.begins),
+        tuple(round(value, 2) for value in counted.moving_s),
+        tuple(tuple(round(value, 2) for value in row) for row in counted.changes),
     )
 
 

@@ -41,10 +41,10 @@ class Source:
 
     def __iter__(self) -> Iterator[Pose]:
         """The poses of the interval; raises NoPoses at the end where there were none."""
-        seen = False
+        any_pose = False
         for pose in self._log:
-            if not seen:
-                seen, self.origin_ns = True, pose.stamp_ns
+            if not any_pose:
+                any_pose, self.origin_ns = True, pose.stamp_ns
             since_ns = pose.stamp_ns - self.origin_ns
             if since_ns < self._start_ns:
                 continue
@@ -55,14 +55,14 @@ class Source:
             self.used += 1
             self.last_ns = pose.stamp_ns
             yield pose
-        self._used_some(seen)
+        self._used_some(any_pose)
 
     def batches(self) -> Iterator[Poses]:
         """The same in columns, for those who wait for no single pose."""
-        seen = False
+        any_pose = False
         for poses in self._log.batches():
-            if not seen:
-                seen, self.origin_ns = True, int(poses.stamp_ns[0])
+            if not any_pose:
+                any_pose, self.origin_ns = True, int(poses.stamp_ns[0])
             since_ns = poses.stamp_ns - self.origin_ns
             ended = self._end_ns is not None and since_ns[-1] >= self._end_ns
             first, end = since_ns.searchsorted([self._start_ns, self._end_ns if ended else since_ns[-1] + 1])
@@ -75,11 +75,11 @@ class Source:
                 yield poses[first:end]
             if ended:
                 break
-        self._used_some(seen)
+        self._used_some(any_pose)
 
-    def _used_some(self, seen: bool) -> None:
+    def _used_some(self, any_pose: bool) -> None:
         if not self.used:
-            where = "in the interval that --start and --duration leave" if seen else "that can be used"
+            where = "in the interval that --start and --duration leave" if any_pose else "that can be used"
             raise NoPoses(f"{self._name}: no pose {where}{self._noted()}")
 
     def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":

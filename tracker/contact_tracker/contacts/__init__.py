@@ -56,8 +56,8 @@ class ContactModel:
             out[..., first : first + 3] = x[..., first : first + 3] @ turn.T
         return out
 
-    def faced(self, x: Array, told: NDArray[np.bool_], turn: Array) -> Array:
-        """x (..., S) of f-f with the normal that is not ``told`` (..., S) as the other one says, if it is:
+    def faced(self, x: Array, given: NDArray[np.bool_], turn: Array) -> Array:
+        """x (..., S) of f-f with the normal that is not ``given`` (..., S) as the other one says, if it is:
         they are parallel when the body has turned by ``turn`` (3, 3).
 
         To the residuals either sign is the same, to what is known of the height it is not: a fit that begins
@@ -66,7 +66,7 @@ class ContactModel:
         if self.family is not face_face:
             return x
         m, n, out = face_face.M, face_face.N, np.array(x)
-        first, second = told[..., m][..., :1], told[..., n][..., :1]  # a direction is told as a whole
+        first, second = given[..., m][..., :1], given[..., n][..., :1]  # a direction is told as a whole
         out[..., m] = np.where(second & ~first, x[..., n] @ turn, x[..., m])
         out[..., n] = np.where(first & ~second, x[..., m] @ turn.T, x[..., n])
         return out

@@ -75,17 +75,21 @@ def _information(
     """Fisher information (P, P) of the free directions of x, between which and back lie ``around``."""
     rotation, position = true_poses.rotation, true_poses.position_m
 
-    def seen(x: Array, shift: Array, turn: Array) -> Array:
+    def residuals(x: Array, shift: Array, turn: Array) -> Array:
         turned = rotation @ Rotation.from_rotvec(turn).as_matrix()
         return model.measure(x, lift(turned, position + shift)).residual
 
-    by_geometry = seen(around, np.zeros(3), np.zeros(3))
+    by_geometry = residuals(around, np.zeros(3), np.zeros(3))
     half = len(around) // 2
     j_theta = (by_geometry[:half] - by_geometry[half:]) / (2.0 * _STEP)  # (P, K, N)
     noise = 0.0
     for axis in np.eye(3) * _STEP:
         for scale, shift, turn in ((sigma[0], axis, 0 * axis), (sigma[1], 0 * axis, axis)):
-            j = (seen(x[None], shift, turn) - seen(x[None], -shift, -turn))[0] * scale / (2.0 * _STEP)
+            j = (
+                (residuals(x[None], shift, turn) - residuals(x[None], -shift, -turn))[0]
+                * scale
+                / (2.0 * _STEP)
+            )
             noise = noise + np.einsum("kn,ln->nkl", j, j)
     weighted = np.linalg.solve(noise, np.moveaxis(j_theta, -1, 0).swapaxes(1, 2))  # (N, K, P)
     return np.asarray(np.einsum("pkn,nkq->pq", j_theta, weighted))

@@ -136,10 +136,10 @@ def _groups(truth: Truth) -> Iterator[tuple[TruthInterval, ...]]:
 
 def _told(beliefs: Beliefs) -> Told:
     """What is judged of them."""
-    told = np.empty(len(beliefs), _TOLD)
+    beliefs_of_ticks = np.empty(len(beliefs), _TOLD)
     for name in _TOLD.names or ():
-        told[name] = beliefs.rows[name]
-    return told
+        beliefs_of_ticks[name] = beliefs.rows[name]
+    return beliefs_of_ticks
 
 
 def _taken(parts: list[Told]) -> Told:
@@ -149,5 +149,5 @@ def _taken(parts: list[Told]) -> Told:
     return whole
 
 
-def _tally(scored: Scoring, tick: Ints, told: Told) -> Tally:
-    return tally(scored, tick, told["contact"], told["probability"])
+def _tally(scored: Scoring, tick: Ints, beliefs_of_ticks: Told) -> Tally:
+    return tally(scored, tick, beliefs_of_ticks["contact"], beliefs_of_ticks["probability"])

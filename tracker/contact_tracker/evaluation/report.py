@@ -48,20 +48,20 @@ class Report:
     def to_text(self) -> str:
         """Tables per recording and total, no trailing newline."""
         total = self.total
-        shown = [(_short(name), value) for name, value in self.recordings.items()]
-        shown += [(TOTAL, total)] if len(shown) > 1 else []
+        entries = [(_short(name), value) for name, value in self.recordings.items()]
+        entries += [(TOTAL, total)] if len(entries) > 1 else []
         blocks = [
-            table(_ACCURACY, _mode_rows(shown, _accuracy_cells), left=2),
+            table(_ACCURACY, _mode_rows(entries, _accuracy_cells), left=2),
             ACCURACY_NOTE,
-            table(_BELIEF, _mode_rows(shown, _belief_cells), left=2),
+            table(_BELIEF, _mode_rows(entries, _belief_cells), left=2),
             BELIEF_NOTE,
-            table(_CHANGE, _mode_rows(shown, _change_cells), left=2),
+            table(_CHANGE, _mode_rows(entries, _change_cells), left=2),
             CHANGE_NOTE,
             _confusion_text("offline", total.offline),
             _confusion_text("online", total.online),
         ]
         if total.geometry.true_segments:
-            rows = [[name, *_geometry_cells(value.geometry)] for name, value in shown]
+            rows = [[name, *_geometry_cells(value.geometry)] for name, value in entries]
             kinds = ("plane", "line", "point")
             rows += [[f"  {kind}s", *_geometry_cells(total.geometry.of_kind(kind), False)] for kind in kinds]
             blocks += [table(_GEOMETRY, rows), GEOMETRY_NOTE]
@@ -90,10 +90,10 @@ def _short(name: str) -> str:
     return name if len(name) <= WIDEST_NAME else "…" + name[1 - WIDEST_NAME :]
 
 
-def _mode_rows(shown: list[tuple[str, Evaluation]], cells: Callable[[Tally], list[str]]) -> list[list[str]]:
+def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Tally], list[str]]) -> list[list[str]]:
     return [
         [name if mode == "offline" else "", mode, *cells(getattr(value, mode))]
-        for name, value in shown
+        for name, value in entries
         for mode in ("offline", "online")
     ]
 

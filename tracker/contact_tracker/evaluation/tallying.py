@@ -32,8 +32,8 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
     sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], np.zeros((0, len(STATES))))
     for begin in range(0, len(tick), _TOGETHER):  # a posterior for each frame: never for all at once
         frames = slice(begin, min(begin + _TOGETHER, len(tick)))
-        posterior, told = np.full((len(tick[frames]), len(STATES)), 1 / len(STATES)), tick[frames] >= 0
-        posterior[told] = probability[tick[frames][told]]
+        posterior, has_belief = np.full((len(tick[frames]), len(STATES)), 1 / len(STATES)), tick[frames] >= 0
+        posterior[has_belief] = probability[tick[frames][has_belief]]
         sums += _sums(scoring.part(frames), frame_label[frames], posterior)
     return replace(
         sums,

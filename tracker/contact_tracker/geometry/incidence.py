@@ -59,10 +59,10 @@ def _slab(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
     out = np.outer(face.normal, face.normal)
     turns, both = covariance[:3, :3], covariance[:3, 3]
     tilt = 0.5 * float(turns.trace())
-    across, told = np.eye(3) - out, 0.0
+    across, explained = np.eye(3) - out, 0.0
     if tilt > 0.0:  # where a normal cannot change, as along itself, what is added is not used
-        told = float(both @ np.linalg.solve(turns + tilt * (out + _FLAT * across), both))
-    where_touched = covariance[3, 3] - told
+        explained = float(both @ np.linalg.solve(turns + tilt * (out + _FLAT * across), both))
+    where_touched = covariance[3, 3] - explained
     return across, tilt * out, (max(float(where_touched), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
 
 

@@ -25,10 +25,10 @@ def unpack(packed: Array) -> ContactGeometry:
 
 
 def _written(element: Element) -> Iterator[Array]:
-    covariance, ways = element.covariance, element.unobserved
+    covariance, free_motions = element.covariance, element.unobserved
     name = () if element.name is None else tuple(element.name.encode())
     kind, named = _KINDS.index(type(element)), element.name is not None
-    yield np.array([kind, covariance is not None, len(ways), named, len(name), *name], float)
+    yield np.array([kind, covariance is not None, len(free_motions), named, len(name), *name], float)
     match element:
         case Plane(normal, offset_m):
             yield from (normal, np.array([offset_m]))
@@ -38,16 +38,16 @@ def _written(element: Element) -> Iterator[Array]:
             yield point_m
     if covariance is not None:
         yield covariance.ravel()
-    for way in ways:
+    for way in free_motions:
         yield from (np.array([_WAYS.index(way.how)], float), way.direction)
 
 
 def _read(packed: Array) -> tuple[Element, Array]:
-    kind, told, ways, named, letters = packed[:_HEADER].astype(int).tolist()
+    kind, has_covariance, free_motions, named, letters = packed[:_HEADER].astype(int).tolist()
     size = _SIZES[_KINDS[kind]]
-    bounds = np.cumsum([_HEADER, letters, size, size**2 * told, 4 * ways])
+    bounds = np.cumsum([_HEADER, letters, size, size**2 * has_covariance, 4 * free_motions])
     _, text, place, matrix, directions, rest = np.split(packed, bounds)
-    covariance = matrix.reshape(size, size) if told else None
+    covariance = matrix.reshape(size, size) if has_covariance else None
     unobserved = tuple(Unobserved(_WAYS[int(way[0])], way[1:]) for way in directions.reshape(-1, 4))
     name = bytes(text.astype(np.uint8)).decode() if named else None
     if _KINDS[kind] is Plane:

@@ -88,14 +88,14 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
     onward[ticks] = 0.0
     inward = np.full(count, -np.inf)  # of a hypothesis' data and all that follows
     posterior, changes = np.zeros((ticks, states)), np.zeros((ticks, states, states))
-    held = np.zeros(count)  # probability that a hypothesis ends at b or later
+    lasting = np.zeros(count)  # probability that a hypothesis ends at b or later
     for b in range(ticks, 0, -1):
         alive, likelihood = trellis.alive[b - 1], trellis.log_likelihood[b - 1]
         state = trellis.state[alive]
         ends = likelihood + onward[b, state]
         inward[alive] = np.logaddexp(inward[alive], ends)
-        held[alive] += np.exp(entry[alive] + ends - log_evidence)
-        np.add.at(posterior[b - 1], state, held[alive])
+        lasting[alive] += np.exp(entry[alive] + ends - log_evidence)
+        np.add.at(posterior[b - 1], state, lasting[alive])
         fresh = alive[trellis.onset[alive] == b - 1]
         begin = by_state(inward[fresh], trellis.state[fresh], states)
         onward[b - 1] = log_sum_exp(log_transition[b - 1] + begin[None, :], axis=1)

@@ -68,11 +68,11 @@ class OpenTicks:
     def _common(self, living: FilterFrontier, futures: Array, tolerance: float) -> int:
         """How many of the oldest ticks ``futures`` have in common, up to the ``tolerance``."""
         common = len(self)
-        for row, cover, held in self._followed(living, futures):
+        for row, cover, open_states in self._followed(living, futures):
             spread = np.max(cover.max(axis=1) - cover.min(axis=1))
             if spread > tolerance:
                 common = row
-            elif row % _CHECKED == 0 and spread + 2.0 * held.apart <= tolerance:
+            elif row % _CHECKED == 0 and spread + 2.0 * open_states.apart <= tolerance:
                 break  # what is older than all that is held stays in its state
         return common
 
@@ -84,8 +84,8 @@ class OpenTicks:
         beginnings that last through it.
         """
         states, columns = len(self._steps[0].origin_probability), futures.shape[1]
-        held = _Held(states, columns, self.first, self.first + len(self))
-        held.add(living.onset, living.state, futures)
+        open_states = _Held(states, columns, self.first, self.first + len(self))
+        open_states.add(living.onset, living.state, futures)
         cover = np.zeros((states, columns))
         np.add.at(cover, living.state, futures)
         left = np.zeros((states, columns))  # probability that a state is left at the tick's end
@@ -93,11 +93,11 @@ class OpenTicks:
             step = self._steps[row]
             if left.any():
                 cover += left
-                held.add(step.onset, step.state, step.probability[:, None] * left[step.state])
-            yield row, cover, held
-            begun = held.take(self.first + row)
-            cover = np.maximum(cover - begun, 0.0)
-            left = step.origin_probability @ begun
+                open_states.add(step.onset, step.state, step.probability[:, None] * left[step.state])
+            yield row, cover, open_states
+            beginning = open_states.take(self.first + row)
+            cover = np.maximum(cover - beginning, 0.0)
+            left = step.origin_probability @ beginning
 
 
 def _size(step: ForwardMessage) -> int:
@@ -133,10 +133,10 @@ class _Held:
         row = int(self._row[onset - self._first])
         if row < 0:
             return np.zeros(self._table.shape[1:])
-        begun: Array = self._table[row].copy()
+        beginning: Array = self._table[row].copy()
         self._table[row], self._row[onset - self._first] = 0.0, -1
         self._free.append(row)
-        return begun
+        return beginning
 
     @property
     def apart(self) -> float:

@@ -28,22 +28,28 @@ class Ar1Noise(NamedTuple):
     """(K,) from one tick to the next."""
 
 
-def estimate_ar1(errors: Ar1Noise, whitened: Array, jacobian: Array, held: Array, index: Index) -> Ar1Noise:
+def estimate_ar1(
+    errors: Ar1Noise, whitened: Array, jacobian: Array, prior_information: Array, index: Index
+) -> Ar1Noise:
     """What whitened residuals (K, W) at a minimum say of their errors, by expectation-maximisation.
 
-    The errors are not the residuals: the fit has taken from them what looks like geometry. ``jacobian``
-    (K, W, P) and ``held`` (P, P), the information of the prior, say how much. Where few ticks are left over,
-    the belief stands.
+    The errors are not the residuals: the fit has taken from them what looks like geometry. How much follows
+    from the ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the estimate stays
+    as it was.
     """
     (weight, echo), count = errors, whitened.shape[1]
     sums = _Sums.of(np.concatenate([jacobian, whitened[..., None]], axis=2), index)
     new = sums.new(echo)
     for _ in range(LEARNING_STEPS):
-        told, ways = np.linalg.eigh(np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + held)
-        shown = told > LEAST_SHARE * told[-1]
+        eigenvalues, eigenvectors = np.linalg.eigh(
+            np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
+        )
+        determined = eigenvalues > LEAST_SHARE * eigenvalues[-1]
         # of products of errors are expected those of the residuals, and of what the fit may have taken
-        taken = np.eye(len(told) + 1)
-        taken[:-1, :-1] = (ways[:, shown] / told[shown]) @ ways[:, shown].T
+        taken = np.eye(len(eigenvalues) + 1)
+        taken[:-1, :-1] = (eigenvectors[:, determined] / eigenvalues[determined]) @ eigenvectors[
+            :, determined
+        ].T
         product, square = np.einsum("ikpq,pq->ik", sums.pairs, taken)
         echo = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
         new = sums.new(echo)

@@ -70,8 +70,8 @@ def update(
     from contact_tracker.hypotheses.compiled import calls
 
     first, words = moments[0].births, [(bank.words, bank.onsets.words) for bank in banks]
-    seen = [calls.tick_input(moment, *_begun(moment.births)) for moment in moments]
-    kept = calls.update(words, seen, first.number, first.log_birth_weight, beyond, scales, margin, until)
+    inputs = [calls.tick_input(moment, *_begun(moment.births)) for moment in moments]
+    kept = calls.update(words, inputs, first.number, first.log_birth_weight, beyond, scales, margin, until)
     last = moments[len(kept.weighed) - 1].births
     pasts = [
         joined(bank.lag_history, past, begins.count, rows)
@@ -83,7 +83,9 @@ def update(
         Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past)
         for bank, past, (words, since) in zip(banks, pasts, kept.words, strict=True)
     ]
-    return BankUpdate(left, [TickWeights(*told[:-1], LiveHypotheses(*told[-1])) for told in kept.weighed])
+    return BankUpdate(
+        left, [TickWeights(*weights[:-1], LiveHypotheses(*weights[-1])) for weights in kept.weighed]
+    )
 
 
 def update_reference(
@@ -96,16 +98,16 @@ def update_reference(
     """``update`` by one tick, in numpy."""
     births, _, window, before, _, log_stay = moment
     now = births.onset
-    grown, oldest = [], before.expired_by(window)
+    updated, oldest = [], before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         settled = marginalise_expired_ticks(bank, model, oldest.with_error(beyond[column]), scales)
-        own, price = window.with_error(beyond[column]), float(log_stay[column])
-        grown.append(_update_contact(settled, model, births.of(column), own, scales, price))
+        own, survival = window.with_error(beyond[column]), float(log_stay[column])
+        updated.append(_update_contact(settled, model, births.of(column), own, scales, survival))
     free = float(births.log_birth_weight[-1])
-    best = max(free, *(bank.best for bank in grown))
+    best = max(free, *(bank.best for bank in updated))
     kept = [
         prune(bank, now, best, margin if is_due(model, now) else np.inf)
-        for bank, model in zip(grown, CONTACT_MODELS, strict=True)
+        for bank, model in zip(updated, CONTACT_MODELS, strict=True)
     ]
     weighed = TickWeights(
         births.log_birth_weight,
@@ -137,9 +139,9 @@ def _update_contact(
     due, old = is_due(model, birth.onset), len(bank)
     bank = add(bank, model, birth)
     # what assumes met elements begins with them: one tick, which is given, changes no weight
-    idle = is_deferred(bank) & (not due) | bank.from_landmark & (np.arange(len(bank)) >= old)
+    unchanged = is_deferred(bank) & (not due) | bank.from_landmark & (np.arange(len(bank)) >= old)
     was = bank.log_weight
-    bank = refit(accumulate(bank, model, window, log_stay), model, window, scales, idle)
+    bank = refit(accumulate(bank, model, window, log_stay), model, window, scales, unchanged)
     bank = recover_fallen(bank, was, model, window, scales)
     if due:
         bank = exchange_geometry(bank, model, window, scales)
@@ -158,8 +160,8 @@ def marginalise_expired_ticks(
     """Sum up the ``oldest`` ticks, which the window has lost."""
     if not len(bank) or not len(oldest) or bank.onset[0] > oldest.index[-1]:  # they are in order
         return bank
-    seen = sum_evidence(model, bank.x, bank.onset, oldest, scales, bank.elements_known)
+    inputs = sum_evidence(model, bank.x, bank.onset, oldest, scales, bank.elements_known)
     return bank.replace_columns(
-        llr_before_window=bank.llr_before_window + seen.log_ratio,
-        gain_before_window=bank.gain_before_window + seen.gain.sum(axis=1),
+        llr_before_window=bank.llr_before_window + inputs.log_ratio,
+        gain_before_window=bank.gain_before_window + inputs.gain.sum(axis=1),
     )

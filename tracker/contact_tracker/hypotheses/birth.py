@@ -49,9 +49,9 @@ def make_proposals(
     pairs: Sequence[Pair],
     near_m: Array | None,
     log_share: Sequence[float],
-    pair: Sequence[int],
-    certain: Sequence[bool],
-    met: Sequence[bool],
+    known_pair_index: Sequence[int],
+    elements_known: Sequence[bool],
+    from_landmark: Sequence[bool],
 ) -> BirthProposals:
     """One hypothesis of each of the ``pairs`` of elements.
 
@@ -62,16 +62,18 @@ def make_proposals(
     prior, pivot = element_priors(model, pairs)
     if near_m is not None:
         prior, pivot = by_feet(model, prior, pivot, near_m)
-    told = prior.is_given(model)
-    searched = np.asarray(~told[:, directions(model.family.FORM)].all(axis=1))  # the rest is a linear problem
-    something = prior.information.any(axis=(1, 2)) | np.array(met, bool)
+    given = prior.is_given(model)
+    needs_search = np.asarray(
+        ~given[:, directions(model.family.FORM)].all(axis=1)
+    )  # the rest is a linear problem
+    is_informed = prior.information.any(axis=(1, 2)) | np.array(from_landmark, bool)
     rows = blank(model, len(pairs)).replace_columns(
-        prior_index=np.where(something, 1 + np.arange(len(pairs)), 0),
-        known_pair_index=np.array(pair, np.int64),
-        elements_known=np.array(certain, np.int64),
-        needs_search=searched,
-        from_landmark=np.array(met, np.int64),
-        protected_until=np.where(searched, burn_in_ticks(model.needed), 0.0),
+        prior_index=np.where(is_informed, 1 + np.arange(len(pairs)), 0),
+        known_pair_index=np.array(known_pair_index, np.int64),
+        elements_known=np.array(elements_known, np.int64),
+        needs_search=needs_search,
+        from_landmark=np.array(from_landmark, np.int64),
+        protected_until=np.where(needs_search, burn_in_ticks(model.needed), 0.0),
         prior_mean=prior.mean,
         prior_information=prior.information,
         line_anchor=pivot,
@@ -79,7 +81,7 @@ def make_proposals(
         log_likelihood=np.array(log_share),
         onset=0,
     )
-    return BirthProposals(replace(rows, onsets=none.onsets), told)
+    return BirthProposals(replace(rows, onsets=none.onsets), given)
 
 
 @lru_cache(maxsize=16)

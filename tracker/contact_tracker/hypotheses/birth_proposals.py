@@ -62,10 +62,14 @@ def _propose_births(
     rows = _assumed(model, knowledge, memory, recognised)
     if not rows:
         return uninformed_proposal(model).pick(np.zeros(0, np.int64))
-    assumed, log_share, pair, met = zip(*rows, strict=True)
-    certain = [one.certain and not is_met for one, is_met in zip(assumed, met, strict=True)]
+    assumed, log_share, known_pair_index, remembered = zip(*rows, strict=True)
+    certain = [
+        one.certain and not is_remembered for one, is_remembered in zip(assumed, remembered, strict=True)
+    ]
     near = None if near_m is None else np.array(near_m)
-    return make_proposals(model, [one.pair(origin_m) for one in assumed], near, log_share, pair, certain, met)
+    return make_proposals(
+        model, [one.pair(origin_m) for one in assumed], near, log_share, known_pair_index, certain, remembered
+    )
 
 
 def _assumed(
@@ -73,9 +77,9 @@ def _assumed(
 ) -> list[tuple[ElementPair, float, int, bool]]:
     """What may be assumed, with its log share, the number of the pair that the user knows, and whether
     elements of it were met before."""
-    met, rows = memory.assumptions(model), []
+    remembered, rows = memory.assumptions(model), []
     for number, known in enumerate(element_pairs(knowledge, model)):
-        filled = [merged for other in met if (merged := _filled(known, other)) is not None]
+        filled = [merged for other in remembered if (merged := _filled(known, other)) is not None]
         rows.append((known, known.log_share + (math.log1p(-recognised) if filled else 0.0), number, False))
         if filled:
             whole = math.log(sum(math.exp(other.log_share) for other in filled))
@@ -84,12 +88,16 @@ def _assumed(
     return rows
 
 
-def _filled(known: ElementPair, met: ElementPair) -> ElementPair | None:
+def _filled(known: ElementPair, remembered: ElementPair) -> ElementPair | None:
     """``known`` with elements met before where it leaves them open; None if they do not go together."""
-    if (known.object and met.object) or (known.environment and met.environment) or known.certain:
+    if (
+        (known.object and remembered.object)
+        or (known.environment and remembered.environment)
+        or known.certain
+    ):
         return None
-    object, environment = known.object or met.object, known.environment or met.environment
-    return ElementPair(object, environment, met.log_share, None if environment else known.up)
+    object, environment = known.object or remembered.object, known.environment or remembered.environment
+    return ElementPair(object, environment, remembered.log_share, None if environment else known.up)
 
 
 def named(geometry: ContactGeometry, known: ElementPair) -> ContactGeometry:

@@ -34,13 +34,13 @@ class ElementPrior(NamedTuple):
 
         Of a direction the mean says so: it is zero where only part of it is known.
         """
-        told = np.asarray(self.information.diagonal(axis1=-2, axis2=-1) > 0.0)
+        given = np.asarray(self.information.diagonal(axis1=-2, axis2=-1) > 0.0)
         form = model.family.FORM
         for first in (form.d1, form.d2):
             if first >= 0:
                 part = slice(first, first + 3)
-                told[..., part] = self.mean[..., part].any(axis=-1, keepdims=True)
-        return told
+                given[..., part] = self.mean[..., part].any(axis=-1, keepdims=True)
+        return given
 
 
 def element_priors(model: ContactModel, pairs: Sequence[Pair]) -> tuple[ElementPrior, Array]:

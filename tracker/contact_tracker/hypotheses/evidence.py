@@ -65,8 +65,8 @@ def log_ratio(
     it. Those of ``certain`` hypotheses (B,) are known and cannot: there, whatever moves the object would take
     it away from the constraint.
     """
-    seen = model.measure(x, window.zeta)
-    noise = residual_noise(seen, window)
+    measurement = model.measure(x, window.zeta)
+    noise = residual_noise(measurement, window)
     excess = np.empty_like(noise)
     known = np.zeros(len(x), bool) if certain is None else certain
     for rows, free in zip(
@@ -74,30 +74,30 @@ def log_ratio(
     ):
         free_position, free_rotation = free.T
         excess[rows, :-1] = free_rotation
-        lever_sq = seen.lever_sq[rows] + scales.body_radius_m**2
+        lever_sq = measurement.lever_sq[rows] + scales.body_radius_m**2
         excess[rows, -1] = free_position + free_rotation * lever_sq
-    square = seen.residual**2
+    square = measurement.residual**2
     ratio = excess / noise
     gain = 0.5 * np.log1p(ratio)
     misfit = 0.5 * square / noise * (ratio / (1.0 + ratio))
     # the touching point is a point of the body: one look per second, since it hardly moves within a tick
-    strayed = 0.5 * seen.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
+    reach_penalty = 0.5 * measurement.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return Ratio(
-        (gain - misfit).sum(axis=1) - np.where(window.innovation_excess[:, 0] > 0, strayed, 0.0),
+        (gain - misfit).sum(axis=1) - np.where(window.innovation_excess[:, 0] > 0, reach_penalty, 0.0),
         np.swapaxes(gain, 1, 2),
         np.swapaxes(square / noise, 1, 2),
         np.swapaxes(1.0 / noise, 1, 2),
     )
 
 
-def residual_noise(seen: Measurement, window: Window) -> Array:
+def residual_noise(measurement: Measurement, window: Window) -> Array:
     """Noise variances (B, K, W) of residuals: an angle has that of rotation, a distance that of the position
     along it and that of rotation on its lever arm."""
     position, rotation = window.variance.T
-    noise = np.empty_like(seen.residual)
-    noise[:, :-1], noise[:, -1] = rotation, position + rotation * seen.lever_sq
+    noise = np.empty_like(measurement.residual)
+    noise[:, :-1], noise[:, -1] = rotation, position + rotation * measurement.lever_sq
     if window.position_anisotropy is not None:
-        square = seen.along[..., _I] * seen.along[..., _J]
+        square = measurement.along[..., _I] * measurement.along[..., _J]
         uneven = window.position_anisotropy[:, _I, _J] * _OFTEN
         same = square.shape[1] == 1
         noise[:, -1] += square[:, 0] @ uneven.T if same else np.einsum("btk,tk->bt", square, uneven)
@@ -119,19 +119,19 @@ def complexity(
     anchors: Array,
     hessian: Array,
     given: Array,
-    foretold: Array,
+    predicted_share: Array,
     prior: Prior,
 ) -> Array:
     """Price (B,) in nats of geometry that was fitted: Laplace's volume ratio and the distance from the prior.
 
     What is not paid for: ``given`` (B, P, P), the information of the first tick (that a contact begins now
-    says that its elements touch now); and ``foretold`` (B, K), the share of each row's information
+    says that its elements touch now); and ``predicted_share`` (B, K), the share of each row's information
     ``hessian`` (B, K, P, P) that free motion itself would have given of where the object will be. All that is
     told ``at`` (B, S), which is x (B, S) or near it.
     """
     tangent = family.tangent(at, anchors)
     along = np.swapaxes(tangent, -1, -2)
     before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    before = before + np.einsum("bk,bkpq->bpq", foretold, hessian)
+    before = before + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
     volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(given + before)[1]
     return np.asarray(0.5 * volume + prior.cost(x))

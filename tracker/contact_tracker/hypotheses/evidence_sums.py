@@ -39,14 +39,14 @@ def sum_evidence(
     certain: NDArray[np.bool_],
 ) -> EvidenceSums:
     """Evaluate hypotheses x (B, S) that begin at ``onset`` (B,) as ``evidence.log_ratio`` does."""
-    seen = log_ratio(model, x, window, scales, certain)
+    ratio = log_ratio(model, x, window, scales, certain)
     mine, after = window.index >= onset[:, None], window.index > onset[:, None]
-    relative = seen.row_weight * window.variance[:, :1]  # the moments' own weight is 1 over that
+    relative = ratio.row_weight * window.variance[:, :1]  # the moments' own weight is 1 over that
     return EvidenceSums(
-        np.where(after, seen.log_ratio, 0.0).sum(axis=1),
-        np.where(after[..., None], seen.gain, 0.0).sum(axis=1),
+        np.where(after, ratio.log_ratio, 0.0).sum(axis=1),
+        np.where(after[..., None], ratio.gain, 0.0).sum(axis=1),
         np.where(mine[..., None], relative, 0.0).sum(axis=1),
-        np.where(mine[..., None], seen.chi_sq, 0.0).sum(axis=(1, 2)),
+        np.where(mine[..., None], ratio.chi_sq, 0.0).sum(axis=(1, 2)),
         mine.sum(axis=1),
         after.sum(axis=1),
     )

@@ -87,12 +87,14 @@ def minimise(
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
     damping = np.full(len(x), FIRST_DAMPING)
     x, cost_now = complete(family, moments, row_weight, prior, anchors, x)
-    tangent, gradient, hessian, held = _normal_equations(family, moments, row_weight, prior, anchors, x)
+    tangent, gradient, hessian, prior_precision = _normal_equations(
+        family, moments, row_weight, prior, anchors, x
+    )
     at = x.copy()
     converged = np.zeros(len(x), bool)
     rows = np.arange(len(x))
     while True:
-        step = _step(family, gradient[rows], hessian[rows], held[rows], damping[rows])
+        step = _step(family, gradient[rows], hessian[rows], prior_precision[rows], damping[rows])
         converged[rows] = np.abs(dot(gradient[rows], step)) < tolerance
         go_on = ~converged[rows] & (left[rows] > 0)
         rows, step = rows[go_on], step[go_on]
@@ -110,7 +112,7 @@ def minimise(
         won = won[left[won] > 0]
         if len(won):
             at[won] = x[won]
-            tangent[won], gradient[won], hessian[won], held[won] = _normal_equations(
+            tangent[won], gradient[won], hessian[won], prior_precision[won] = _normal_equations(
                 family, moments[won], row_weight[won], prior.pick(won), anchors[won], x[won]
             )
 
@@ -126,9 +128,9 @@ def data_information(
     return np.asarray(_normal_equations(family, moments, row_weight, prior, anchors, x)[2].sum(axis=1))
 
 
-def _step(family: Family, gradient: Array, hessian: Array, held: Array, damping: Array) -> Array:
+def _step(family: Family, gradient: Array, hessian: Array, prior_precision: Array, damping: Array) -> Array:
     """Gauss-Newton's step (B, P) with damped turns; whatever they are, ``complete`` finds the shifts anew."""
-    curvature = hessian.sum(axis=1) + held
+    curvature = hessian.sum(axis=1) + prior_precision
     diagonal = np.einsum("bii->bi", curvature)
     # a direction without any curvature, as in an empty window, must not make the whole batch singular
     diagonal += LEAST_CURVATURE
@@ -164,8 +166,8 @@ def complete(
     """
     of = np.arange(len(x)) if of is None else of
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
-    bare, told = np.zeros_like(x), directions(family.FORM)
-    bare[:, told] = x[:, told]
+    bare, turning = np.zeros_like(x), directions(family.FORM)
+    bare[:, turning] = x[:, turning]
     bare = family.normalise(bare, anchors)
     along = np.swapaxes(family.tangent(bare, anchors)[..., shifts(family.FORM)], -1, -2)
     slopes = along[:, None] @ family.rows_derivative(bare)
@@ -207,8 +209,8 @@ def _normal_equations(
     weighted = row_weight[..., None, None] * (jacobian @ moments[:, None])
     hessian = weighted @ np.swapaxes(jacobian, -1, -2)
     gradient = (weighted @ c[..., None])[..., 0].sum(axis=1) + (along @ prior.gradient(x)[..., None])[..., 0]
-    held = along @ prior.precision @ tangent
-    return tangent, gradient, hessian, held
+    prior_precision = along @ prior.precision @ tangent
+    return tangent, gradient, hessian, prior_precision
 
 
 def per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:

@@ -44,12 +44,12 @@ def is_due(model: ContactModel, tick: int) -> bool:
 
 def exchange_geometry(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
     """Let hypotheses take the geometry of their ``best_donors``."""
-    giver = best_donors(bank, model, scales)
-    taker = np.flatnonzero(giver != np.arange(len(bank)))
-    if not len(taker):
+    donor = best_donors(bank, model, scales)
+    recipient = np.flatnonzero(donor != np.arange(len(bank)))
+    if not len(recipient):
         return bank
-    found = refit(bank.pick(taker).replace_columns(x=bank.x[giver[taker]]), model, window, scales)
-    return bank.replace_rows(taker, found, np.arange(len(taker)))
+    found = refit(bank.pick(recipient).replace_columns(x=bank.x[donor[recipient]]), model, window, scales)
+    return bank.replace_rows(recipient, found, np.arange(len(recipient)))
 
 
 def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Index:
@@ -58,18 +58,20 @@ def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
 
     Who is hopeless neither offers nor takes: whether it has been dropped must not matter.
     """
-    giver = np.arange(len(bank))
-    asking, offering = np.flatnonzero(accepts_donor(bank)), np.flatnonzero(is_competitive(bank, model))
-    if not len(asking) or not len(offering):
-        return giver
-    takers = bank.pick(asking)
-    known = prior_at_anchors(takers, model, scales).prior
-    costs = gauss_newton.every_cost(model.family, takers.second_moment, takers.row_weight, known, bank.x)
+    donor = np.arange(len(bank))
+    recipients, donors = np.flatnonzero(accepts_donor(bank)), np.flatnonzero(is_competitive(bank, model))
+    if not len(recipients) or not len(donors):
+        return donor
+    candidates = bank.pick(recipients)
+    known = prior_at_anchors(candidates, model, scales).prior
+    costs = gauss_newton.every_cost(
+        model.family, candidates.second_moment, candidates.row_weight, known, bank.x
+    )
     costs = np.where(np.isnan(costs), np.inf, costs)
-    own, costs = costs[asking, np.arange(len(asking))], costs[offering]
+    own, costs = costs[recipients, np.arange(len(recipients))], costs[donors]
     gains = costs.min(axis=0) < own - LEAST_GAIN
-    giver[asking[gains]] = offering[costs.argmin(axis=0)[gains]]
-    return giver
+    donor[recipients[gains]] = donors[costs.argmin(axis=0)[gains]]
+    return donor
 
 
 def is_competitive(bank: Bank, model: ContactModel) -> Bools:

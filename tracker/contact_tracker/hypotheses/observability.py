@@ -51,16 +51,18 @@ def observed_geometry(
     ContactGeometry in the frames in which the bank works.
     """
     x = one.x[0].copy()  # it is given away
-    covariance, tangent, prior, told, ways = information_spectrum(one, model, scales, variance, information)
+    covariance, tangent, prior, eigenvalues, eigenvectors = information_spectrum(
+        one, model, scales, variance, information
+    )
     found = model.geometry(x, covariance, scales.reach_m)
-    left = ways[:, : told.searchsorted(SHOWN)]
+    left = eigenvectors[:, : eigenvalues.searchsorted(SHOWN)]
     if not left.size:
         return found
     free = tangent @ left
-    could = free @ linalg.solve(left.T @ prior @ left, free.T)
-    if could.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # as mostly
+    open_covariance = free @ linalg.solve(left.T @ prior @ left, free.T)
+    if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # as mostly
         return found
-    open_ = model.geometry(x, could, 0.0)
+    open_ = model.geometry(x, open_covariance, 0.0)
     return ContactGeometry(
         replace(found.object, unobserved=_ways(open_.object, scales.reach_m)),
         replace(found.environment, unobserved=_ways(open_.environment, scales.reach_m)),
@@ -96,9 +98,9 @@ def information_spectrum(
     if information is None:
         information = refit.information(one, model, scales)[0]
     noise = noise_information(one, model, tangent, variance)
-    told, ways = linalg.eigenvectors(information, prior + noise)
-    covariance = tangent @ posterior_covariance(told, ways, prior) @ tangent.T
-    return InformationSpectrum(covariance, tangent, prior, told, ways)
+    eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
+    covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior) @ tangent.T
+    return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
 
 
 @cache

@@ -63,13 +63,13 @@ def _touching_evidence(
 ) -> tuple[Array, Array]:
     """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching and anywhere."""
     family, zeta = model.family, newest.zeta[-1]
-    seen = model.measure(begins.rows.prior_mean, newest.zeta[-1:])
-    noise = residual_noise(seen, newest.cut(-1, None))[..., 0] + _spread(model, begins, zeta)
+    measurement = model.measure(begins.rows.prior_mean, newest.zeta[-1:])
+    noise = residual_noise(measurement, newest.cut(-1, None))[..., 0] + _spread(model, begins, zeta)
     anywhere = np.full(family.ROWS, ANY_DIRECTION)
     anywhere[-1] = scales.reach_m**2
     ratio = anywhere / noise
     gain = 0.5 * np.log1p(ratio)
-    misfit = 0.5 * seen.residual[:, :, 0] ** 2 / noise * (ratio / (1.0 + ratio))
+    misfit = 0.5 * measurement.residual[:, :, 0] ** 2 / noise * (ratio / (1.0 + ratio))
     return gain, (gain - misfit).sum(axis=1)
 
 
@@ -94,10 +94,13 @@ def reweight_transitions(
     adds up to what it did: nothing is earned by leaving and coming back.
     """
     gain = np.zeros_like(change)
-    for j, met in enumerate(meetings):
+    for j, contact_evidence in enumerate(meetings):
         for i, state in enumerate(STATES):
             shared = _shared_rows(state, STATES[j])
-            gain[i, j] = met.log_odds - met.gain @ [max(shared - 1, 0), min(shared, 1)]
+            gain[i, j] = contact_evidence.log_odds - contact_evidence.gain @ [
+                max(shared - 1, 0),
+                min(shared, 1),
+            ]
     moved = change + gain
     kept = np.where(np.arange(len(STATES)) == FREE, -np.inf, stay)  # free stays by the matrix
     before, after = (np.logaddexp(hmm.log_sum_exp(rows, axis=1), kept) for rows in (change, moved))

@@ -92,7 +92,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     begins, old = birth.proposals, len(bank)
     if not begins.count:
         return bank
-    told = begins.is_given
+    given = begins.is_given
     words = np.concatenate([bank.words, begins.rows.words])
     onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
     onsets.raw_column("onset")[-1], onsets.raw_column("onset_ns")[-1] = birth.onset, birth.onset_ns
@@ -104,7 +104,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
         x, new.raw_column("row_weight")[:] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new.raw_column("x"), birth.turn)
-    new.raw_column("x")[:] = model.faced(np.where(told, begins.rows.prior_mean, x), told, birth.turn)
+    new.raw_column("x")[:] = model.faced(np.where(given, begins.rows.prior_mean, x), given, birth.turn)
     new.raw_column("onset")[:] = birth.onset
     new.raw_column("number")[:] = birth.number + np.arange(begins.count)
     new.raw_column("log_birth_weight")[:] = birth.log_birth_weight
@@ -150,8 +150,8 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
 def residual(bank: Bank) -> float:
     """Whitened residual of the hypothesis that has seen ``RESIDUAL_TICKS`` with motion, or few more; nan
     without one."""
-    seen = np.where(bank.effective_ticks >= RESIDUAL_TICKS, bank.effective_ticks, np.inf)
-    return float(bank.rms[seen.argmin()]) if seen.min(initial=np.inf) < np.inf else np.nan
+    ticks = np.where(bank.effective_ticks >= RESIDUAL_TICKS, bank.effective_ticks, np.inf)
+    return float(bank.rms[ticks.argmin()]) if ticks.min(initial=np.inf) < np.inf else np.nan
 
 
 def best_of(group: Index, joint: Array) -> Bools:

@@ -83,8 +83,8 @@ def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: Eviden
     for _ in range(ROUNDS):
         x = _maximise(model, x, errors, anchors, window, prior)
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
-        held = tangent.T @ prior.precision[0] @ tangent
-        errors = estimate_ar1(errors, whitened, jacobian, held, window.index)
+        prior_information = tangent.T @ prior.precision[0] @ tangent
+        errors = estimate_ar1(errors, whitened, jacobian, prior_information, window.index)
     new = whiten_ar1(jacobian, errors.correlation, window.index)
     information = np.einsum("ktp,k,ktq->pq", new, errors.weight, new)
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
@@ -92,7 +92,7 @@ def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: Eviden
     alone = (1.0 + errors.correlation**2) / (1.0 - errors.correlation**2)
     row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
-    belong = _are_inlier_ticks(whitened, jacobian, errors.weight, information + held)
+    belong = _are_inlier_ticks(whitened, jacobian, errors.weight, information + prior_information)
     begins, ends = bool(belong[0]), bool(belong[-1])
     return _RefinedOnce(_polished(bank, x[0], row_weight, moments, information), begins, ends)
 
@@ -149,8 +149,8 @@ def _maximise(
 
 def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:
     """Residuals of x (B, S) and their noise variances, (B, K, W) both."""
-    seen = model.measure(x, window.zeta)
-    return seen.residual, residual_noise(seen, window)
+    residuals = model.measure(x, window.zeta)
+    return residuals.residual, residual_noise(residuals, window)
 
 
 def _whitened(model: ContactModel, x: Array, window: Window) -> Array:
@@ -164,7 +164,7 @@ def _linearised(model: ContactModel, x: Array, anchors: Array, window: Window) -
     tangent = model.family.tangent(x, anchors)[0]
     steps = STEP * tangent.T
     around = model.family.normalise(x + np.concatenate([steps, -steps]), anchors)
-    seen = _whitened(model, np.concatenate([x, around]), window)
+    residuals = _whitened(model, np.concatenate([x, around]), window)
     half = len(steps)
-    jacobian: Array = (seen[1 : half + 1] - seen[half + 1 :]) / (2.0 * STEP)
-    return seen[0], np.moveaxis(jacobian, 0, -1), tangent
+    jacobian: Array = (residuals[1 : half + 1] - residuals[half + 1 :]) / (2.0 * STEP)
+    return residuals[0], np.moveaxis(jacobian, 0, -1), tangent

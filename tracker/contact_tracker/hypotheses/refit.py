@@ -74,14 +74,14 @@ def accumulate(bank: Bank, model: ContactModel, window: Window, log_stay: float 
 def accumulate_window(bank: Bank, model: ContactModel, window: Window) -> Bank:
     """As ``accumulate`` tick by tick, from the first tick of the window, where all of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
-    heard = np.append(1.0, window.motion_ratio[1:])  # the onset is given
-    weight = np.maximum(heard, AT_REST) / variance
+    motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
+    weight = np.maximum(motion, AT_REST) / variance
     bank = bank.replace_onset_columns(
         onset_row=lifted[0] / np.sqrt(variance[0]),
         second_moment=(lifted * weight[:, None]).T @ lifted,
         weighted_position_sum=weight @ window.zeta[:, 9:12],
         weight=weight.sum(),
-        effective_ticks=heard.sum(),
+        effective_ticks=motion.sum(),
     )
     return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
@@ -112,12 +112,16 @@ def _fallen(bank: Bank, was: Array, nats: float) -> Bools:
 
 
 def refit(
-    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, idle: Bools | None = None
+    bank: Bank,
+    model: ContactModel,
+    window: Window,
+    scales: EvidenceParameters,
+    unchanged: Bools | None = None,
 ) -> Bank:
-    """``refit_in_steps`` as far as is due in every tick, what is ``idle`` (H,) nothing."""
+    """``refit_in_steps`` as far as is due in every tick, what is ``unchanged`` (H,) nothing."""
     steps = _steps_due(bank)
-    if idle is not None:
-        steps[idle] = NOT_AT_ALL
+    if unchanged is not None:
+        steps[unchanged] = NOT_AT_ALL
     return refit_in_steps(bank, model, window, scales, steps)
 
 
@@ -178,30 +182,30 @@ def _with_evidence(
     found: gauss_newton.Fit,
 ) -> Bank:
     """With the evidence at their x, which was ``found``."""
-    seen = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
+    sums = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
     first = bank.onset_row[:, :, None] * bank.onset_row[:, None]
     given = gauss_newton.information(
         model.family, first, bank.row_weight, bank.second_moment, known.anchors, found.at
     )
-    foretold = _prior_predictive_share(bank, model, scales, seen)
-    price = complexity(
-        model.family, bank.x, found.at, known.anchors, found.hessian, given, foretold, known.prior
+    predicted_share = _prior_predictive_share(bank, model, scales, sums)
+    cost = complexity(
+        model.family, bank.x, found.at, known.anchors, found.hessian, given, predicted_share, known.prior
     )
-    earned = seen.gain.sum(axis=1) + bank.gain_before_window
-    count = np.maximum(seen.ticks, 1)
+    gain = sums.gain.sum(axis=1) + bank.gain_before_window
+    count = np.maximum(sums.ticks, 1)
     return bank.replace_columns(
         # geometry never costs more than it has explained
         log_likelihood=bank.log_prior
-        + scales.likelihood_exponent * (seen.log_ratio + bank.llr_before_window - np.minimum(price, earned)),
-        row_weight=seen.precision / count[:, None],
-        rms=np.sqrt(seen.chi_sq / (count * model.family.ROWS)),
+        + scales.likelihood_exponent * (sums.log_ratio + bank.llr_before_window - np.minimum(cost, gain)),
+        row_weight=sums.precision / count[:, None],
+        rms=np.sqrt(sums.chi_sq / (count * model.family.ROWS)),
     )
 
 
 def _prior_predictive_share(
-    bank: Bank, model: ContactModel, scales: EvidenceParameters, seen: EvidenceSums
+    bank: Bank, model: ContactModel, scales: EvidenceParameters, sums: EvidenceSums
 ) -> Array:
     """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
     ticks = np.maximum(bank.effective_ticks, 1.0)[:, None]
-    mean_gain = seen.gain / np.maximum(seen.after, 1)[:, None]
+    mean_gain = sums.gain / np.maximum(sums.after, 1)[:, None]
     return np.asarray(scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * mean_gain))

@@ -42,9 +42,9 @@ def fit_windows(
     windows : in order of time; no two begin with the same tick.
     proposals : of each window, what may begin with it.
     """
-    begun = [_begun(model, *one) for one in zip(windows, proposals, strict=True)]
-    of = np.arange(len(windows)).repeat([len(bank) for bank in begun])
-    bank = refit_in_windows(_joined(begun), of, model, windows, scales)
+    births = [_begun(model, *one) for one in zip(windows, proposals, strict=True)]
+    of = np.arange(len(windows)).repeat([len(bank) for bank in births])
+    bank = refit_in_windows(_joined(births), of, model, windows, scales)
     rows = np.flatnonzero(bank.needs_search)
     turns = np.array([window.zeta[-1, R].reshape(3, 3) for window in windows]).reshape(-1, 3, 3)
     drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in of[rows]])
@@ -59,7 +59,7 @@ def fit_windows(
     own = [np.flatnonzero(of == i) for i in range(len(windows))]
     return [
         bank.pick(rows[[bank.log_likelihood[rows].argmax()]]) if len(rows) else nothing
-        for rows, nothing in zip(own, begun, strict=True)
+        for rows, nothing in zip(own, births, strict=True)
     ]
 
 

@@ -45,11 +45,13 @@ def fuse(later: Element, earlier: Element) -> Element:
     first, second = _better_first(later, earlier)
     free = _free(first)
     ours, theirs = _along(free, first), _along(free, second)
-    share, ways = linalg.eigenvectors(theirs, ours + theirs)  # of the variance of both, that of the second
+    share, eigenvectors = linalg.eigenvectors(
+        theirs, ours + theirs
+    )  # of the variance of both, that of the second
     was, now = (share, 1.0 - share) if first is later else (1.0 - share, share)
     of_second = (now > VAGUER**2 * was) == (first is later)
-    back = free @ (ours + theirs) @ ways
-    off = back @ np.where(of_second, ways.T @ (free.T @ (numbers(second) - numbers(first))), 0.0)
+    back = free @ (ours + theirs) @ eigenvectors
+    off = back @ np.where(of_second, eigenvectors.T @ (free.T @ (numbers(second) - numbers(first))), 0.0)
     covariance = (back * np.where(of_second, share, 1.0 - share)) @ back.T
     covariance = 0.5 * (covariance + covariance.T)
     match first:
@@ -101,9 +103,9 @@ def _along(free: Array, element: Element) -> Array:
 def _inverse(covariance: Array) -> Array:
     """The information; nothing of what is lost in rounding."""
     sd = np.sqrt(covariance.diagonal())
-    told, ways = linalg.eigenvectors(covariance / (sd[:, None] * sd))
-    ways = (ways / sd[:, None])[:, told > _LOST * told[-1]]
-    return np.asarray((ways / told[told > _LOST * told[-1]]) @ ways.T)
+    eigenvalues, eigenvectors = linalg.eigenvectors(covariance / (sd[:, None] * sd))
+    eigenvectors = (eigenvectors / sd[:, None])[:, eigenvalues > _LOST * eigenvalues[-1]]
+    return np.asarray((eigenvectors / eigenvalues[eigenvalues > _LOST * eigenvalues[-1]]) @ eigenvectors.T)
 
 
 def _aligned(element: Element, like: Element) -> Element:

@@ -72,8 +72,10 @@ class LandmarkMemory:
     def due_ns(self) -> dict[int, int]:
         """When each onset that has taught something can teach more."""
         looked_ns = dict[int, int]()
-        for met in (*self.object, *self.environment):
-            looked_ns[met.onset_ns] = max(met.stamp_ns, looked_ns.get(met.onset_ns, met.stamp_ns))
+        for landmark in (*self.object, *self.environment):
+            looked_ns[landmark.onset_ns] = max(
+                landmark.stamp_ns, looked_ns.get(landmark.onset_ns, landmark.stamp_ns)
+            )
         return {onset: onset + math.ceil(LONGER * (stamp - onset)) for onset, stamp in looked_ns.items()}
 
     def is_due(self, onset_ns: int, stamp_ns: int) -> bool:
@@ -83,7 +85,7 @@ class LandmarkMemory:
     def assumptions(self, model: ContactModel) -> tuple[ElementPair, ...]:
         """Pairs of elements met before, or of one and an unknown one, where ``_is_plausible_pair``."""
         ours, theirs = model.contact.value[0], model.contact.value[2]
-        last_ns = max((met.onset_ns for met in (*self.object, *self.environment)), default=0)
+        last_ns = max((landmark.onset_ns for landmark in (*self.object, *self.environment)), default=0)
         offers = product(
             _candidates(_distinct(self.object), ours, last_ns),
             _candidates(_distinct(self.environment), theirs, last_ns),
@@ -100,22 +102,24 @@ EMPTY_MEMORY: Final = LandmarkMemory()
 
 
 def _kept(
-    met: Sequence[Landmark], onset_ns: int, stamp_ns: int, element: Element, body_m: Array
+    landmarks: Sequence[Landmark], onset_ns: int, stamp_ns: int, element: Element, body_m: Array
 ) -> tuple[Landmark, ...]:
     if element.name is not None:  # the user knows it anyway
-        return tuple(met)
+        return tuple(landmarks)
     new = Landmark(onset_ns, stamp_ns, NamedElement("met before", element), body_m)
-    others = [old for old in met if old.onset_ns != onset_ns]
+    others = [old for old in landmarks if old.onset_ns != onset_ns]
     alike = [old.onset_ns for old in others if old.element.kind == new.element.kind]
     forgotten = alike[: max(len(alike) - KEPT + 1, 0)]
     return (*(old for old in others if old.onset_ns not in forgotten), new)
 
 
 @lru_cache(maxsize=16)  # the same for all contacts
-def _distinct(met: tuple[Landmark, ...]) -> tuple[Landmark, ...]:
+def _distinct(landmarks: tuple[Landmark, ...]) -> tuple[Landmark, ...]:
     """Those that are one and the same as one, of the latest contact, told by that as far as that tells."""
-    latest = (one for one in met if not any(_is_same_landmark(one, later) for later in met))
-    return tuple(_as_before(one, *[old for old in met if _is_same_landmark(old, one)][-1:]) for one in latest)
+    latest = (one for one in landmarks if not any(_is_same_landmark(one, later) for later in landmarks))
+    return tuple(
+        _as_before(one, *[old for old in landmarks if _is_same_landmark(old, one)][-1:]) for one in latest
+    )
 
 
 @lru_cache(maxsize=256)  # the same objects as long as they are remembered
@@ -151,16 +155,16 @@ class _Candidate(NamedTuple):
 
 
 @lru_cache(maxsize=64)  # the same for all contacts
-def _candidates(met: tuple[Landmark, ...], kind: str, last_ns: int) -> tuple[_Candidate, ...]:
+def _candidates(landmarks: tuple[Landmark, ...], kind: str, last_ns: int) -> tuple[_Candidate, ...]:
     """What an element of a kind may be, where the last contact is that of ``last_ns``.
 
     An unknown one is of the last contact, too, where the user knows what touched. An end of the edge met last
     counts as met; what else is next to the last contact does not: an edge through that vertex ...
     """
-    offers = [_Candidate(None, all(beside.onset_ns != last_ns for beside in met), True)]
-    edges = [beside for beside in met if beside.element.kind == "e"][-1:] if kind == "v" else []
-    latest_ns = max((beside.onset_ns for beside in met if beside.element.kind == kind), default=last_ns)
-    for beside in met:
+    offers = [_Candidate(None, all(beside.onset_ns != last_ns for beside in landmarks), True)]
+    edges = [beside for beside in landmarks if beside.element.kind == "e"][-1:] if kind == "v" else []
+    latest_ns = max((beside.onset_ns for beside in landmarks if beside.element.kind == kind), default=last_ns)
+    for beside in landmarks:
         is_last = beside.onset_ns == last_ns
         is_latest = beside.onset_ns >= latest_ns
         if beside.element.kind == kind:
@@ -186,8 +190,8 @@ def _is_plausible_pair(ours: _Candidate, theirs: _Candidate) -> bool:
 
 
 @lru_cache(maxsize=64)  # the same object as long as it is remembered
-def _incident_landmark(met: Landmark, kind: str) -> NamedElement:
-    return NamedElement(met.element.name, incident(met.element.element, kind, met.body_m))
+def _incident_landmark(landmark: Landmark, kind: str) -> NamedElement:
+    return NamedElement(landmark.element.name, incident(landmark.element.element, kind, landmark.body_m))
 
 
 def _outward(element: Element, position_m: Array, inside: bool) -> Element:

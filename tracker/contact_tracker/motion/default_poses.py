@@ -101,11 +101,11 @@ class DefaultPoseFilter:
 
     def finish(self) -> Sequence[Pose]:
         """What is held still: nothing has come that would tell the motion from it."""
-        held = [pose for pose, _ in self._held]
+        waiting = [pose for pose, _ in self._held]
         self._held, self._motion = [], 0
-        for pose in held:
+        for pose in waiting:
             self._keep(pose)
-        return held
+        return waiting
 
     def passes_all(self, steps: "Steps") -> bool:
         """Whether poses that go on from the last one by these steps pass without a closer look."""
@@ -177,14 +177,14 @@ class DefaultPoseFilter:
         """Drop the default poses among those held, by the motion that has come before or since."""
         motion = [*self._kept, *(pose for pose, suspect in self._held if not suspect)]
         steps = [_step(a, b) for a, b in pairwise(motion) if a[1:] != b[1:]]
-        held = [
+        waiting = [
             (pose, suspect)
             for pose, suspect in self._held
             if not suspect or not _is_origin(pose, _Away.of(pose, motion, steps))
         ]
-        if dropped := len(self._held) - len(held):
+        if dropped := len(self._held) - len(waiting):
             self._counts["default_pose"] += dropped
-        self._held = held
+        self._held = waiting
 
 
 class _Away(NamedTuple):

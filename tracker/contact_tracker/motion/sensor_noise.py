@@ -94,18 +94,20 @@ def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
 
 
 def advance(
-    heard: NoiseBuffer, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
+    buffer: NoiseBuffer, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
 ) -> tuple[NoiseBuffer, NoiseEstimate]:
     """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad).
 
     A pose that is held says nothing new of the noise, in the next tick neither.
     """
-    untold, known = Poses.join([heard.frames, frames]).fresh, heard.differences.shape[1]
-    new = (len(untold) - ORDER + 1) // STRIDE
+    frames_left, known = Poses.join([buffer.frames, frames]).fresh, buffer.differences.shape[1]
+    new = (len(frames_left) - ORDER + 1) // STRIDE
     if new < UNTOLD * min(known + new, MEMORY):
-        return NoiseBuffer(heard.differences, untold), estimate
-    differences = np.concatenate([heard.differences, _third_differences(untold)], axis=1)[:, -MEMORY:]
-    return NoiseBuffer(differences, untold[max(new, 0) * STRIDE :]), _estimate(estimate, differences, prior)
+        return NoiseBuffer(buffer.differences, frames_left), estimate
+    differences = np.concatenate([buffer.differences, _third_differences(frames_left)], axis=1)[:, -MEMORY:]
+    return NoiseBuffer(differences, frames_left[max(new, 0) * STRIDE :]), _estimate(
+        estimate, differences, prior
+    )
 
 
 def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:

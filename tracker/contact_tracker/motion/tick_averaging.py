@@ -91,15 +91,15 @@ def _average_tick(
     ahead_s = (frames.stamp_ns - first_ns) / 1e9 + 0.5 * model.tick_s  # of the middle of the tick before
     good = _plausible(frames, ahead_s, learnt.free_motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
     some = frames if good.all() else frames[good]
-    heard, estimate = learnt.noise_buffer, before
+    buffer, estimate = learnt.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         typical = some if 2 * len(some) > len(frames) else frames  # outliers are no noise, unless most are
-        heard, estimate = sensor_noise.advance(heard, estimate, typical, prior)
+        buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
     tick = Tick(start_ns, stamp_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
     motion, tick = with_excess(learnt.free_motion, tick, model, is_rest)
-    return StreamState(estimate, heard, motion), tick
+    return StreamState(estimate, buffer, motion), tick
 
 
 def with_excess(

@@ -33,10 +33,8 @@ def status_text(belief: Belief, origin_ns: int) -> str:
     """The state of affairs, short enough for a terminal's line."""
     ranked = np.argsort(-belief.probability)[:3]
     likely = "  ".join(f"{STATES[i].value} {belief.probability[i]:.2f}" for i in ranked)
-    held = _seconds(belief.stamp_ns, belief.onset_ns)
-    return (
-        f"{_seconds(belief.stamp_ns, origin_ns):8.2f} s  {belief.contact.value} for {held:.1f} s   {likely}"
-    )
+    at_s, duration_s = _seconds(belief.stamp_ns, origin_ns), _seconds(belief.stamp_ns, belief.onset_ns)
+    return f"{at_s:8.2f} s  {belief.contact.value} for {duration_s:.1f} s   {likely}"
 
 
 def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:

@@ -167,14 +167,14 @@ def open_log(
     reading = Reading(path, wanted, follow)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
-    met = set(known)
+    found_sources = set(known)
     head: list[RawMessage] = []
     while not (fitting := [s for s in known if frame is None or s.is_named(frame)]):
         head = take_prefix(items)
         if not head:
-            raise _explain(path, frame, met, wanted, reading.damage)
+            raise _explain(path, frame, found_sources, wanted, reading.damage)
         known = poses_by_source(head, decoder)
-        met |= known.keys()
+        found_sources |= known.keys()
     source = only_one(path, fitting)
     stamping = Stamping(known[source])
     return PoseLog(source, reading, chain(head, items), decoder, stamping, count_others=frame is None)
@@ -204,10 +204,10 @@ def list_sources(path: str) -> list[PoseSource]:
 
 
 def _explain(
-    path: str, frame: str | None, met: set[PoseSource], wanted: ChannelFilter, damage: str | None
+    path: str, frame: str | None, found_sources: set[PoseSource], wanted: ChannelFilter, damage: str | None
 ) -> Exception:
-    if met and frame is not None:
-        return not_named(path, frame, met)
+    if found_sources and frame is not None:
+        return not_named(path, frame, found_sources)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
     return wanted.nothing_found(path)

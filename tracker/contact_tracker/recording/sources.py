@@ -93,7 +93,7 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
         If the indexes know all channels, and none is wanted.
     """
     messages: list[RawMessage] = []
-    met: set[Channel] = set()
+    read_channels: set[Channel] = set()
     indexed = True
     for part in parts_of(path):
         summary = summary_of(part)
@@ -101,10 +101,10 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
         for channel_id, count in message_counts(summary):
             assert summary is not None
             channel = channel_of(summary.channels[channel_id], summary.schemas)
-            if wanted(channel) and count and channel not in met:
+            if wanted(channel) and count and channel not in read_channels:
                 found = _peek_channel(part, summary, channel_id, channel, count)
                 messages += found
-                met |= {channel} if found else set()
+                read_channels |= {channel} if found else set()
     if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
         raise wanted.nothing_found(path)
     return messages

@@ -60,15 +60,15 @@ class CompetingEvidence(NamedTuple):
     rms: Array
 
 
-def indistinguishable(label: Contact, rivals: CompetingEvidence, idle: bool) -> tuple[Contact, ...]:
-    """The other states that the motion does not tell from ``label``.
+def indistinguishable(label: Contact, rivals: CompetingEvidence, underused: bool) -> tuple[Contact, ...]:
+    """The other states that the motion does not distinguish from ``label`` (T23).
 
-    Those whose evidence does not fall decisively short of the label's. And where the motion is ``idle``: all
-    that fit, since standing still in one more direction says nothing then; and what these contain, since that
-    fits with them.
+    Those are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
+    ``underused``, not moving in one more direction is no evidence: then also every state that fits the
+    motion, and every state that these contain.
     """
     close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
-    if idle:
+    if underused:
         fits = close | (rivals.rms < AS_WELL * max(1.0, rivals.rms[label.column]))
         fitting = [state for state, fit in zip(STATES, fits, strict=True) if fit]
         close = np.array([any(other.contains(state) for other in fitting) for state in STATES])
@@ -91,22 +91,22 @@ def tempered(probability: Array, sureness: float) -> Array:
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
 
-def p_deliberate(idle: bool, window: Window, tick_s: float) -> float:
+def p_deliberate(underused: bool, window: Window, tick_s: float) -> float:
     """Probability that the object is moved in so few directions on purpose (T30).
 
     So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
     other directions.
     """
     moved_s = tick_s * float(window.motion_ratio.sum())
-    return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if idle else 0.0
+    return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if underused else 0.0
 
 
-def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...], purpose: float) -> Array:
+def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...], deliberate: float) -> Array:
     """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
 
-    The most probable contact among them gives to all the others, as likely as motion is restricted on
-    ``purpose``. That is the label itself, but for the label of a Viterbi path or of some time ago. The most
-    probable state stays that, and a distribution stays one.
+    The most probable contact among them gives to all the others, in proportion to the probability that the
+    restriction of the motion is ``deliberate`` (T30). That contact is the label itself, except on a Viterbi
+    path or with a lag. The most probable state stays the most probable one, and the sum stays 1.
     """
     if not others or label is Contact.FREE:
         return probability
@@ -119,7 +119,7 @@ def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...]
     change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
     # as far as the giver, and the most probable state, stay ahead of those that are behind them
     most = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
-    return np.asarray(probability + min(purpose, ALMOST * most) * change)
+    return np.asarray(probability + min(deliberate, ALMOST * most) * change)
 
 
 def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:

@@ -61,10 +61,10 @@ def update_in_batches(
     while first < len(ticks):
         some = ticks[first : first + bank_update.ticks_at_once(state.banks)]
         slidings = _windows(state, some, slidings)
-        state, seen = _update_batch(state, some, slidings)
-        slidings = slidings[len(seen) :]
-        first += len(seen)
-        yield state, seen
+        state, results = _update_batch(state, some, slidings)
+        slidings = slidings[len(results) :]
+        first += len(results)
+        yield state, results
 
 
 def _windows(
@@ -92,11 +92,11 @@ def _update_batch(
     banks, weighed = bank_update.update(
         state.banks, moments, beyond, scales_of(model), model.search.margin_nats, until
     )
-    seen = []
-    for tick, one, told in zip(ticks, ahead, weighed, strict=False):  # all that were weighed
-        state = with_weights(state, tick, one, banks, told)
-        seen.append(TickResult.of(state, tick))
-    return read_posterior(state, tick, Detail.WEIGHTS)[0], seen
+    results = []
+    for tick, one, weights in zip(ticks, ahead, weighed, strict=False):  # all that were weighed
+        state = with_weights(state, tick, one, banks, weights)
+        results.append(TickResult.of(state, tick))
+    return read_posterior(state, tick, Detail.WEIGHTS)[0], results
 
 
 def _predict_batch(

@@ -88,8 +88,8 @@ def filter_batches(
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
         state, closed = tracker.accumulate_poses(state, batch)
-        for then, seen in update_in_batches(state, closed):
-            yield then, seen
+        for then, result in update_in_batches(state, closed):
+            yield then, result
             state = then
         count += len(batch)
         if progress is not None:
@@ -113,24 +113,24 @@ class RecordedPass:
     numbers: list[Index] = field(default_factory=list)
 
     @classmethod
-    def over(cls, ticks_seen: Iterable[FilteredTick]) -> "RecordedPass":
+    def over(cls, results: Iterable[FilteredTick]) -> "RecordedPass":
         """Of all these ticks."""
         whole = cls()
-        for seen in ticks_seen:
-            whole.note(seen)
+        for result in results:
+            whole.note(result)
         return whole
 
-    def note(self, seen: FilteredTick) -> None:
+    def note(self, result: FilteredTick) -> None:
         """Remember a tick."""
-        self.beliefs.append(seen.belief)
-        self.start_ns.append(seen.tick.start_ns)
-        self.newest.append(seen.state.window.cut(-1, None))
-        self.frames.append(seen.tick.count)
-        self.exposures.append(seen.state.hazard_exposure)
-        self.change.append(seen.state.log_transition)
-        self.entry.append(seen.state.log_birth_weight)
-        self.alive.append(seen.state.live_hypotheses)
-        self.numbers.append(seen.numbers)
+        self.beliefs.append(result.belief)
+        self.start_ns.append(result.tick.start_ns)
+        self.newest.append(result.state.window.cut(-1, None))
+        self.frames.append(result.tick.count)
+        self.exposures.append(result.state.hazard_exposure)
+        self.change.append(result.state.log_transition)
+        self.entry.append(result.state.log_birth_weight)
+        self.alive.append(result.state.live_hypotheses)
+        self.numbers.append(result.numbers)
 
     @property
     def exposure(self) -> Array:

@@ -108,10 +108,10 @@ def pieces(
                 if segmenter.due:
                     yield segmenter.conclude()
     else:
-        for seen in forward(poses, model, progress, knowledge, online):
-            segmenter.note(seen.state, seen.glimpse, seen.belief if online >= Detail.SHARED else None)
+        for result in forward(poses, model, progress, knowledge, online):
+            segmenter.note(result.state, result.glimpse, result.belief if online >= Detail.SHARED else None)
             if watch is not None:
-                watch(seen)
+                watch(result)
             if segmenter.due:
                 yield segmenter.conclude()
     yield segmenter.finish()
@@ -137,13 +137,13 @@ class Segmenter:
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
-    def note(self, state: TrackerState, seen: TickResult, belief: Belief | None = None) -> None:
+    def note(self, state: TrackerState, result: TickResult, belief: Belief | None = None) -> None:
         """Take in the next tick of those that have led to the ``state``, and what was said of it."""
-        tick = seen.tick
+        tick = result.tick
         if self._forward is None:
-            self._forward = hmm.ForwardFilter(seen.log_birth_weight)
-        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, seen.residual)
-        self._waiting.append((seen.live_hypotheses, seen.log_transition, row))
+            self._forward = hmm.ForwardFilter(result.log_birth_weight)
+        row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, result.residual)
+        self._waiting.append((result.live_hypotheses, result.log_transition, row))
         if len(self._waiting) == _TOGETHER:
             self._followed()
         if belief is not None:
@@ -151,7 +151,7 @@ class Segmenter:
         if len(self._online) == _FEW:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
-        self._state, self._newest = state, seen
+        self._state, self._newest = state, result
 
     @property
     def open_ticks(self) -> int:

@@ -45,11 +45,11 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
     geometry = telling.geometry if telling.contact is contact else None
     inseparable = telling.inseparable if telling.contact is contact else ()
-    purpose = telling.p_deliberate if telling.contact is contact else 0.0
-    probability = ambiguity.redistribute(probability, contact, inseparable, purpose)
+    deliberate = telling.p_deliberate if telling.contact is contact else 0.0
+    probability = ambiguity.redistribute(probability, contact, inseparable, deliberate)
     onset_ns = min(onset_ns, then.stamp_ns)
     return Belief(
-        then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable, purpose
+        then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable, deliberate
     )
 
 
@@ -75,12 +75,12 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
         onset = int(state.banks[label.column].onset[state.best_rows[label.column]])
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
-    idle = ambiguity.underuses_freedom(label, since, onset < state.window.index[0])
-    others = ambiguity.indistinguishable(label, rivals, idle)
+    underused = ambiguity.underuses_freedom(label, since, onset < state.window.index[0])
+    others = ambiguity.indistinguishable(label, rivals, underused)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
-    purpose = ambiguity.p_deliberate(idle, since, state.model.tick_s)
-    probability = ambiguity.redistribute(belief.probability, label, inseparable, purpose)
-    return replace(belief, probability=probability, inseparable=inseparable, p_deliberate=purpose)
+    deliberate = ambiguity.p_deliberate(underused, since, state.model.tick_s)
+    probability = ambiguity.redistribute(belief.probability, label, inseparable, deliberate)
+    return replace(belief, probability=probability, inseparable=inseparable, p_deliberate=deliberate)
 
 
 def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | None:

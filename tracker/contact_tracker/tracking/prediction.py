@@ -39,33 +39,42 @@ def predict_transitions(state: TrackerState, window: Window) -> TransitionPredic
     assert state.averaging is not None
     model = state.model
     first, frame = state.ticks == 0, Frame.around(state.averaging.origin_m, window.zeta[-1, T])
-    reminded = tuple(
+    cached = tuple(
         _reminded(contact, earlier, state, frame)
         for contact, earlier in zip(CONTACT_MODELS, state.cached_proposals, strict=True)
     )
-    begins = tuple(now.proposals for now in reminded)
+    proposals = tuple(now.proposals for now in cached)
     exposed = hazard_exposure(window.latest_motion_ratio) + state.deferred_exposure
     if not state.knowledge:
-        change, stay = tick_transitions(model, exposed)
-        entry = state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, change)
-        return TransitionPrediction(begins, reminded, exposed, change, stay, entry)
+        transition, survival = tick_transitions(model, exposed)
+        birth_weight = (
+            state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, transition)
+        )
+        return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
     # what is known is met by moving, however smoothly
     exposed = max(exposed, window.displacement_ratio)
     scales, newest = scales_of(model), window.cut(-1, None)
-    met = [
+    proximity = [
         proximity_evidence(
             contact, some, newest.with_error(model.noise.extra_contact_variance[column]), scales
         )
-        for column, (contact, some) in enumerate(zip(CONTACT_MODELS, begins, strict=True))
+        for column, (contact, some) in enumerate(zip(CONTACT_MODELS, proposals, strict=True))
     ]
-    begins = tuple(m.of(b) for m, b in zip(met, begins, strict=True))
-    change, stay = reweight_transitions(*tick_transitions(model, exposed), met)
+    proposals = tuple(m.of(b) for m, b in zip(proximity, proposals, strict=True))
+    transition, survival = reweight_transitions(*tick_transitions(model, exposed), proximity)
     if not first:
         return TransitionPrediction(
-            begins, reminded, exposed, change, stay, hmm.birth_log_weights(state.log_state_weight, change)
+            proposals,
+            cached,
+            exposed,
+            transition,
+            survival,
+            hmm.birth_log_weights(state.log_state_weight, transition),
         )
-    entry = state.log_state_weight + np.array([*(m.log_odds for m in met), 0.0])
-    return TransitionPrediction(begins, reminded, exposed, change, stay, entry - hmm.log_sum_exp(entry))
+    birth_weight = state.log_state_weight + np.array([*(m.log_odds for m in proximity), 0.0])
+    return TransitionPrediction(
+        proposals, cached, exposed, transition, survival, birth_weight - hmm.log_sum_exp(birth_weight)
+    )
 
 
 def _reminded(
@@ -75,5 +84,5 @@ def _reminded(
     memory = state.memory if is_due(contact, state.ticks) else earlier.memory
     if memory is earlier.memory and frame == earlier.frame:
         return earlier
-    begins = propose_births(contact, state.knowledge, memory, state.model.geometry.revisit_prior, frame)
-    return CachedProposals(memory, frame, begins)
+    proposals = propose_births(contact, state.knowledge, memory, state.model.geometry.revisit_prior, frame)
+    return CachedProposals(memory, frame, proposals)

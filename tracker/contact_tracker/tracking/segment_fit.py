@@ -64,14 +64,14 @@ def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
 def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     """By the fit of each contact to the segment's ``window``."""
     model, knowledge, label = segment.model, segment.knowledge, segment.contact
-    idle = ambiguity.underuses_freedom(label, window, older=False)
+    underused = ambiguity.underuses_freedom(label, window, older=False)
     rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    others = ambiguity.indistinguishable(label, rivals, idle)
+    others = ambiguity.indistinguishable(label, rivals, underused)
     inseparable = tuple(other for other in others if knowledge.allows(other))
-    restricted = ambiguity.p_deliberate(idle, window, model.tick_s)
+    restricted = ambiguity.p_deliberate(underused, window, model.tick_s)
     if label is Contact.FREE:
         return SegmentFit(None, inseparable, restricted)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)

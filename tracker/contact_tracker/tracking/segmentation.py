@@ -54,8 +54,8 @@ class Beliefs(Sequence[Belief]):
             if b.geometry is not None:
                 number, _ = geometries.setdefault(id(b.geometry), (len(geometries), b.geometry))
             others = [state in b.inseparable for state in STATES]
-            told = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_deliberate, number)
-            rows.append((*told, others, b.contact.column))
+            cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_deliberate, number)
+            rows.append((*cells, others, b.contact.column))
         return cls(np.array(rows, BELIEF), [pack(geometry) for _, geometry in geometries.values()])
 
     @classmethod

@@ -31,9 +31,9 @@ def initial(transitions: Transitions) -> Array:
 
 def leave_per_s(transitions: Transitions) -> Array:
     """Rate (7,) at which each state is left while the object moves: mean of the gamma posterior."""
-    weight, seen = transitions.prior_changes, transitions.counts
-    left = weight + np.array(seen.changes).sum(axis=1)
-    return np.asarray(left / (weight / transitions.leave_per_s + np.array(seen.moving_s)))
+    weight, counts = transitions.prior_changes, transitions.counts
+    left = weight + np.array(counts.changes).sum(axis=1)
+    return np.asarray(left / (weight / transitions.leave_per_s + np.array(counts.moving_s)))
 
 
 def destinations(transitions: Transitions) -> Array:

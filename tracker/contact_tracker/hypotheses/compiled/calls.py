@@ -63,8 +63,8 @@ def update(
     limit = None
     if until is not None:
         limit = kernels.StopCondition(until.probability, until.posterior_power, list(until.due_ns.items()))
-    told = words, inputs, number, entry, beyond, _weights(scales), margin, limit
-    return UpdatedRows(*kernels.update(_models(scales.reach_m), *told))
+    arguments = words, inputs, number, entry, beyond, _weights(scales), margin, limit
+    return UpdatedRows(*kernels.update(_models(scales.reach_m), *arguments))
 
 
 @lru_cache(maxsize=64)
