@@ -33,9 +33,9 @@ def estimate_ar1(
 ) -> Ar1Noise:
     """What whitened residuals (K, W) at a minimum say of their errors, by expectation-maximisation.
 
-    The errors are not the residuals: the fit has taken from them what looks like geometry. How much follows
-    from the ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the estimate stays
-    as it was.
+    Errors are not residuals: the fit has taken from them what looks like geometry. How much follows from the
+    ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the estimate stays as it
+    was.
     """
     (weight, echo), count = errors, whitened.shape[1]
     sums = _Sums.of(np.concatenate([jacobian, whitened[..., None]], axis=2), index)
