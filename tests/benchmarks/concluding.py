@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.motion.sliding import EMPTY_WINDOW
+from contact_tracker.motion.window import EMPTY_WINDOW
 from contact_tracker.recording import open_log
 from contact_tracker.tracking.forward_pass import FilteredTick, forward
 from contact_tracker.tracking.offline_smoother import Segmenter

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, Onsets
-from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.evidence_sums import sum_evidence
+from contact_tracker.hypotheses.evidence import EvidenceParameters, sum_evidence
 from contact_tracker.hypotheses.global_search import (
     directions,
     exchange_geometry,

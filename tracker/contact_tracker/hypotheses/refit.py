@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import EvidenceParameters, complexity
-from contact_tracker.hypotheses.evidence_sums import EvidenceSums, sum_evidence
+from contact_tracker.hypotheses.evidence import EvidenceParameters, EvidenceSums, complexity, sum_evidence
 from contact_tracker.hypotheses.pruning import anchors_of, prior_of
 from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.schedule import (

@@ -3,15 +3,22 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.motion.lifted_pose import lift_of_inverse
-from contact_tracker.motion.travel import travel_of, travel_to
+from contact_tracker.config.parameters import Model
+from contact_tracker.motion.lifted_pose import R, T, lift_of_inverse
+from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+_POSE: Final = slice(T[-1] + 1)
+"""Where zeta has the rotation, and then the position."""
+_PER_AXIS: Final = np.zeros((T[-1] + 1, 2))
+_PER_AXIS[T, 0], _PER_AXIS[R, 1] = 1.0 / 3.0, 1.0 / 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,3 +155,48 @@ class Window:
             np.concatenate(uneven) if known else None,
             parts[0].before,
         )
+
+
+class SlidingWindow(NamedTuple):
+    """The ``window`` of the last ticks and the ``frames`` (W,) in each."""
+
+    window: Window
+    frames: Array
+
+
+EMPTY_WINDOW = SlidingWindow(
+    Window(np.zeros(0, np.int64), np.zeros((0, 25)), np.zeros((0, 2)), np.zeros((0, 2))), np.zeros(0)
+)
+
+
+def advance_window(sliding: SlidingWindow, number: int, tick: Tick, model: Model) -> SlidingWindow:
+    """On to a ``tick`` of this ``number``; the window stays as short as the model says."""
+    window, noise, most = sliding.window, tick.noise, round(model.search.window_s / model.tick_s)
+    frames = np.concatenate([sliding.frames, [tick.count]])[-most:]
+    variance, uneven = tick_variances(noise, frames, model), tick_anisotropy(noise, frames)
+    return SlidingWindow(
+        window.then(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven), frames
+    )
+
+
+def travel_of(zeta: Array, index: NDArray[np.int64], before: Array | None) -> Array:
+    """Variances (W, 2) per axis, of position (m^2) and rotation (rad^2), of the ways to ticks of ``zeta``
+    (W, 25) from those that came right before by ``index`` (W,).
+
+    Zero where that is not known: it is ``before`` (25,) of the first.
+    """
+    pose = zeta[:, _POSE]
+    apart = np.empty_like(pose)
+    np.subtract(pose[1:], pose[:-1], out=apart[1:])
+    apart[:1] = 0.0 if before is None else pose[:1] - before[_POSE]
+    apart[1:][index[1:] - index[:-1] != 1] = 0.0
+    return _per_axis(apart)
+
+
+def travel_to(zeta: Array, before: Array | None) -> Array:
+    """That (2,) of the way to one tick of ``zeta`` (25,), zero without any ``before``."""
+    return np.zeros(2) if before is None else _per_axis(zeta[_POSE] - before[_POSE])
+
+
+def _per_axis(apart: Array) -> Array:
+    return np.asarray((apart * apart) @ _PER_AXIS)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses, StopCondition
 from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
-from contact_tracker.motion.sliding import SlidingWindow, advance_window
 from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.window import SlidingWindow, advance_window
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.measurement_update import (
     Prediction,

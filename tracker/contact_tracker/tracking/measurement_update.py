@@ -16,8 +16,8 @@ from contact_tracker.hypotheses.pruning import Births
 from contact_tracker.hypotheses.tick_update import LiveHypotheses, TickInput, TickWeights
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R
-from contact_tracker.motion.sliding import SlidingWindow, advance_window
 from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.window import SlidingWindow, advance_window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.prediction import TransitionPrediction, predict_transitions
 from contact_tracker.tracking.state import TrackerState, scales_of

@@ -23,11 +23,10 @@ from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.batch_update import TickResult
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.finished_segment import FinishedSegment
 from contact_tracker.tracking.forward_pass import FilteredTick, filter_batches, forward
 from contact_tracker.tracking.measurement_update import FREE
 from contact_tracker.tracking.row_buffer import Columns
-from contact_tracker.tracking.segment_fit import SegmentFit, SegmentTicks, fit_segments
+from contact_tracker.tracking.segment_fit import FinishedSegment, SegmentFit, SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import TrackerState
 

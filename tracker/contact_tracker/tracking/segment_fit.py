@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_births
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
@@ -20,8 +21,10 @@ from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
-from contact_tracker.states import Contact
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 
 Array = NDArray[np.float64]
@@ -105,3 +108,30 @@ def _most_moving(window: Window) -> Window:
     rows = (chosen[:, None] * PIECE_TICKS + np.arange(PIECE_TICKS)).ravel()
     before = window.before if not rows[0] else window.zeta[rows[0] - 1]
     return replace(window.pick(rows), before=before)
+
+
+class FinishedSegment(NamedTuple):
+    """A segment: the ``column`` of its state, its ``rows`` of n ticks (``start_ns``, ``stamp_ns``,
+    ``residual``), when it ends, the ``posterior`` (n, 7), and the ``ticks`` that contacts are fitted to."""
+
+    column: int
+    rows: NDArray[np.void]
+    end_ns: int
+    posterior: Array
+    ticks: SegmentTicks
+
+    def with_fit(self, fit: SegmentFit) -> tuple[Segment, Beliefs]:
+        """The segment and the beliefs of its ticks."""
+        contact = STATES[self.column]
+        beliefs = np.zeros(len(self.rows), BELIEF)
+        for belief, given in zip(beliefs, self.posterior, strict=True):
+            belief["probability"] = ambiguity.redistribute(given, contact, fit.inseparable, fit.restricted)
+        start_ns = int(self.rows["start_ns"][0])
+        beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
+        beliefs["contact"], beliefs["residual"] = self.column, self.rows["residual"]
+        beliefs["inseparable"] = [state in fit.inseparable for state in STATES]
+        beliefs["restricted"] = fit.restricted
+        beliefs["geometry"] = -1 if fit.geometry is None else 0
+        probability = float(beliefs["probability"][:, self.column].mean())
+        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable)
+        return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)])

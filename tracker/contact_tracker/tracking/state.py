@@ -15,9 +15,8 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY, LandmarkMemory
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
-from contact_tracker.motion.sliding import EMPTY_WINDOW, SlidingWindow
 from contact_tracker.motion.tick_grid import TickState
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.transition_model import log_initial

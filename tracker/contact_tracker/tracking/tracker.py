@@ -10,8 +10,8 @@ from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.sliding import SlidingWindow
 from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.window import SlidingWindow
 from contact_tracker.states import Contact
 from contact_tracker.tracking import measurement_update
 from contact_tracker.tracking.belief import Belief, Detail

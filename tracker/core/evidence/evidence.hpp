@@ -44,7 +44,7 @@ struct Lengths {
     double radius_sq, pull;
 };
 
-// As `evidence_sums.EvidenceSums` of some hypotheses.
+// As `evidence.EvidenceSums` of some hypotheses.
 template <class F>
 struct EvidenceSums {
     Lanes log_ratio, chi_sq, ticks, after, gain[F::K], precision[F::K];
@@ -163,7 +163,7 @@ inline Since since(const Ticks& ticks, std::int64_t onset) {
     return {first, first + (first < ticks.count && ticks.number[first] == onset)};
 }
 
-// As `evidence_sums.sum_evidence` of hypotheses x (S,).
+// As `evidence.sum_evidence` of hypotheses x (S,).
 template <class F>
 WIDE EvidenceSums<F> sum_evidence(const Kind& kind, const Lanes* x, const std::int64_t* onset,
                                   const Mask& certain, const Ticks& ticks, const Lengths& lengths) {
