@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+import document
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
@@ -187,3 +188,11 @@ def test_what_a_page_on_the_code_names_is_there(page):
         found = [place for place in places if place.exists()]
         assert found, path
         assert not function or f"def {function}(" in found[0].read_text(encoding="utf-8"), function
+
+
+def test_the_tables_of_the_benchmarks_are_those_of_the_kept_files() -> None:
+    """As ``tests/benchmarks/document.py`` writes them."""
+    assert document.main(["--check"]) == 0
+    text = document.DOCUMENT.read_text(encoding="utf-8")
+    assert len(document.SECTION.findall(text)) == text.count(": begin -->") >= 8
+    assert len(text.splitlines()) <= 250

@@ -282,7 +282,7 @@ def test_the_summary_is_kept_and_stands_in_a_document(folder: Path) -> None:
     frame = "before\n<!-- identification tracker: begin -->\n{}<!-- identification tracker: end -->\nafter\n"
     written = document.rewritten(frame.format("of old\n"), folder)
     assert "of old" not in written
-    assert f"```console\n{kept.command}\n```" in written
+    assert f"`{kept.command}`" in written
     assert "| other | offline | 0.900 |" in written
     assert written.startswith("before\n")
     assert written.endswith("\nafter\n")

@@ -25,7 +25,7 @@ def rewritten(text: str, folder: Path) -> str:
     def section(match: re.Match[str]) -> str:
         begin, file, name, _, end = match.groups()
         kept = read(folder / f"{file}.json")
-        return f"{begin}```console\n{kept.command}\n```\n\n{to_markdown(kept.tables[name])}\n{end}"
+        return f"{begin}`{kept.command}`\n\n{to_markdown(kept.tables[name])}\n{end}"
 
     return SECTION.sub(section, text)
 

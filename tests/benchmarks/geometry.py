@@ -245,10 +245,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
         kept = report(args.folder, args.set, args.noise, args.seeds, pool.map)
     if args.tables:
-        command = (
-            f"python tests/benchmarks/geometry.py FOLDER --set {' '.join(args.set)} --seeds {args.seeds}"
-        )
-        kept_tables.keep(args.tables, command, kept)
+        options = f"--set {' '.join(args.set)} --seeds {args.seeds} --noise {' '.join(args.noise)}"
+        kept_tables.keep(args.tables, f"python tests/benchmarks/geometry.py FOLDER {options}", kept)
 
 
 if __name__ == "__main__":

@@ -56,12 +56,12 @@ inline void put_whole(double* row, int word, std::int64_t value) {
     std::memcpy(row + word, &value, sizeof value);
 }
 
-// As `Bank.log_weight`.
+// Reference: `Bank.log_weight`.
 inline double log_weight_of(const BankLayout& where, const double* row) {
     return row[where.log_birth_weight] + row[where.log_likelihood];
 }
 
-// As `pruning.within_far_margin`.
+// Reference: `pruning.within_far_margin`.
 inline bool within_far_margin(const BankLayout& where, const double* row) {
     return log_weight_of(where, row) >= -settings.far_nats;
 }
@@ -117,12 +117,12 @@ private:
     std::vector<int> since_;
 };
 
-// As `pruning.is_protected`.
+// Reference: `pruning.is_protected`.
 inline bool is_protected(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.effective_ticks] <= one.own[kind.where.protected_until];
 }
 
-// As `global_search.in_burn_in`.
+// Reference: `global_search.in_burn_in`.
 inline bool in_burn_in(const Kind& kind, const Hypothesis& one) {
     const double share = whole(one.own, kind.where.from_landmark) != 0 ? settings.met_patience : 1.0;
     return one.since[kind.since.effective_ticks] <= share * kind.burn_in_ticks &&

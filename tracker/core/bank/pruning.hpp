@@ -64,7 +64,7 @@ inline std::vector<std::int64_t> rows_to_keep(const Kind& kind, const Bank& bank
     return rows;
 }
 
-// As `pruning.residual`.
+// Reference: `pruning.residual`.
 inline double residual_of(const Kind& kind, const Bank& bank) {
     double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
     for (int b = 0; b < bank.count(); ++b) {

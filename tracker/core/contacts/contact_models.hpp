@@ -13,7 +13,7 @@
 
 namespace kernels {
 
-// As `form.Form`, and how many rows each pose gives.
+// Reference: `parameter_layout.Form`, and how many rows each pose gives.
 struct FaceFace {
     static constexpr int d1 = 0, q1 = -1, d2 = 3, q2 = -1, h = 6, each = 3;
 };
@@ -82,7 +82,7 @@ struct Family : Form {
     }
 };
 
-// As `Family.rows`, (K, C).
+// Reference: `Family.rows`, (K, C).
 template <class F, class N>
 void rows(const N* x, N (&out)[F::K][F::C]) {
     const Vec<N> d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2);
@@ -135,7 +135,7 @@ void slope(const N* x, const N* v, N (&out)[F::K][F::C]) {
     }
 }
 
-// As `slope` of the last row (C,), where v shifts and turns nothing; other
+// Like `slope` of the last row (C,), where v shifts and turns nothing; other
 // entries remain zero.
 template <class F, class N>
 void slope_of_last(const N* x, const N* v, N (&out)[F::C]) {
@@ -157,7 +157,7 @@ void unshift(N* x) {
     if constexpr (F::h >= 0) x[F::h] = 0.0;
 }
 
-// As `Family.scale_sq`; `turn` (9) becomes the derivative of its logarithm by
+// Reference: `Family.scale_sq`; `turn` (9) becomes the derivative of its logarithm by
 // `outer(d2, d1)`.
 template <class F, class N>
 N scale_sq(const N* row, const N* moments, N* turn) {
@@ -184,7 +184,7 @@ void normalise_element(N* x, const N* anchor) {
     }
 }
 
-// As `Family.normalise`, in place.
+// Reference: `Family.normalise`, in place.
 template <class F, class N>
 void normalise(N* x, const N* anchors) {
     normalise_element<F::d1, F::q1>(x, anchors);
@@ -210,7 +210,7 @@ void free_element(const N* x, const N* anchor, int p, N (*out)[F::S]) {
     }
 }
 
-// As `Family.tangent`, one direction after the other (P, S).
+// Reference: `Family.tangent`, one direction after the other (P, S).
 template <class F, class N>
 void free(const N* x, const N* anchors, N (&out)[F::P][F::S]) {
     for (auto& direction : out) std::fill_n(direction, F::S, N(0.0));
@@ -219,7 +219,7 @@ void free(const N* x, const N* anchors, N (&out)[F::P][F::S]) {
     if constexpr (F::h >= 0) out[F::P - 1][F::h] = 1.0;
 }
 
-// As `ContactModel.turned`, in place.
+// Reference: `ContactModel.turned`, in place.
 template <class F>
 void turn_world(bool body_in_1, const double* turn, double* x) {
     const int d = body_in_1 ? F::d2 : F::d1;

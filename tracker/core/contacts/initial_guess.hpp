@@ -11,7 +11,7 @@ namespace kernels {
 // pose.
 constexpr double untold = 10.0;
 
-// As `base.smallest_directions`, what is kept of it; `moments` are lost.
+// Reference: `family.smallest_directions`, what is kept of it; `moments` are lost.
 template <int N, int FIRST, int COUNT>
 void smallest_directions(Square<N>& moments, double ridge, Square<COUNT>& out, Square<COUNT>& axes) {
     const auto kept = [](int c) { return c >= FIRST && c < FIRST + COUNT; };
@@ -93,7 +93,7 @@ int relax_lines(Square<F::C>& lifted, double told, int many, double* out) {
     return many;
 }
 
-// As `Family.starts` of one window's moments (C, C), into `out` (`many`, S);
+// Reference: `Family.starts` of one window's moments (C, C), into `out` (`many`, S);
 // returns how many there are.
 //
 // Less where poses are too few to tell one smallest direction of coefficients:

@@ -15,7 +15,7 @@ inline bool is_nothing_known(const Kind& kind, const PerLane<double>& rows) {
                        [&](const double* row) { return is_nothing_known(kind, row); });
 }
 
-// As `quadratic_prior.Prior` of hypotheses, and their `anchors`.
+// Reference: `quadratic_prior.Prior` of hypotheses, and their `anchors`.
 //
 // The `precision` has a block of each element where these are `apart`; where
 // nothing is known of them, it is diagonal, and only the diagonal is there.
@@ -61,7 +61,7 @@ inline Lanes without_nan(Lanes a, const Lanes& otherwise) {
     return a;
 }
 
-// As `pruning.anchors_of`.
+// Reference: `pruning.anchors_of`.
 template <class H, class N>
 void anchor(const Kind& kind, const H& some, N* out) {
     const int first = kind.body_in_1 ? 3 : 0;
@@ -74,7 +74,7 @@ void anchor(const Kind& kind, const H& some, N* out) {
     }
 }
 
-// As `refit.prior_at_anchors`.
+// Reference: `refit.prior_at_anchors`.
 template <class F, class H, class N>
 void read_prior(const Kind& kind, const H& some, Prior<F, N>& prior) {
     anchor(kind, some, prior.anchors);

@@ -26,7 +26,7 @@ struct Ticks {
 
     const double* newest_pose() const { return pose + (count - 1) * entries; }
 
-    // As `Window.latest_activity`.
+    // Reference: `Window.latest_motion_ratio`.
     double heard() const {
         const auto share = [&](int i) {
             const double free = excess[2 * (count - 1) + i];
@@ -44,20 +44,20 @@ struct Lengths {
     double radius_sq, pull;
 };
 
-// As `evidence.EvidenceSums` of some hypotheses.
+// Reference: `evidence.EvidenceSums` of some hypotheses.
 template <class F>
 struct EvidenceSums {
     Lanes log_ratio, chi_sq, ticks, after, gain[F::K], precision[F::K];
 };
 
-// As `Measurement` of one tick.
+// Reference: `Measurement` of one tick.
 template <class F>
 struct Seen {
     Lanes residual[F::K], lever_sq, reach_sq;
     Vec<Lanes> along;
 };
 
-// As `Family.measure` where element 2 is a plane.
+// Reference: `Family.measure` where element 2 is a plane.
 template <class F>
 void faced(bool body_in_1, const Lanes* x, const double* r, Seen<F>& seen) {
     const Vec<Lanes> n = at(x, F::d2), n_r = n.x * at(r, 0) + n.y * at(r, 3) + n.z * at(r, 6);
@@ -86,7 +86,7 @@ void faced(bool body_in_1, const Lanes* x, const double* r, Seen<F>& seen) {
     }
 }
 
-// As `edge_edge.measure`.
+// Reference: `edge_edge.measure`.
 template <class F>
 void crossed(const Lanes* x, const double* r, Seen<F>& seen) {
     const Vec<Lanes> d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2), q2 = at(x, F::q2);
@@ -163,7 +163,7 @@ inline Since since(const Ticks& ticks, std::int64_t onset) {
     return {first, first + (first < ticks.count && ticks.number[first] == onset)};
 }
 
-// As `evidence.sum_evidence` of hypotheses x (S,).
+// Reference: `evidence.sum_evidence` of hypotheses x (S,).
 template <class F>
 WIDE EvidenceSums<F> sum_evidence(const Kind& kind, const Lanes* x, const std::int64_t* onset,
                                   const Mask& certain, const Ticks& ticks, const Lengths& lengths) {

@@ -6,7 +6,7 @@
 
 namespace kernels {
 
-// As `gauss_newton.complete` of some windows, x in place; returns the costs.
+// Reference: `gauss_newton.complete` of some windows, x in place; returns the costs.
 template <class F>
 WIDE Lanes complete(const Moments<F>& window, Lanes* x, Work<F>& work) {
     const Prior<F, Lanes>& prior = work.prior;
@@ -79,7 +79,7 @@ void equations_of_shifts(Work<F>& work) {
     });
 }
 
-// As `gauss_newton._normal_equations` of some windows, at the x where
+// Reference: `gauss_newton._normal_equations` of some windows, at the x where
 // `complete` has just come to: free directions, gradient, hessian and held.
 template <class F>
 WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
@@ -114,7 +114,7 @@ WIDE void equations(const Moments<F>& window, const Lanes* x, Work<F>& work) {
     }
 }
 
-// As `gauss_newton._step`; returns by how much it would lower the costs.
+// Reference: `gauss_newton._step`; returns by how much it would lower the costs.
 template <class F>
 WIDE Lanes take_step(const Lanes& damping, Work<F>& work) {
     const Near<F>& near = work.near;
@@ -151,7 +151,7 @@ WIDE void accept(const Moments<F>& window, const Mask& worse, Lanes* x, Work<F>&
     for (int s = 0; s < F::S; ++s) x[s] = where(worse, x[s], work.trial[s]);
 }
 
-// As `gauss_newton.minimise` of some windows, from x (S,), in place. Those that
+// Reference: `gauss_newton.minimise` of some windows, from x (S,), in place. Those that
 // are there already stay until all are: no digit of a hypothesis depends on who
 // stands beside it.
 template <class F>

@@ -13,7 +13,7 @@ struct EvidenceParameters {
     double foreknowledge, independence;
 };
 
-// As `refit._with_evidence`; `work` is at the hypotheses' x (S,).
+// Reference: `refit._with_evidence`; `work` is at the hypotheses' x (S,).
 template <class F>
 void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const EvidenceParameters& weights,
                     const EvidenceSums<F>& sums, Work<F>& work) {
@@ -38,7 +38,7 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
     write(rows.own, where.x, F::S, x);
 }
 
-// As `refit.accumulate` of the `onsets`, by the newest of `ticks`, in which so
+// Reference: `refit.accumulate` of the `onsets`, by the newest of `ticks`, in which so
 // much motion is `heard`.
 template <class F>
 WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& ticks, double heard) {
@@ -62,7 +62,7 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
     }
 }
 
-// As `refit.accumulate` of all else.
+// Reference: `refit.accumulate` of all else.
 template <class F>
 void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, double heard, double log_stay) {
     accumulate_onsets<F>(kind, bank.onsets, ticks, heard);
@@ -88,7 +88,7 @@ struct Onsets {
     }
 };
 
-// As `bank_update.marginalise_expired_ticks` of the first `count` hypotheses,
+// Reference: `bank_update.marginalise_expired_ticks` of the first `count` hypotheses,
 // by the ticks that the window has lost: they are `gone`.
 template <class F>
 void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, const Ticks& gone,
@@ -115,7 +115,7 @@ inline int steps_of(const Kind& kind, const Hypothesis& one) {
                                                                         : settings.refine_steps;
 }
 
-// As `refit.is_deferred`.
+// Reference: `refit.is_deferred`.
 inline bool is_deferred(const Kind& kind, const double* row) {
     return !(log_weight_of(kind.where, row) >= -settings.wait_nats);
 }
@@ -128,7 +128,7 @@ inline bool has_fallen(const Kind& kind, const double* row, double was, double n
     return falls && row[kind.where.rms] > settings.at_the_noise;
 }
 
-// As `refit.refit_in_steps` of hypotheses that take so many steps.
+// Reference: `refit.refit_in_steps` of hypotheses that take so many steps.
 template <class F>
 WIDE void learn(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps,
                 const EvidenceParameters& weights, Work<F>& work) {

@@ -71,7 +71,7 @@ struct Pair {
     Vec<N> u, v;
 };
 
-// As `base.sphere_tangent`.
+// Reference: `vectors.sphere_tangent`.
 template <class N>
 Pair<N> across(const Vec<N>& n) {
     const N sign = where(n.z < 0.0, N(-1.0), N(1.0));

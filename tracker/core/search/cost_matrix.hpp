@@ -124,7 +124,7 @@ WIDE void every_square(const std::vector<Windows<F>>& windows, const Offer<F>& o
     }
 }
 
-// As `gauss_newton.every_cost` of what is offered, with its `squares`, for all
+// Reference: `gauss_newton.every_cost` of what is offered, with its `squares`, for all
 // that is `asked`: each `out` (N,).
 template <class F>
 WIDE void every_cost(const std::vector<Asked<F>>& asked, const Offer<F>& offer, const Squares<F>& squares,

@@ -5,12 +5,12 @@
 
 namespace kernels {
 
-// As `global_search.is_competitive`.
+// Reference: `global_search.is_competitive`.
 inline bool may_win(const Kind& kind, const Hypothesis& one) {
     return within_far_margin(kind.where, one.own) || in_burn_in(kind, one);
 }
 
-// As `global_search.accepts_donor`.
+// Reference: `global_search.accepts_donor`.
 inline bool asks(const Kind& kind, const Hypothesis& one) {
     const bool may_return = within_far_margin(kind.where, one.own) || is_protected(kind, one);
     return may_return && one.own[kind.where.rms] > settings.at_the_noise;

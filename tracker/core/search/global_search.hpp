@@ -36,7 +36,7 @@ void best_first(std::vector<Found<F>>& found, int many) {
     if (static_cast<int>(found.size()) > many) found.resize(many);
 }
 
-// As `ElementPrior.is_given`.
+// Reference: `ElementPrior.is_given`.
 template <class F>
 void tell(const Kind& kind, const double* row, bool (&told)[F::S]) {
     for (int s = 0, diagonal = kind.where.prior_information; s < F::S; diagonal += F::S - s++)
@@ -66,7 +66,7 @@ void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, W
     }
 }
 
-// As `global_search._found` of one hypothesis: the best geometries, in order.
+// Reference: `global_search._found` of one hypothesis: the best geometries, in order.
 template <class F>
 std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Directions& directions,
                            Work<F>& work) {
@@ -106,7 +106,7 @@ void take(const BankLayout& where, const double* found, double* row) {
     row[where.rms] = found[where.rms];
 }
 
-// As `global_search.search` of one hypothesis.
+// Reference: `global_search.search` of one hypothesis.
 template <class F>
 void search(const Kind& kind, const Bank& bank, int b, const Directions& directions, const Ticks& ticks,
             const EvidenceParameters& weights, Work<F>& work) {

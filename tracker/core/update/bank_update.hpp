@@ -94,7 +94,7 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
     return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, living), leader};
 }
 
-// As `tick_update.TickInput`, with what is `assumed` of each contact by what
+// Reference: `tick_update.TickInput`, with what is `assumed` of each contact by what
 // begins, and random `directions` where it searches.
 struct TickInput {
     std::vector<std::pair<Floats, Bools>> assumed;
@@ -115,7 +115,7 @@ struct ContactTask {
     std::optional<Directions> directions;
 };
 
-// As `tick_update.LiveHypotheses`, `now` and free motion last.
+// Reference: `tick_update.LiveHypotheses`, `now` and free motion last.
 inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::vector<GrowingBank>& held,
                                  std::int64_t now) {
     py::ssize_t count = 1, b = 0;
@@ -139,7 +139,7 @@ inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::v
     return py::make_tuple(state, onset, log_likelihood);
 }
 
-// As `tick_update.TickWeights`, with what is left of each contact.
+// Reference: `tick_update.TickWeights`, with what is left of each contact.
 struct BankUpdate {
     std::vector<KeptHypotheses> left;
     Floats entry, log_left, residual;

@@ -10,13 +10,13 @@
 
 namespace kernels {
 
-// As `tick_update.StopCondition`: since when each onset may teach more.
+// Reference: `tick_update.StopCondition`: since when each onset may teach more.
 struct StopCondition {
     double probability, sureness;
     std::vector<std::pair<std::int64_t, std::int64_t>> due;
 };
 
-// As `numpy.logaddexp`.
+// Like `numpy.logaddexp`.
 inline double add_logs(double a, double b) {
     const double lead = a - b;
     if (lead == 0.0 || a == b) return a + std::log(2.0);
@@ -24,7 +24,7 @@ inline double add_logs(double a, double b) {
     return lead <= 0.0 ? b + std::log1p(std::exp(lead)) : lead;
 }
 
-// As `hmm.birth_log_weights`.
+// Reference: `hmm.birth_log_weights`.
 inline Floats birth_log_weights(const Floats& log_left, const Floats& change) {
     const py::ssize_t states = log_left.size();
     require_shape(log_left, {states}, "states do not have one weight each");

@@ -7,7 +7,7 @@
 
 namespace kernels {
 
-// As `pruning.Birth`: `words` of hypotheses that have seen nothing, what (n, S)
+// Reference: `pruning.Birth`: `words` of hypotheses that have seen nothing, what (n, S)
 // is `told` of their geometry.
 struct Birth {
     Table words;
@@ -17,7 +17,7 @@ struct Birth {
     double entry;
 };
 
-// As `ContactModel.faced`, in place.
+// Reference: `ContactModel.faced`, in place.
 template <class F>
 void face(const bool* told, const double* turn, double* x) {
     if constexpr (!F::apart) {
@@ -28,7 +28,7 @@ void face(const bool* told, const double* turn, double* x) {
     }
 }
 
-// As `pruning.add`, to a `table` (H + n, words) of which the first `old` rows
+// Reference: `pruning.add`, to a `table` (H + n, words) of which the first `old` rows
 // are there, and to `onsets`, of which all are that are `earlier`.
 template <class F>
 void add_births(const Kind& kind, int old, int earlier, const Birth& birth, const Table& table,
@@ -92,7 +92,7 @@ inline int group_of(const Kind& kind, const Hypothesis& one) {
     return 2 * static_cast<int>(passed) + (whole(row, where.prior_index) > 0);
 }
 
-// As `global_search.select_for_search`.
+// Reference: `global_search.select_for_search`.
 inline std::vector<int> lost(const Kind& kind, const Bank& bank) {
     std::vector<int> best(2 * (settings.ages.size() + 1), -1);
     for (int b = 0; b < bank.count(); ++b) {
