@@ -27,9 +27,12 @@ Array = NDArray[np.float64]
 # hand and robot motion alike, between 0.03 and 0.3 it hardly matters.
 JERK_SHARE: Final = 0.1
 SETTLING_TICKS: Final = 4
-SETTLING_AGAIN_TICKS: Final = 1
-"""After a gap that the filter has coasted through."""
 LONGEST_COAST_S: Final = 2.0
+"""After a longer gap the filter begins anew."""
+LONGEST_PREDICTION: Final = 1.5
+"""Errors of predictions over more ticks than this do not tell the strength of the motion."""
+SAME_S: Final = 1e-4
+"""Ticks that are off by less are as far apart as they should be."""
 NOW_TICKS: Final = 3
 """Over this many ticks an object that has stopped is known to have stopped."""
 SHAPE_MEMORY_S: Final = 1.5
@@ -50,6 +53,7 @@ _POWERS_OF_JERK: Final = 5.0 - np.add.outer(np.arange(3), np.arange(3))
 """Of time, in the covariance of the states that white jerk has moved: its integral is divided by them."""
 _REST: Final = np.zeros(6)
 _UNIT: Final = np.ones(2)
+_WHOLE: Final = np.ones((2, 2))
 
 
 class FreeMotion(NamedTuple):
@@ -70,6 +74,7 @@ class FreeMotion(NamedTuple):
     direction : (2, 3) those of the last tick.
     autocorrelation : (2,) mean cosine from one error to the next: how much of it was to be expected.
     ticks : so many were taken in.
+    stamp_ns : mean time of the frames of the last tick.
     """
 
     x: Array
@@ -83,6 +88,7 @@ class FreeMotion(NamedTuple):
     direction: Array
     autocorrelation: Array
     ticks: int
+    stamp_ns: int
 
     @property
     def is_settled(self) -> bool:
@@ -96,8 +102,9 @@ class FreeMotion(NamedTuple):
             return np.full(2, np.inf)
         return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_squared_error.T) / self.weight))
 
-    def excess(self, variance: Array) -> Array:
-        """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick.
+    def excess(self, variance: Array, share: Array | float = 1.0) -> Array:
+        """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick, in which
+        there was a ``share`` (2,) of that of a whole tick.
 
         In the log it is the mean over the axes of the motion, less the echo: a constraint is worth what a
         typical axis would be worth, and only what each tick says anew (T18).
@@ -105,7 +112,7 @@ class FreeMotion(NamedTuple):
         if not self.weight:
             return np.zeros(2)
         now = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
-        moving = np.maximum(np.minimum(self.spread, now) / variance - STILL, 0.0)
+        moving = np.maximum(np.minimum(self.spread, now) / variance - STILL, 0.0) * share
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
         echo = np.maximum(self.autocorrelation, 0.0)
         fresh = (1.0 - echo) / (1.0 + echo)
@@ -122,7 +129,7 @@ class InnovationExcess(NamedTuple):
 NO_EXCESS: Final = InnovationExcess(0.0, 0.0)
 
 
-def begin(rotation: Array, position_m: Array) -> FreeMotion:
+def begin(rotation: Array, position_m: Array, stamp_ns: int) -> FreeMotion:
     """Start at a first tick with rotation (3, 3), which may be a mean of rotations, and position (3,).
 
     At rest, as far as is known.
@@ -141,56 +148,40 @@ def begin(rotation: Array, position_m: Array) -> FreeMotion:
         direction=np.zeros((2, 3)),
         autocorrelation=np.zeros(2),
         ticks=0,
+        stamp_ns=stamp_ns,
     )
 
 
-def coasted(state: FreeMotion, count: int, tick_s: float, memory_s: float) -> FreeMotion | None:
-    """After ``count`` ticks without a pose; None if that is too long, or of too little motion, to go on with.
-
-    What is known of the strength of the motion is kept. The filter settles again before its errors count:
-    they are those of a longer prediction.
-    """
-    if count * tick_s > LONGEST_COAST_S or state.ticks <= SETTLING_TICKS:
-        return None
-    tick = transition(tick_s, memory_s)
-    x, covariance = state.x.reshape(6, 3), state.covariance
-    for _ in range(count):
-        unexplained = np.maximum(state.spread - covariance.diagonal()[::3], 0.0)
-        jerk = tick.jerk_covariance * (unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])).repeat(3)
-        x, covariance = tick.matrix @ x, tick.matrix @ covariance @ tick.matrix.T + jerk
-    return state._replace(
-        x=x.reshape(2, 3, 3), covariance=covariance, ticks=SETTLING_TICKS - SETTLING_AGAIN_TICKS
-    )
+def can_go_on(state: FreeMotion, stamp_ns: int) -> bool:
+    """Whether the filter may be continued with a tick of this mean time, or too little is known of the motion
+    for the gap before it."""
+    gap_s = (stamp_ns - state.stamp_ns) * 1e-9
+    return 0.0 < gap_s <= LONGEST_COAST_S
 
 
 def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
-    """Positions (N, 3) and orientations (N, 4) ``ahead_s`` (N,) after the middle of the last tick."""
+    """Positions (N, 3) and orientations (N, 4) ``ahead_s`` (N,) after the time of the last tick."""
     position, turn = ahead_s[:, None] ** _POWERS * _SHARES @ state.x
     return position, product(state.orientation, from_rotation_vectors(turn - state.last[1]))
 
 
 class Transition(NamedTuple):
-    """What one tick does to the states of the filter."""
+    """What some time does to the states of the filter."""
 
     matrix: Array
     """(6, 6)"""
     jerk_covariance: Array
     """(6, 6) by a unit of white jerk."""
-    fade: float
-    """By how much it makes errors count less."""
-    fade_shape: float
-    """By how much it makes the known shape of errors count less."""
 
 
-@lru_cache(maxsize=8)
-def transition(tick_s: float, memory_s: float) -> Transition:
-    """Of a tick of this length, where errors are remembered for ``error_memory_s``."""
-    rate = np.array([[1.0, tick_s, tick_s**2 / 2], [0.0, 1.0, tick_s], [0.0, 0.0, 1.0]])
-    grown = np.array([tick_s**2 / 2, tick_s, 1.0])  # what a unit of jerk has made of the states by then
-    jerk = np.asarray(np.outer(grown, grown) * tick_s / _POWERS_OF_JERK, float)
+@lru_cache(maxsize=64)
+def transition(elapsed_s: float) -> Transition:
+    """Of so much time between two ticks."""
+    rate = np.array([[1.0, elapsed_s, elapsed_s**2 / 2], [0.0, 1.0, elapsed_s], [0.0, 0.0, 1.0]])
+    grown = np.array([elapsed_s**2 / 2, elapsed_s, 1.0])  # what a unit of jerk has made of the states by then
+    jerk = np.asarray(np.outer(grown, grown) * elapsed_s / _POWERS_OF_JERK, float)
     both = np.eye(2)
-    fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
-    return Transition(np.kron(both, rate), np.kron(both, jerk), fade, fade_shape)
+    return Transition(np.kron(both, rate), np.kron(both, jerk))
 
 
 def advance(
@@ -198,28 +189,52 @@ def advance(
     rotation: Array,
     position_m: Array,
     variance: Array,
+    stamp_ns: int,
     tick_s: float,
     memory_s: float,
 ) -> tuple[FreeMotion, InnovationExcess]:
-    """One tick on: the mean pose of the tick and its noise ``variance`` (2,) per axis (m^2, rad^2)."""
-    tick = transition(tick_s, memory_s)
-    fade, fade_shape = tick.fade, tick.fade_shape
+    """One tick on: the mean pose of its frames, its noise ``variance`` (2,) per axis (m^2, rad^2), and the
+    mean time of its frames.
+
+    Ticks need not be ``tick_s`` apart: frames may be missing. Errors are those that a prediction over
+    ``tick_s`` would have made, and the excess is that of the time that has passed.
+    """
+    elapsed_s = round((stamp_ns - state.stamp_ns) * 1e-9, 4)
     orientation = nearest(rotation)
     value = np.array([position_m, state.last[1] + rotation_vectors(between(state.orientation, orientation))])
-    x, covariance, innovation = _filtered(state, value, variance, tick)
-    ticks = state.ticks + 1
-    if state.ticks < SETTLING_TICKS:
-        state = state._replace(x=x, covariance=covariance, last=value, orientation=orientation, ticks=ticks)
-        return state, NO_EXCESS
-    errors = np.array([innovation, value - state.last])
-    squares = (errors * errors).sum(axis=2).T
-    log_square = np.log(squares / 3.0 + TINY)
-    direction = innovation / (np.sqrt(squares[:, :1]) + TINY)
-    state = FreeMotion(
-        x,
-        covariance,
+    prediction = _predict(state, variance, elapsed_s, tick_s)
+    innovation, errors = value - prediction.x[:, 0], value - state.last
+    x, covariance = _updated(prediction, innovation, variance)
+    squares = np.array([(innovation * innovation).sum(axis=1), (errors * errors).sum(axis=1)]).T
+    settled = state.ticks >= SETTLING_TICKS
+    state = state._replace(
+        x=x,
+        covariance=covariance,
         last=value,
         orientation=orientation,
+        ticks=state.ticks + 1,
+        stamp_ns=stamp_ns,
+    )
+    if not settled:
+        return state, NO_EXCESS
+    if elapsed_s <= LONGEST_PREDICTION * tick_s:
+        of_tick = squares * prediction.per_tick
+        state = _with_errors(state, of_tick, innovation / (np.sqrt(squares[:, :1]) + TINY), tick_s, memory_s)
+        moves = 1.0
+    else:
+        moves = squares[:, 1] > 3.0 * STILL * variance
+    excess = state.excess(variance, prediction.share * moves)
+    return state, InnovationExcess(float(excess[0]), float(excess[1]))
+
+
+def _with_errors(
+    state: FreeMotion, squares: Array, direction: Array, tick_s: float, memory_s: float
+) -> FreeMotion:
+    """What the squared errors (2, 2) of both predictions, and the directions (2, 3) of the filter's, tell of
+    the strength of the motion."""
+    fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
+    log_square = np.log(squares / 3.0 + TINY)
+    return state._replace(
         log_squared_error=fade * state.log_squared_error + log_square,
         weight=fade * state.weight + 1.0,
         latest=np.concatenate([state.latest[1 - NOW_TICKS :], log_square[None]]),
@@ -227,27 +242,47 @@ def advance(
         direction=direction,
         autocorrelation=fade_shape * state.autocorrelation
         + (1.0 - fade_shape) * (direction * state.direction).sum(axis=1),
-        ticks=ticks,
     )
-    excess = state.excess(variance)
-    return state, InnovationExcess(float(excess[0]), float(excess[1]))
 
 
-def _filtered(
-    state: FreeMotion, value: Array, variance: Array, tick: Transition
-) -> tuple[Array, Array, Array]:
-    """States (2, 3, 3) and covariance after the values (2, 3) of a tick, which were off by so much (2, 3)."""
-    from filterpy.kalman import predict, update  # kernels do without: it takes longer to load than all else
+class _Prediction(NamedTuple):
+    """States ``x`` (2, 3, 3) and ``covariance`` (6, 6) after some time.
 
-    x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=tick.matrix)
-    x = x.reshape(2, 3, 3)
+    ``per_tick`` (2, 2) is what squared errors of both predictions are to be multiplied with to be those of a
+    whole tick, and ``share`` (2,) how much unpredictable motion there was, compared with a whole tick.
+    """
+
+    x: Array
+    covariance: Array
+    per_tick: Array
+    share: Array
+
+
+def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float) -> _Prediction:
+    from filterpy.kalman import predict  # it takes longer to load than all else
+
+    tick = transition(tick_s)
+    x, carried = predict(state.x.reshape(6, 3), state.covariance, F=tick.matrix)
     # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
-    carried = covariance.diagonal()[::3]
-    unexplained = np.maximum(state.spread - variance - carried, 0.0) if state.weight else variance
-    covariance = covariance + tick.jerk_covariance * (
-        unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])
-    ).repeat(3)
-    innovation = value - x[:, 0]
+    known = carried.diagonal()[::3]
+    unexplained = np.maximum(state.spread - variance - known, 0.0) if state.weight else variance
+    jerk = unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])
+    whole = carried + tick.jerk_covariance * jerk.repeat(3)
+    if abs(elapsed_s - tick_s) < SAME_S:
+        return _Prediction(x.reshape(2, 3, 3), whole, _WHOLE, _UNIT)
+    passed = transition(elapsed_s)
+    x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=passed.matrix)
+    covariance = covariance + passed.jerk_covariance * jerk.repeat(3)
+    of_tick, of_time = whole.diagonal()[::3], covariance.diagonal()[::3]
+    stays = min(tick_s / elapsed_s, 1.0) ** 2  # errors of rest grow with the way
+    per_tick = np.array([(of_tick + variance) / (of_time + variance), [stays, stays]]).T
+    return _Prediction(x.reshape(2, 3, 3), covariance, per_tick, of_time / of_tick)
+
+
+def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
+    """States (2, 3, 3) and covariance after values that were off by so much (2, 3)."""
+    from filterpy.kalman import update
+
     # the gain is what a measurement of 1 makes of 0
-    gain, covariance = update(_REST, covariance, _UNIT, variance * np.eye(2), _VALUE)
-    return x + gain.reshape(2, 3, 1) * innovation[:, None], covariance, innovation
+    gain, covariance = update(_REST, prediction.covariance, _UNIT, variance * np.eye(2), _VALUE)
+    return prediction.x + gain.reshape(2, 3, 1) * innovation[:, None], covariance

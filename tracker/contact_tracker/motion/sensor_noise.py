@@ -7,9 +7,8 @@ Outliers and jolts are made harmless by weights and medians (docs/theory.md, T27
 """
 
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from math import comb, sqrt
-from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -145,8 +144,8 @@ def _third_differences(frames: Poses) -> Array:
     third = np.diff(steps, ORDER - 1, axis=0)[::STRIDE] / SCALE
     rotation = matrices(quat[1 : 1 - ORDER : STRIDE])
     third[:, :3] = (third[:, None, :3] @ rotation)[:, 0]
-    widest = reduce(np.maximum, (interval[i : len(interval) + 1 - ORDER + i] for i in range(ORDER)))[::STRIDE]
-    regular = widest < REGULAR * median(interval.tolist())
+    intervals = np.array([interval[i : len(interval) + 1 - ORDER + i] for i in range(ORDER)])[:, ::STRIDE]
+    regular = intervals.max(axis=0) < REGULAR * intervals.min(axis=0)
     return np.asarray(np.concatenate([third, rotation.reshape(-1, 9)], axis=1)[regular].T)
 
 

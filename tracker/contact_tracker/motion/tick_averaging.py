@@ -30,6 +30,8 @@ class Tick:
     """Stamp of its first frame."""
     stamp_ns: int
     """Stamp of its last frame."""
+    mean_ns: int
+    """Mean of the stamps of the frames used."""
     zeta: Array
     """(25,) mean lifted pose; the world's origin is at the first pose."""
     count: int
@@ -59,8 +61,6 @@ class TickRun(NamedTuple):
     """Of all of them."""
     ends: Index
     """(n,) where the frames of each end."""
-    first_ns: int
-    """When the time of the first begins."""
     origin_m: Array
     """(3,) the origin of the lifted poses."""
     is_rest: bool
@@ -71,25 +71,24 @@ def average_run(learnt: StreamState, run: TickRun, model: Model) -> tuple[Stream
     """The ticks of a run, and what is learnt after it."""
     if run.is_rest:
         learnt = learnt._replace(free_motion=None)
-    closed, first, first_ns = list[Tick](), 0, run.first_ns
+    closed, first = list[Tick](), 0
     for end in run.ends.tolist():
         frames, is_rest = run.frames[first:end], run.is_rest and not first
-        learnt, tick = _average_tick(learnt, frames, first_ns, run.origin_m, model, is_rest)
+        learnt, tick = _average_tick(learnt, frames, run.origin_m, model, is_rest)
         closed.append(tick)
-        first, first_ns = end, first_ns + model.tick_ns
+        first = end
     return learnt, closed
 
 
 def _average_tick(
-    learnt: StreamState, frames: Poses, first_ns: int, origin_m: Array, model: Model, is_rest: bool
+    learnt: StreamState, frames: Poses, origin_m: Array, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
     """One tick; a rest tells nothing of the motion: it is not a tick's time from its neighbours."""
     start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
     frames = frames.fresh  # held poses say nothing new
     before = learnt.noise
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
-    ahead_s = (frames.stamp_ns - first_ns) / 1e9 + 0.5 * model.tick_s  # of the middle of the tick before
-    good = _plausible(frames, ahead_s, learnt.free_motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
+    good = _plausible(frames, learnt.free_motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
     some = frames if good.all() else frames[good]
     buffer, estimate = learnt.noise_buffer, before
     if model.noise.estimated:
@@ -97,7 +96,8 @@ def _average_tick(
         typical = some if 2 * len(some) > len(frames) else frames  # outliers are no noise, unless most are
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
-    tick = Tick(start_ns, stamp_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
+    mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
+    tick = Tick(start_ns, stamp_ns, mean_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
     motion, tick = with_excess(learnt.free_motion, tick, model, is_rest)
     return StreamState(estimate, buffer, motion), tick
 
@@ -107,11 +107,11 @@ def with_excess(
 ) -> tuple[FreeMotion | None, Tick]:
     """The filter of free motion after a tick with frames, and the tick with the innovation excess by it."""
     turn, position_m = tick.zeta[R].reshape(3, 3), tick.zeta[T]
-    if motion is None:
-        return None if is_rest else free_motion.begin(turn, position_m), tick
+    if motion is None or not free_motion.can_go_on(motion, tick.mean_ns):
+        return None if is_rest else free_motion.begin(turn, position_m, tick.mean_ns), tick
     variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
     motion, excess = free_motion.advance(
-        motion, turn, position_m, variance, model.tick_s, model.motion.error_memory_s
+        motion, turn, position_m, variance, tick.mean_ns, model.tick_s, model.motion.error_memory_s
     )
     return motion, replace(tick, innovation_excess=excess)
 
@@ -141,21 +141,20 @@ def tick_anisotropy(estimate: NoiseEstimate, count: Array) -> Array:
 
 def _plausible(
     frames: Poses,
-    ahead_s: Array,
     motion: FreeMotion | None,
     origin_m: Array,
     sigma_sq: Array,
     outlier_sigmas: float,
 ) -> NDArray[np.bool_]:
-    """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far;
-    ``ahead_s`` (N,) after the middle of the tick before, with noise ``sigma_sq`` (2,).
+    """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far, with
+    noise ``sigma_sq`` (2,).
 
     While nothing is known of the motion, and just after a gap: no farther out than by their steps. With
     all frames implausible the object has jumped: they are taken, and the filter follows.
     """
     count, everything = len(frames), np.ones(len(frames), bool)
     if motion is not None and motion.is_settled:
-        at, facing = free_motion.predicted(motion, ahead_s)
+        at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
         off, spread = _off(frames, at + origin_m, facing), motion.spread
         if count >= 3:  # frames stand beside their neighbours: little motion lies between them
             off = off - _local_median(off)

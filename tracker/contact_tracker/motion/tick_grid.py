@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
-from contact_tracker.motion import free_motion, sensor_noise
-from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion
+from contact_tracker.motion import sensor_noise
+from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_averaging import Array, StreamState, Tick, TickRun, average_run, with_excess
 
@@ -69,20 +69,14 @@ def follow(
     ``advanced`` is the leader after the poses, and ``closed`` are the ticks that they closed. Means, outliers
     and the noise of a frame are the leader's; how far a tick surprises free motion is not.
     """
-    motion, missed, ticks = state.stream.free_motion, 0, list[Tick]()
+    motion, ticks = state.stream.free_motion, list[Tick]()
     is_rest = bool(closed) and _has_closed_early(leader, model) and goes_on(leader, closed[0].start_ns, model)
     for tick in closed:
-        if not tick.count:
-            missed += 1
-            ticks.append(tick)
-            continue
-        if missed:
-            motion, missed = _coasted(motion, missed, model), 0
-        motion, own = with_excess(None if is_rest else motion, tick, model, is_rest)
+        own = tick
+        if tick.count:
+            motion, own = with_excess(None if is_rest else motion, tick, model, is_rest)
+            is_rest = False
         ticks.append(own)
-        is_rest = False
-    if missed:
-        motion = _coasted(motion, missed, model)
     last = ticks[-1] if ticks else state.last
     return advanced._replace(last=last, stream=advanced.stream._replace(free_motion=motion)), ticks
 
@@ -98,8 +92,7 @@ def _run(
     state: TickState, frames: Poses, ends: NDArray[np.int64], model: Model
 ) -> tuple[TickState, list[Tick]]:
     """Finish the tick under way and those that follow without a gap, see ``TickRun``."""
-    first_ns = state.origin_ns + state.number * model.tick_ns
-    run = TickRun(frames, ends, first_ns, state.origin_m, _has_closed_early(state, model))
+    run = TickRun(frames, ends, state.origin_m, _has_closed_early(state, model))
     learnt, closed = average_run(state.stream, run, model)
     return state._replace(number=state.number + len(ends) - 1, last=closed[-1], stream=learnt), closed
 
@@ -107,13 +100,6 @@ def _run(
 def _has_closed_early(state: TickState, model: Model) -> bool:
     """Whether the tick under way is the rest of one that has been closed before its end."""
     return state.last is not None and state.last.stamp_ns >= state.origin_ns + state.number * model.tick_ns
-
-
-def _coasted(motion: FreeMotion | None, missed: int, model: Model) -> FreeMotion | None:
-    """What is known of the motion after ticks without poses."""
-    if motion is None:
-        return None
-    return free_motion.coasted(motion, missed, model.tick_s, model.motion.error_memory_s)
 
 
 def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
@@ -127,8 +113,6 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
         like = replace(state.last, count=0, outliers=0, innovation_excess=NO_EXCESS)
         stamps = [like.stamp_ns + (i + 1) * step_ns for i in range(missed)]
         empty = [replace(like, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
-        motion = _coasted(state.stream.free_motion, missed, model)
-        state = state._replace(stream=state.stream._replace(free_motion=motion))
     if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)
