@@ -19,6 +19,10 @@ NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
 (rad). Within a factor of the square root of two from the true one contacts are found as well as with it."""
 LEAST_FACTOR: Final = 1.2
 """A candidate is worth a tracker if it is so much larger than what white noise leaves of the frames."""
+SLOW_PERIOD_S: Final = 0.025
+"""Poses farther apart than this may differ by motion as much as by noise."""
+SHARES: Final = (0.5, 0.25, 0.125)
+"""Candidates for how much of it is noise."""
 ROTATION_PER_POSITION: Final = (2.0, 40.0)
 """Between what the ratio of the deviations lies (rad/m), if the stream does not tell it."""
 USUAL_ROTATION_PER_POSITION: Final = 7.0
@@ -53,7 +57,9 @@ def candidates(model: Model, poses: Poses) -> tuple[Model, ...]:
     white = tick_variances(begin(*sigma) if known else begin(0.0, 0.0), np.array(count), model)
     least = LEAST_FACTOR * float(white.prod()) ** 0.25
     floors = [(scale / sqrt(ratio), scale * sqrt(ratio)) for scale in NOISE_SCALES if scale > least]
-    return (model, *(_with_floor(model, *floor) for floor in floors))
+    slow = span_s > SLOW_PERIOD_S * (len(poses) - 1)
+    less = [replace(model, noise=replace(model.noise, estimate_share=share)) for share in SHARES if slow]
+    return (model, *less, *(_with_floor(model, *floor) for floor in floors))
 
 
 def _with_floor(model: Model, position_m: float, rotation_rad: float) -> Model:

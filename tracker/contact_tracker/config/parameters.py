@@ -29,6 +29,8 @@ class Noise:
     estimated: bool = True
     """Whether the deviations of a pose only start an estimate, which then follows the stream, and the floors
     of a tick are chosen by the evidence; if not, both are what the user knows."""
+    estimate_share: float = 1.0
+    """Share of the estimated deviations that is noise: of slow streams the rest is motion."""
 
     @cached_property
     def extra_contact_variance(self) -> tuple[tuple[float, float], ...]:
@@ -118,7 +120,7 @@ class Model:
     transitions: Transitions
     certainty: Certainty
     search: Search
-    poses_per_tick: float = 3.0
+    poses_per_tick: float = 1.5
     """A tick holds so many poses of the stream at least: of a slow one it is longer than ``tick_s``."""
 
     def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":

@@ -118,7 +118,8 @@ def with_excess(
 
 def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
     """Noise per axis (m^2, rad^2) of one frame, which averaging lowers, and the floor, which it does not."""
-    sensor = estimate.sigma_position_m**2, estimate.sigma_rotation_rad**2
+    share = model.noise.estimate_share
+    sensor = (share * estimate.sigma_position_m) ** 2, (share * estimate.sigma_rotation_rad) ** 2
     return sensor, (model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2)
 
 
@@ -130,12 +131,12 @@ def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array
     return np.asarray(np.dot(parts, np.array(variances(estimate, model))))
 
 
-def tick_anisotropy(estimate: NoiseEstimate, count: Array) -> Array:
+def tick_anisotropy(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
     """What the covariance (W, 3, 3) of the mean position of ticks with ``count`` (W,) frames, in the world's
     axes, is beyond its mean over the axes (m^2)."""
     covariance = estimate.position_m2
     beyond = covariance - _EYE * (covariance.trace() / 3.0)
-    share = 1.0 / np.maximum(count, 1.0)
+    share = model.noise.estimate_share**2 / np.maximum(count, 1.0)
     return np.asarray(np.dot(share[:, None], beyond.reshape(1, 9))).reshape(-1, 3, 3)
 
 

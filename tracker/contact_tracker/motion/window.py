@@ -173,7 +173,7 @@ def advance_window(sliding: SlidingWindow, number: int, tick: Tick, model: Model
     """On to a ``tick`` of this ``number``; the window stays as short as the model says."""
     window, noise, most = sliding.window, tick.noise, round(model.search.window_s / model.tick_s)
     frames = np.concatenate([sliding.frames, [tick.count]])[-most:]
-    variance, uneven = tick_variances(noise, frames, model), tick_anisotropy(noise, frames)
+    variance, uneven = tick_variances(noise, frames, model), tick_anisotropy(noise, frames, model)
     return SlidingWindow(
         window.then(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven), frames
     )

@@ -146,7 +146,7 @@ class RecordedPass:
         assert state.averaging is not None
         counts, noise = np.array(self.frames, float), state.averaging.stream.noise
         variance = tick_averaging.tick_variances(noise, counts, state.model)
-        uneven = tick_averaging.tick_anisotropy(noise, counts)
+        uneven = tick_averaging.tick_anisotropy(noise, counts, state.model)
         return replace(Window.join(self.newest), variance=variance, position_anisotropy=uneven)
 
     @property

@@ -236,7 +236,7 @@ class Segmenter:
             rows["zeta"],
             tick_averaging.tick_variances(noise, rows["count"], state.model),
             rows["excess"],
-            tick_averaging.tick_anisotropy(noise, rows["count"]),
+            tick_averaging.tick_anisotropy(noise, rows["count"], state.model),
             self._before if self._first else None,
         )
         return SegmentTicks(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
