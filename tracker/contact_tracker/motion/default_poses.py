@@ -12,18 +12,16 @@ then until some other poses have come.
 from collections import Counter, deque
 from collections.abc import Collection, Sequence
 from itertools import pairwise
-from math import radians, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.motion.poses import Array, Pose, Poses
+from contact_tracker.motion.pose_steps import NEAR_M, NEAR_TURN, Step, Steps, step_between
+from contact_tracker.motion.poses import Pose, Poses
 
-NEAR_M: Final = 0.01
-NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
 STEPS: Final = 10.0
-"""Farther than so many steps of the motion is away from it, and farther than the two above."""
+"""Farther than so many steps of the motion is away from it, where it is not near."""
 QUANTILE: Final = 0.95
 NEIGHBOURS: Final = 5
 HELD: Final = 2000
@@ -32,30 +30,6 @@ _ARRIVALS_KEPT: Final = 256
 _ORIGIN: Final = (0.0, 0.0, 0.0)
 
 Numbers = tuple[tuple[float, float, float], tuple[float, float, float, float]]
-
-
-class Steps(NamedTuple):
-    """From each pose to the next: the distance, the turn as below, and the cosine of half its angle."""
-
-    distance_m: Array
-    turn: Array
-    cosine: Array
-
-    @classmethod
-    def between(cls, poses: Poses) -> "Steps":
-        """Rounded as one by one."""
-        x, y, z = (poses.position_m[1:] - poses.position_m[:-1]).T
-        a, b, c, d = (poses.quat_xyzw[1:] * poses.quat_xyzw[:-1]).T
-        cosine = a + b + c + d
-        turn = 2.0 * np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
-        return cls(np.sqrt(x * x + y * y + z * z), turn, cosine)
-
-
-class _Step(NamedTuple):
-    """``turn`` is twice the sine of half the angle: of small angles as good as the angle in radians."""
-
-    distance_m: float
-    turn: float
 
 
 class DefaultPoseFilter:
@@ -69,7 +43,7 @@ class DefaultPoseFilter:
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
         self._kept: deque[Pose] = deque(maxlen=NEIGHBOURS)
-        self._steps: deque[_Step] = deque(maxlen=_STEPS_KEPT)
+        self._steps: deque[Step] = deque(maxlen=_STEPS_KEPT)
         self._held: list[tuple[Pose, bool]] = []
         self._motion = 0
         self._dropped = 0
@@ -107,12 +81,12 @@ class DefaultPoseFilter:
             self._keep(pose)
         return waiting
 
-    def passes_all(self, steps: "Steps") -> bool:
+    def passes_all(self, steps: Steps) -> bool:
         """Whether poses that go on from the last one by these steps pass without a closer look."""
         known = len(self._kept) == NEIGHBOURS and not self._dropped
-        return known and bool(steps.distance_m.max() <= NEAR_M and steps.turn.max() <= NEAR_TURN)
+        return known and steps.are_near
 
-    def pass_all(self, joined: Poses, steps: "Steps", repeats: NDArray[np.bool_]) -> None:
+    def pass_all(self, joined: Poses, steps: Steps, repeats: NDArray[np.bool_]) -> None:
         """Pass on poses that need no closer look.
 
         Parameters
@@ -123,20 +97,20 @@ class DefaultPoseFilter:
         x, y, z = joined.position_m.T
         at_origin = (x == 0.0) & (y == 0.0) & (z == 0.0)
         noted = np.flatnonzero(~repeats & (at_origin[1:] == at_origin[:-1]))[-_STEPS_KEPT:]
-        self._steps.extend(map(_Step, steps.distance_m[noted].tolist(), steps.turn[noted].tolist()))
+        self._steps.extend(map(Step, steps.distance_m[noted].tolist(), steps.turn[noted].tolist()))
         self._kept.extend(joined[1:][-NEIGHBOURS:])
 
     def _keep(self, pose: Pose) -> None:
         if self._kept and self._kept[-1][1:] != pose[1:]:
-            self._note_step(self._kept[-1], pose, _step(self._kept[-1], pose))
+            self._note_step(self._kept[-1], pose, step_between(self._kept[-1], pose))
         self._kept.append(pose)
 
     def _passes(self, pose: Pose) -> bool:
         """Judge a pose by the motion before it."""
         last = self._kept[-1]
         if last[1:] != pose[1:]:
-            step = _step(last, pose)
-            if (step.distance_m > NEAR_M or step.turn > NEAR_TURN) and self._is_default(pose):
+            step = step_between(last, pose)
+            if not step.is_near and self._is_default(pose):
                 self._counts["default_pose"] += 1
                 self._dropped += 1
                 return False
@@ -145,11 +119,11 @@ class DefaultPoseFilter:
         self._kept.append(pose)
         return True
 
-    def _note_step(self, before: Pose, pose: Pose, step: _Step) -> None:
+    def _note_step(self, before: Pose, pose: Pose, step: Step) -> None:
         """Learn from a step how far the motion goes from pose to pose; how far the origin is says nothing."""
         if (pose.position_m == _ORIGIN) == (before.position_m == _ORIGIN):
             frames = 1 + self._dropped
-            self._steps.append(_Step(step.distance_m / frames, step.turn / frames))
+            self._steps.append(Step(step.distance_m / frames, step.turn / frames))
 
     def _is_default(self, pose: Pose) -> bool:
         """Whether a pose away from the motion is a default pose; remembers where it was away."""
@@ -176,7 +150,7 @@ class DefaultPoseFilter:
     def _judge_held(self) -> None:
         """Drop the default poses among those held, by the motion that has come before or since."""
         motion = [*self._kept, *(pose for pose, suspect in self._held if not suspect)]
-        steps = [_step(a, b) for a, b in pairwise(motion) if a[1:] != b[1:]]
+        steps = [step_between(a, b) for a, b in pairwise(motion) if a[1:] != b[1:]]
         waiting = [
             (pose, suspect)
             for pose, suspect in self._held
@@ -194,13 +168,13 @@ class _Away(NamedTuple):
     in_position: bool
 
     @classmethod
-    def of(cls, pose: Pose, motion: Sequence[Pose], steps: Collection[_Step]) -> "_Away":
+    def of(cls, pose: Pose, motion: Sequence[Pose], steps: Collection[Step]) -> "_Away":
         reach_m, reach_turn = NEAR_M, NEAR_TURN
         if steps:
             rank = int(QUANTILE * (len(steps) - 1))
             reach_m = max(reach_m, STEPS * sorted(step.distance_m for step in steps)[rank])
             reach_turn = max(reach_turn, STEPS * sorted(step.turn for step in steps)[rank])
-        between = [_step(other, pose) for other in motion]
+        between = [step_between(other, pose) for other in motion]
         in_position = all(step.distance_m > reach_m for step in between)
         return cls(all(s.distance_m > reach_m or s.turn > reach_turn for s in between), in_position)
 
@@ -212,11 +186,3 @@ def _is_origin(pose: Pose, away: _Away) -> bool:
 
 def _is_unturned(pose: Pose) -> bool:
     return pose.quat_xyzw[:3] == _ORIGIN
-
-
-def _step(a: Pose, b: Pose) -> _Step:
-    (ax, ay, az), (bx, by, bz) = a.position_m, b.position_m
-    x, y, z = bx - ax, by - ay, bz - az
-    (ax, ay, az, aw), (bx, by, bz, bw) = a.quat_xyzw, b.quat_xyzw
-    cosine = ax * bx + ay * by + az * bz + aw * bw
-    return _Step(sqrt(x * x + y * y + z * z), 2.0 * sqrt(max(1.0 - cosine * cosine, 0.0)))

@@ -21,6 +21,7 @@ kind                fate    meaning
 ``gap``             kept    longer than 0.5 s and than 10 median periods since the last pose
 ``default_pose``    dropped what trackers report of an object that they do not see, away from the motion: the
                             origin, or any other pose that comes back, bit for bit
+``excursion``       dropped poses that jump away from the motion, and back within half a second
 ``held``            kept    the last pose once more, bit for bit, with a new stamp
 =================== ======= ===================================================================
 
@@ -37,7 +38,9 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.motion.default_poses import DefaultPoseFilter, Steps
+from contact_tracker.motion.default_poses import DefaultPoseFilter
+from contact_tracker.motion.excursions import ExcursionFilter
+from contact_tracker.motion.pose_steps import Steps
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.stamp_order import Ordered, StampOrder
 
@@ -58,6 +61,7 @@ class PoseGate:
         self._counts: Counter[str] = Counter() if counts is None else counts
         self._order = StampOrder(self._counts)
         self._defaults = DefaultPoseFilter(self._counts)
+        self._excursions = ExcursionFilter(self._counts)
         self._unit: Pose | None = None
         self._last: Pose | None = None
 
@@ -84,7 +88,9 @@ class PoseGate:
 
     def finish(self) -> Sequence[Pose]:
         """Those that are held still, once nothing more comes."""
-        return (*self._pass_on(self._order.finish()), *map(self._continuous, self._defaults.finish()))
+        passed = self._pass_on(self._order.finish())
+        waiting = [kept for pose in self._defaults.finish() for kept in self._excursions.admit(pose, True)]
+        return (*passed, *map(self._continuous, (*waiting, *self._excursions.finish())))
 
     def admit_all(self, poses: Poses) -> Poses | None:
         """The same of poses that need no closer look; None, and nothing has happened, if one of them does."""
@@ -100,13 +106,15 @@ class PoseGate:
         unit = poses.quat_xyzw / norm[:, None]
         joined = Poses.join([before, Poses(poses.stamp_ns, poses.position_m, unit)])
         steps = Steps.between(joined)
-        if not self._defaults.passes_all(steps):
+        if not (self._defaults.passes_all(steps) and self._excursions.passes_all(steps)):
             return None
         repeats = joined.repeats
         if held := int(np.count_nonzero(repeats)):
             self._counts["held"] += held
         self._order.pass_all(poses.stamp_ns, steps_ns)
         self._defaults.pass_all(joined, steps, repeats)
+        (newest,) = joined[-1:]
+        self._excursions.pass_all(newest, steps)
         first = 1.0 if last.quat_xyzw == before.quat_xyzw else -1.0
         sign = first * np.where(steps.cosine < 0.0, -1.0, 1.0).cumprod()
         admitted = Poses(poses.stamp_ns, poses.position_m, unit * sign[:, None])
@@ -134,9 +142,10 @@ class PoseGate:
 
     def _pass_on(self, ordered: Iterable[Ordered]) -> Sequence[Pose]:
         return [
-            self._continuous(pose)
+            self._continuous(kept)
             for arrived, continues in ordered
             for pose in self._defaults.admit(arrived, continues)
+            for kept in self._excursions.admit(pose, continues)
         ]
 
     def _continuous(self, pose: Pose) -> Pose:

@@ -1,0 +1,125 @@
+"""Excursions: poses that jump away from the motion and back, as when markers are swapped for a moment.
+
+A jump is a step much longer than the usual ones. The poses after it are held until the jumps since add up to
+nothing, which tells that they were wrong, or until that has not happened for half a second, or the steps stay
+long: then the object has moved, and nothing is lost.
+"""
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.geometry.rotation import between, product
+from contact_tracker.motion.pose_steps import NEAR_M, NEAR_TURN, Step, Steps, step_between
+from contact_tracker.motion.poses import Array, Pose
+
+JUMP: Final = 3.0
+"""A jump is longer than so many usual steps."""
+USUAL_QUANTILE: Final = 0.9
+STEPS_KEPT: Final = 25
+KNOWN_STEPS: Final = 10
+"""So few steps do not tell yet what is usual."""
+LONGEST_NS: Final = 500_000_000
+MOST_JUMPS: Final = 3
+"""So many jumps in a row are motion, unless they lead back."""
+_UNTURNED: Final = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+class ExcursionFilter:
+    """Drops excursions from a stream of poses whose quaternions have norm 1.
+
+    Parameters
+    ----------
+    counts : what is dropped is added here as ``excursion``.
+    """
+
+    def __init__(self, counts: Counter[str]) -> None:
+        self._counts = counts
+        self._last: Pose | None = None
+        self._steps: deque[Step] = deque(maxlen=STEPS_KEPT)
+        self._held: list[Pose] = []
+        self._shift_m: Array = np.zeros(3)
+        self._turn: Array = _UNTURNED
+        self._in_a_row = 0
+
+    def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
+        """The poses to go on with now: this one, none, or several that were held.
+
+        Parameters
+        ----------
+        continues : whether it follows closely on the pose before.
+        """
+        if not continues:
+            released = self.finish()
+            self._steps.clear()
+            self._last = pose
+            return (*released, pose)
+        before = self._held[-1] if self._held else self._last
+        if before is None:
+            self._last = pose
+            return (pose,)
+        step = step_between(before, pose)
+        reach = self._reach()
+        is_jump = step.distance_m > reach.distance_m or step.turn > reach.turn
+        if not self._held:
+            if not is_jump:
+                return self._pass_on(pose, step)
+            self._shift_m, self._turn, self._in_a_row = np.zeros(3), _UNTURNED, 0
+        if is_jump:
+            self._add_jump(before, pose)
+            if self._has_returned(reach):
+                self._counts["excursion"] += len(self._held)
+                self._held = []
+                self._last = pose
+                return (pose,)
+        self._in_a_row = self._in_a_row + 1 if is_jump else 0
+        self._held.append(pose)
+        assert self._last is not None
+        too_long = pose.stamp_ns - self._last.stamp_ns > LONGEST_NS
+        return self.finish() if too_long or self._in_a_row == MOST_JUMPS else ()
+
+    def finish(self) -> Sequence[Pose]:
+        """What is held still: it has not come back."""
+        released, self._held = self._held, []
+        for pose in released:
+            assert self._last is not None
+            self._pass_on(pose, step_between(self._last, pose))
+        return released
+
+    def passes_all(self, steps: Steps) -> bool:
+        """Whether poses that go on from the last one by these steps pass without a closer look."""
+        return not self._held and self._last is not None and steps.are_near
+
+    def pass_all(self, last: Pose, steps: Steps) -> None:
+        """Pass on poses that need no closer look, up to ``last``."""
+        newest = slice(-STEPS_KEPT, None)
+        self._steps.extend(map(Step, steps.distance_m[newest].tolist(), steps.turn[newest].tolist()))
+        self._last = last
+
+    def _pass_on(self, pose: Pose, step: Step) -> Sequence[Pose]:
+        self._steps.append(step)
+        self._last = pose
+        return (pose,)
+
+    def _reach(self) -> Step:
+        """How far a step is no jump."""
+        if len(self._steps) < KNOWN_STEPS:
+            return Step(np.inf, np.inf)
+        rank = int(USUAL_QUANTILE * (len(self._steps) - 1))
+        distance_m = sorted(step.distance_m for step in self._steps)[rank]
+        turn = sorted(step.turn for step in self._steps)[rank]
+        return Step(max(NEAR_M, JUMP * distance_m), max(NEAR_TURN, JUMP * turn))
+
+    def _add_jump(self, before: Pose, pose: Pose) -> None:
+        self._shift_m = self._shift_m + np.subtract(pose.position_m, before.position_m)
+        turn = between(np.array([before.quat_xyzw]), np.array([pose.quat_xyzw]))[0]
+        self._turn = product(self._turn, turn)
+
+    def _has_returned(self, reach: Step) -> bool:
+        """Whether the jumps so far add up to no more than a step."""
+        if not self._held:
+            return False
+        turn = 2.0 * float(np.linalg.norm(self._turn[:3]))
+        return float(np.linalg.norm(self._shift_m)) <= reach.distance_m and turn <= reach.turn

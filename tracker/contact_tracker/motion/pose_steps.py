@@ -1,0 +1,54 @@
+"""How far it is from one pose to the next."""
+
+from math import radians, sin, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.motion.poses import Array, Pose, Poses
+
+NEAR_M: Final = 0.01
+NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
+"""A pose within both of the last one is near, whatever the motion."""
+
+
+class Step(NamedTuple):
+    """``turn`` is twice the sine of half the angle: of small angles as good as the angle in radians."""
+
+    distance_m: float
+    turn: float
+
+    @property
+    def is_near(self) -> bool:
+        return self.distance_m <= NEAR_M and self.turn <= NEAR_TURN
+
+
+class Steps(NamedTuple):
+    """From each pose to the next: the distance, the turn as in ``Step``, and the cosine of half its angle."""
+
+    distance_m: Array
+    turn: Array
+    cosine: Array
+
+    @classmethod
+    def between(cls, poses: Poses) -> "Steps":
+        """Rounded as one by one."""
+        x, y, z = (poses.position_m[1:] - poses.position_m[:-1]).T
+        a, b, c, d = (poses.quat_xyzw[1:] * poses.quat_xyzw[:-1]).T
+        cosine = a + b + c + d
+        turn = 2.0 * np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+        return cls(np.sqrt(x * x + y * y + z * z), turn, cosine)
+
+    @property
+    def are_near(self) -> bool:
+        """Whether all of them are."""
+        return bool(self.distance_m.max() <= NEAR_M and self.turn.max() <= NEAR_TURN)
+
+
+def step_between(a: Pose, b: Pose) -> Step:
+    """From one pose to another."""
+    (ax, ay, az), (bx, by, bz) = a.position_m, b.position_m
+    x, y, z = bx - ax, by - ay, bz - az
+    (ax, ay, az, aw), (bx, by, bz, bw) = a.quat_xyzw, b.quat_xyzw
+    cosine = ax * bx + ay * by + az * bz + aw * bw
+    return Step(sqrt(x * x + y * y + z * z), 2.0 * sqrt(max(1.0 - cosine * cosine, 0.0)))
