@@ -103,8 +103,9 @@ class FreeMotion(NamedTuple):
         return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_squared_error.T) / self.weight))
 
     def excess(self, variance: Array, share: Array | float = 1.0) -> Array:
-        """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick, in which
-        there was a ``share`` (2,) of that of a whole tick.
+        """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick.
+
+        There was a ``share`` (2,) of that in a whole tick.
 
         In the log it is the mean over the axes of the motion, less the echo: a constraint is worth what a
         typical axis would be worth, and only what each tick says anew (T18).
@@ -163,6 +164,13 @@ def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
     """Positions (N, 3) and orientations (N, 4) ``ahead_s`` (N,) after the time of the last tick."""
     position, turn = ahead_s[:, None] ** _POWERS * _SHARES @ state.x
     return position, product(state.orientation, from_rotation_vectors(turn - state.last[1]))
+
+
+def moves_on(state: FreeMotion, stamp_ns: int, variance: Array) -> bool:
+    """Whether by then the object should have left where it was, by more than noise of ``variance`` (2,)."""
+    ahead_s = (stamp_ns - state.stamp_ns) * 1e-9
+    way = ahead_s ** _POWERS[1:] * _SHARES[1:] @ state.x[:, 1:]
+    return bool(((way * way).sum(axis=1) > 3.0 * STILL * variance).any())
 
 
 class Transition(NamedTuple):

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 NEIGHBOURS: Final = 5
+NOISY_M: Final = 2e-5
+"""Poses with more noise than this do not repeat by chance, nor because they are rounded."""
 _EYE: Final = np.eye(3)
 
 
@@ -52,6 +54,8 @@ class StreamState(NamedTuple):
     """What the noise is estimated from."""
     free_motion: FreeMotion | None
     """None where the next tick does not follow on the last."""
+    last_frame: Poses
+    """The last frame, if there was one."""
 
 
 class TickRun(NamedTuple):
@@ -65,28 +69,44 @@ class TickRun(NamedTuple):
     """(3,) the origin of the lifted poses."""
     is_rest: bool
     """The first is the rest of a tick that has been closed before."""
+    last: Tick | None
+    """The tick before them."""
 
 
 def average_run(learnt: StreamState, run: TickRun, model: Model) -> tuple[StreamState, list[Tick]]:
     """The ticks of a run, and what is learnt after it."""
     if run.is_rest:
         learnt = learnt._replace(free_motion=None)
-    closed, first = list[Tick](), 0
+    closed, first, last = list[Tick](), 0, run.last
     for end in run.ends.tolist():
-        frames, is_rest = run.frames[first:end], run.is_rest and not first
-        learnt, tick = _average_tick(learnt, frames, run.origin_m, model, is_rest)
-        closed.append(tick)
+        frames, before = run.frames[first:end], learnt.last_frame
+        learnt, new = learnt._replace(last_frame=frames[-1:]), _new_frames(before, frames)
+        if last is not None and not len(new) and _is_stuck(frames, learnt, model):
+            last = empty_tick(last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]))
+        else:
+            is_rest = run.is_rest and not first
+            learnt, last = _average_tick(learnt, frames, new, run.origin_m, model, is_rest)
+        closed.append(last)
         first = end
     return learnt, closed
 
 
+def empty_tick(last: Tick, start_ns: int, stamp_ns: int) -> Tick:
+    """A tick without frames, after ``last``."""
+    return replace(
+        last, start_ns=start_ns, stamp_ns=stamp_ns, count=0, outliers=0, innovation_excess=NO_EXCESS
+    )
+
+
 def _average_tick(
-    learnt: StreamState, frames: Poses, origin_m: Array, model: Model, is_rest: bool
+    learnt: StreamState, frames: Poses, new: Poses, origin_m: Array, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
-    """One tick; a rest tells nothing of the motion: it is not a tick's time from its neighbours."""
-    start_ns, stamp_ns = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1])
-    frames = frames.fresh  # held poses say nothing new
-    before = learnt.noise
+    """One tick, of the ``new`` frames; where there is none, the pose that is held is what there is.
+
+    A rest tells nothing of the motion: it is not a tick's time from its neighbours.
+    """
+    start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), learnt.noise
+    frames = new if len(new) else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
     good = _plausible(frames, learnt.free_motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
     some = frames if good.all() else frames[good]
@@ -99,7 +119,24 @@ def _average_tick(
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
     tick = Tick(start_ns, stamp_ns, mean_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
     motion, tick = with_excess(learnt.free_motion, tick, model, is_rest)
-    return StreamState(estimate, buffer, motion), tick
+    return learnt._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
+
+
+def _new_frames(last_frame: Poses, frames: Poses) -> Poses:
+    """Those that are not the one before, bit for bit: held poses say nothing new."""
+    return Poses.join([last_frame, frames]).fresh[len(last_frame) :]
+
+
+def _is_stuck(held: Poses, learnt: StreamState, model: Model) -> bool:
+    """Whether a pose that is held for a tick is no measurement: a noisy sensor never measures the same twice,
+    and without noise the object moved on, by its motion before."""
+    if learnt.noise_buffer.differences.shape[1] and learnt.noise.sigma_position_m > NOISY_M:
+        return True
+    motion = learnt.free_motion
+    if motion is None or not motion.is_settled:
+        return False
+    variance = tick_variances(learnt.noise, np.array(1.0), model)
+    return free_motion.moves_on(motion, int(held.stamp_ns[0]), variance)
 
 
 def with_excess(

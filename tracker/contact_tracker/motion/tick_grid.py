@@ -1,7 +1,6 @@
 """From poses to ticks: short spans of time on a grid that begins with the first pose."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -9,9 +8,16 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion import sensor_noise
-from contact_tracker.motion.free_motion import NO_EXCESS
-from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.tick_averaging import Array, StreamState, Tick, TickRun, average_run, with_excess
+from contact_tracker.motion.poses import NO_POSES, Pose, Poses
+from contact_tracker.motion.tick_averaging import (
+    Array,
+    StreamState,
+    Tick,
+    TickRun,
+    average_run,
+    empty_tick,
+    with_excess,
+)
 
 LONGEST_GAP_S: Final = 5.0
 """A gap in the stream is followed tick by tick up to this time; what is longer passes as one."""
@@ -32,7 +38,7 @@ class TickState(NamedTuple):
 def begin(model: Model, poses: Poses) -> TickState:
     """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
     estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
-    learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None)
+    learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
     return TickState(int(poses.stamp_ns[0]), poses.position_m[0].copy(), 0, (), None, learnt)
 
 
@@ -92,7 +98,7 @@ def _run(
     state: TickState, frames: Poses, ends: NDArray[np.int64], model: Model
 ) -> tuple[TickState, list[Tick]]:
     """Finish the tick under way and those that follow without a gap, see ``TickRun``."""
-    run = TickRun(frames, ends, state.origin_m, _has_closed_early(state, model))
+    run = TickRun(frames, ends, state.origin_m, _has_closed_early(state, model), state.last)
     learnt, closed = average_run(state.stream, run, model)
     return state._replace(number=state.number + len(ends) - 1, last=closed[-1], stream=learnt), closed
 
@@ -110,9 +116,8 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
     empty = list[Tick]()
     if missed:
         assert state.last is not None
-        like = replace(state.last, count=0, outliers=0, innovation_excess=NO_EXCESS)
-        stamps = [like.stamp_ns + (i + 1) * step_ns for i in range(missed)]
-        empty = [replace(like, start_ns=stamp, stamp_ns=stamp) for stamp in stamps]
+        stamps = [state.last.stamp_ns + (i + 1) * step_ns for i in range(missed)]
+        empty = [empty_tick(state.last, stamp, stamp) for stamp in stamps]
     if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)
