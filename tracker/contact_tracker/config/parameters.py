@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import exp
 from typing import Final
 
 from contact_tracker.states import CONTACTS, STATES
@@ -29,6 +30,11 @@ class Noise:
     estimated: bool = True
     """Whether the deviations of a pose only start an estimate, which then follows the stream, and the floors
     of a tick are chosen by the evidence; if not, both are what the user knows."""
+    wander_position_m: float = 0.0
+    wander_rotation_rad: float = 0.0
+    """Of errors that last for a while, as of calibration, beyond those that are new in each pose."""
+    wander_s: float = 2.0
+    """For how long they last: their autocorrelation falls by e."""
     estimate_share: float = 1.0
     """Share of the estimated deviations that is noise: of slow streams the rest is motion."""
 
@@ -132,6 +138,13 @@ class Model:
             estimated=False,
         )
         return replace(self, noise=noise)
+
+    @property
+    def correlation(self) -> float:
+        """Of the errors of a tick with those of the next, where errors wander; else zero."""
+        noise = self.noise
+        wanders = noise.wander_position_m > 0.0 or noise.wander_rotation_rad > 0.0
+        return exp(-self.tick_s / noise.wander_s) if wanders else 0.0
 
     @property
     def tick_ns(self) -> int:

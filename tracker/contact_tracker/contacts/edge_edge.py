@@ -67,17 +67,13 @@ def rows_derivative(x: Array) -> Array:
 
 
 def scale_sq(x: Array, moments: Array) -> Array:
-    """Mean squared sine of the crossing angle: the volume is the distance times the sine."""
-    on_r = outer(x[..., D2], x[..., D1])
-    cosine_sq = dot(on_r, (moments[..., :9, :9] @ on_r[..., None])[..., 0])
-    total = np.maximum(moments[..., 18, 18], TINY)
-    return np.asarray(np.maximum(1.0 - cosine_sq / total, SINE_SQ_FLOOR))
+    """Squared sine of the mean crossing angle: the volume is the distance times the sine."""
+    return np.asarray(np.maximum(1.0 - _cosine(x, moments) ** 2, SINE_SQ_FLOOR))
 
 
 def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
     d1, d2 = x[..., D1], x[..., D2]
-    total = np.maximum(moments[..., 18, 18], TINY)[..., None]
-    by_r = -2.0 * np.einsum("...cd,...d->...c", moments[..., :9, :9], outer(d2, d1)) / total
+    by_r = -2.0 * _cosine(x, moments)[..., None] * _mean_rotation(moments)
     scale = scale_sq(x, moments)[..., None]
     by_r = np.where(scale > SINE_SQ_FLOOR, by_r / scale, 0.0)
     out = np.zeros_like(x)
@@ -105,7 +101,7 @@ def place(anchors: Array) -> Array:
 
 def starts(moments: Array) -> Array:
     """The relaxed problem's smallest directions, each brought to the nearest pair of lines."""
-    c = np.swapaxes(smallest_directions(moments, slice(9, 18), RIDGE), -1, -2)[..., :STARTS, 9:18]
+    c = np.swapaxes(smallest_directions(moments[..., :18, :18], slice(9, 18), RIDGE), -1, -2)[..., :STARTS, 9:18]
     left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
     zero = np.zeros((*c.shape[:-1], 3))
     x = np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)
@@ -136,6 +132,16 @@ def measure(x: Array, frames: Frames) -> Measurement:
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
     first = Line(x[D1], x[Q1], covariance[:6, :6])
     return first, Line(x[D2], x[Q2], covariance[6:, 6:])
+
+
+def _cosine(x: Array, moments: Array) -> Array:
+    """Mean cosine (...) of the crossing angle."""
+    return dot(outer(x[..., D2], x[..., D1]), _mean_rotation(moments))
+
+
+def _mean_rotation(moments: Array) -> Array:
+    """vec R (..., 9), which the last row of moments (..., C, C) adds up."""
+    return np.asarray(moments[..., 18, :9] / np.maximum(moments[..., 18, 18, None], TINY))
 
 
 def _lines(x: Array) -> Array:

@@ -10,6 +10,7 @@ window: the Laplace approximation of the integral over it.
 """
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +30,14 @@ _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 @dataclass(frozen=True)
 class EvidenceParameters:
     """Lengths of the weak priors (m), what free motion foretells of the geometry (share of T19's last term),
-    how much of what a tick says is new, and the tick (s)."""
+    how much of what a tick says is new, the tick (s), and the ``correlation`` of errors from tick to tick."""
 
     reach_m: float
     body_radius_m: float
     prior_predictive_share: float
     likelihood_exponent: float
     tick_s: float
+    correlation: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,7 @@ def log_ratio(
     window: Window,
     scales: EvidenceParameters,
     certain: NDArray[np.bool_] | None = None,
+    onset: NDArray[np.int64] | None = None,
 ) -> Ratio:
     """Evaluate hypotheses x (B, S) exactly on each tick of the window.
 
@@ -66,6 +69,8 @@ def log_ratio(
     it away from the constraint.
     """
     measurement = model.measure(x, window.zeta)
+    if scales.correlation:
+        measurement = _whitened(model, x, measurement, window, scales.correlation, onset)
     noise = residual_noise(measurement, window)
     excess = np.empty_like(noise)
     known = np.zeros(len(x), bool) if certain is None else certain
@@ -88,6 +93,28 @@ def log_ratio(
         np.swapaxes(square / noise, 1, 2),
         np.swapaxes(1.0 / noise, 1, 2),
     )
+
+
+def _whitened(
+    model: ContactModel,
+    x: Array,
+    measurement: Measurement,
+    window: Window,
+    correlation: float,
+    onset: NDArray[np.int64] | None,
+) -> Measurement:
+    """What is new in the residuals of each tick; where a hypothesis begins (B,), or nothing is known of the
+    tick before, all of it is, scaled to the same noise."""
+    residual = measurement.residual
+    alone = residual * sqrt(1.0 - correlation**2)
+    new = alone.copy()
+    new[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
+    if window.before is not None and len(window):
+        new[:, :, 0] = residual[:, :, 0] - correlation * model.measure(x, window.before[None]).residual[:, :, 0]
+    if onset is not None:
+        begins = (window.index == onset[:, None])[:, None]
+        new = np.where(begins, alone, new)
+    return measurement._replace(residual=new)
 
 
 def residual_noise(measurement: Measurement, window: Window) -> Array:
@@ -166,7 +193,7 @@ def sum_evidence(
     certain: NDArray[np.bool_],
 ) -> EvidenceSums:
     """Evaluate hypotheses x (B, S) that begin at ``onset`` (B,) as ``evidence.log_ratio`` does."""
-    ratio = log_ratio(model, x, window, scales, certain)
+    ratio = log_ratio(model, x, window, scales, certain, onset)
     mine, after = window.index >= onset[:, None], window.index > onset[:, None]
     relative = ratio.row_weight * window.variance[:, :1]  # the moments' own weight is 1 over that
     return EvidenceSums(

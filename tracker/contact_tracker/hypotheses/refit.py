@@ -3,6 +3,7 @@ it was, and what the ticks since their onsets say of it is weighed anew.
 """
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -47,21 +48,26 @@ def prior_at_anchors(bank: Bank, model: ContactModel, scales: EvidenceParameters
     return PriorAtAnchors(prior_of(bank, model, anchors, scales.reach_m), anchors)
 
 
-def accumulate(bank: Bank, model: ContactModel, window: Window, log_stay: float = 0.0) -> Bank:
+def accumulate(
+    bank: Bank, model: ContactModel, window: Window, correlation: float, log_stay: float = 0.0
+) -> Bank:
     """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise.
 
     ``log_survival`` is the price of not having changed in it.
     """
     zeta, activity, now = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
+    alone = lifted * sqrt(1.0 - correlation**2)
+    new = alone if window.before_newest is None else lifted - correlation * model.lifted(window.before_newest)
     onsets = bank.onsets
     begins = onsets.onset == now
     weight = np.where(begins, 1.0, max(activity, AT_REST)) / sigma_m**2
+    products = np.where(begins[:, None, None], _products(model, alone, lifted), _products(model, new, lifted))
     bank = bank.replace_columns(
         log_prior=bank.log_prior + np.where(bank.onset == now, 0.0, log_stay)
     ).replace_onset_columns(
-        onset_row=np.where(begins[:, None], lifted / sigma_m, onsets.onset_row),
-        second_moment=onsets.second_moment + weight[:, None, None] * np.outer(lifted, lifted),
+        onset_row=np.where(begins[:, None], alone / sigma_m, onsets.onset_row),
+        second_moment=onsets.second_moment + weight[:, None, None] * products,
         weighted_position_sum=onsets.weighted_position_sum + weight[:, None] * zeta[9:12],
         weight=onsets.weight + weight,
         effective_ticks=onsets.effective_ticks + np.where(begins, 1.0, activity),
@@ -70,14 +76,24 @@ def accumulate(bank: Bank, model: ContactModel, window: Window, log_stay: float 
     return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def accumulate_window(bank: Bank, model: ContactModel, window: Window) -> Bank:
+def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
+    """Products (..., C, C) of what is new in lifted poses (..., C), and for the sine of e-e the poses."""
+    products = new[..., :, None] * new[..., None, :]
+    if model.family.FORM.h < 0:
+        products[..., -1, :] = products[..., :, -1] = lifted
+    return np.asarray(products)
+
+
+def accumulate_window(bank: Bank, model: ContactModel, window: Window, correlation: float) -> Bank:
     """As ``accumulate`` tick by tick, from the first tick of the window, where all of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(motion, AT_REST) / variance
+    new = lifted * sqrt(1.0 - correlation**2)
+    new[1:] = lifted[1:] - correlation * lifted[:-1]
     bank = bank.replace_onset_columns(
-        onset_row=lifted[0] / np.sqrt(variance[0]),
-        second_moment=(lifted * weight[:, None]).T @ lifted,
+        onset_row=new[0] / np.sqrt(variance[0]),
+        second_moment=np.einsum("w,wcd->cd", weight, _products(model, new, lifted)),
         weighted_position_sum=weight @ window.zeta[:, 9:12],
         weight=weight.sum(),
         effective_ticks=motion.sum(),

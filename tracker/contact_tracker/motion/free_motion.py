@@ -102,7 +102,7 @@ class FreeMotion(NamedTuple):
             return np.full(2, np.inf)
         return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_squared_error.T) / self.weight))
 
-    def excess(self, variance: Array, share: Array | float = 1.0) -> Array:
+    def excess(self, variance: Array, rest: Array, share: Array | float = 1.0) -> Array:
         """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick.
 
         There was a ``share`` (2,) of that in a whole tick.
@@ -113,7 +113,8 @@ class FreeMotion(NamedTuple):
         if not self.weight:
             return np.zeros(2)
         now = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
-        moving = np.maximum(np.minimum(self.spread, now) / variance - STILL, 0.0) * share
+        beyond = np.maximum(np.minimum(self.spread, now) - STILL * rest, 0.0)
+        moving = beyond / variance * share
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
         echo = np.maximum(self.autocorrelation, 0.0)
         fresh = (1.0 - echo) / (1.0 + echo)
@@ -197,6 +198,7 @@ def advance(
     rotation: Array,
     position_m: Array,
     variance: Array,
+    rest: Array,
     stamp_ns: int,
     tick_s: float,
     memory_s: float,
@@ -230,8 +232,8 @@ def advance(
         state = _with_errors(state, of_tick, innovation / (np.sqrt(squares[:, :1]) + TINY), tick_s, memory_s)
         moves = 1.0
     else:
-        moves = squares[:, 1] > 3.0 * STILL * variance
-    excess = state.excess(variance, prediction.share * moves)
+        moves = squares[:, 1] > 3.0 * STILL * rest
+    excess = state.excess(variance, rest, prediction.share * moves)
     return state, InnovationExcess(float(excess[0]), float(excess[1]))
 
 

@@ -147,8 +147,9 @@ def with_excess(
     if motion is None or not free_motion.can_go_on(motion, tick.mean_ns):
         return None if is_rest else free_motion.begin(turn, position_m, tick.mean_ns), tick
     variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
+    rest = rest_variances(tick.noise, np.array(float(tick.count)), model)
     motion, excess = free_motion.advance(
-        motion, turn, position_m, variance, tick.mean_ns, model.tick_s, model.motion.error_memory_s
+        motion, turn, position_m, variance, rest, tick.mean_ns, model.tick_s, model.motion.error_memory_s
     )
     return motion, replace(tick, innovation_excess=excess)
 
@@ -161,11 +162,29 @@ def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float
 
 
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
-    """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames."""
+    """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames.
+
+    Where errors wander it is that of what is new in a tick, less ``correlation`` times the tick before.
+    """
+    white, rho, noise = white_variances(estimate, count, model), model.correlation, model.noise
+    if not rho:
+        return white
+    wander = np.array([noise.wander_position_m, noise.wander_rotation_rad]) ** 2
+    return np.asarray(white * (1.0 + rho**2) + wander * (1.0 - rho**2))
+
+
+def white_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
+    """As ``tick_variances``, without the errors that wander."""
     parts = np.empty((*count.shape, 2))
     parts[..., 0], parts[..., 1] = 1.0 / np.maximum(count, 1.0), 1.0
     # for so few columns this takes less than sums of arrays, and than ``@``
     return np.asarray(np.dot(parts, np.array(variances(estimate, model))))
+
+
+def rest_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
+    """Half (..., 2) of the variance of the step from a tick to the next while the object rests."""
+    wander = np.array([model.noise.wander_position_m, model.noise.wander_rotation_rad]) ** 2
+    return white_variances(estimate, count, model) + 0.5 * wander * (1.0 - model.correlation**2)
 
 
 def tick_anisotropy(estimate: NoiseEstimate, count: Array, model: Model) -> Array:

@@ -61,6 +61,16 @@ class Window:
         return travel_of(self.zeta, self.index, self.before)
 
     @property
+    def before_lifts(self) -> Array | None:
+        """zeta and the lift of the inverse (2, 25) of the tick before the first."""
+        return None if self.before is None else np.array([self.before, lift_of_inverse(self.before[None])[0]])
+
+    @property
+    def before_newest(self) -> Array | None:
+        """zeta (25,) of the tick before the newest; None where nothing came before."""
+        return self.zeta[-2] if len(self) > 1 else self.before
+
+    @property
     def usual_variance(self) -> Array:
         """Median (2,) over the ticks; ``np.median`` takes several times as long for few of them."""
         rising, half = np.sort(self.variance, axis=0), len(self) // 2

@@ -140,4 +140,5 @@ def scales_of(model: Model) -> EvidenceParameters:
         motion.prior_predictive_share,
         motion.likelihood_exponent,
         model.tick_s,
+        model.correlation,
     )

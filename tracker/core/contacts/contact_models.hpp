@@ -162,15 +162,12 @@ void unshift(N* x) {
 template <class F, class N>
 N scale_sq(const N* row, const N* moments, N* turn) {
     if constexpr (!F::crosses) return 1.0;
-    const N total = larger<N>(moments[18 * F::C + 18], settings.tiny);
-    N cosine_sq = 0.0;
-    for (int i = 0; i < 9; ++i) {
-        turn[i] = dot<9>(moments + i * F::C, row + 9);
-        cosine_sq += row[9 + i] * turn[i];
-    }
-    const N floor = settings.sine_sq_floor, scale = larger<N>(1.0 - cosine_sq / total, floor);
-    const N factor = where(floor < scale, -2.0 / (total * scale), N(0.0));
-    for (int i = 0; i < 9; ++i) turn[i] *= factor;
+    const N* rotation = moments + 18 * F::C;  // added up, as are the weights in the last entry
+    const N cosine = dot<9>(rotation, row + 9) / larger<N>(rotation[18], settings.tiny);
+    const N floor = settings.sine_sq_floor, scale = larger<N>(1.0 - cosine * cosine, floor);
+    const N factor =
+        where(floor < scale, -2.0 * cosine / (larger<N>(rotation[18], settings.tiny) * scale), N(0.0));
+    for (int i = 0; i < 9; ++i) turn[i] = factor * rotation[i];
     return scale;
 }
 

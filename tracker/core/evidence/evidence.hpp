@@ -11,10 +11,10 @@ using Two = std::array<double, 2>;
 // W ticks: `number` (W,) as `Window.index`; `pose` (W, 25) lifted, of frame 1
 // in frame 2; `variance` (W, 2) of the noise, which a contact has so much
 // `beyond`; (W, 2) of free motion, of `fitted` and of `known` elements;
-// `uneven` (W, 3, 3), or nothing.
+// `uneven` (W, 3, 3), or nothing; the pose `before` the first, or nothing.
 struct Ticks {
     const std::int64_t* number;
-    const double *pose, *variance, *excess, *unheld, *uneven;
+    const double *pose, *variance, *excess, *unheld, *uneven, *before;
     int count;
     Two beyond;
 
@@ -25,6 +25,8 @@ struct Ticks {
     std::int64_t newest() const { return number[count - 1]; }
 
     const double* newest_pose() const { return pose + (count - 1) * entries; }
+
+    const double* before_newest() const { return count > 1 ? newest_pose() - entries : before; }
 
     // Reference: `Window.latest_motion_ratio`.
     double heard() const {
@@ -39,9 +41,13 @@ struct Ticks {
 constexpr int T = 9, U = 12,
               TXR = 15;  // where the lifted pose has them; R comes first
 
-// `radius_sq` of the body, and what a touching point far away costs.
+// `radius_sq` of the body, what a touching point far away costs, and the
+// `correlation` of errors from tick to tick.
 struct Lengths {
-    double radius_sq, pull;
+    double radius_sq, pull, correlation;
+
+    // Reference: `evidence.alone`.
+    double alone() const { return std::sqrt(1.0 - correlation * correlation); }
 };
 
 // Reference: `evidence.EvidenceSums` of some hypotheses.
@@ -105,10 +111,9 @@ void crossed(const Lanes* x, const double* r, Seen<F>& seen) {
     seen.lever_sq = larger<Lanes>(seen.reach_sq - d2_r_m1 * d2_r_m1 * inverse_sq, 0.0);
 }
 
-// What hypotheses measure in tick w.
+// What hypotheses measure at a lifted pose.
 template <class F>
-void see(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, Seen<F>& seen) {
-    const double* pose = ticks.pose + w * Ticks::entries;
+void see(const Kind& kind, const Lanes* x, const double* pose, Seen<F>& seen) {
     if constexpr (F::crosses) {
         crossed<F>(x, pose, seen);
     } else {
@@ -116,15 +121,35 @@ void see(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, Seen<F>& s
     }
 }
 
+// Residuals (K,) of the tick `before` the next, of which lanes are `known`.
+template <class F>
+struct Residuals {
+    Lanes before[F::K];
+    Mask known;
+
+    // Reference: `evidence._whitened`.
+    void whiten(const Mask& after, const Lengths& lengths, Lanes (&residual)[F::K]) {
+        const double alone = lengths.alone();
+        for (int k = 0; k < F::K; ++k) {
+            const Lanes now = residual[k];
+            residual[k] = where(after & known, now - lengths.correlation * before[k], alone * now);
+            before[k] = now;
+        }
+        known = true;
+    }
+};
+
 // What hypotheses say of tick w, in whose windows it `counts` and comes `after`
 // their first; `narrowed` (K,) is by how many times the variance under free
 // motion exceeds the noise, multiplied over ticks: a logarithm takes longer.
 template <class F>
 void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask& certain, const Mask& counts,
-         const Mask& after, const Lengths& lengths, Lanes (&narrowed)[F::K], EvidenceSums<F>& sums) {
+         const Mask& after, const Lengths& lengths, Residuals<F>& last, Lanes (&narrowed)[F::K],
+         EvidenceSums<F>& sums) {
     const Lanes most = 1e100, none = 0.0;  // before it overflows
     Seen<F> seen;
-    see<F>(kind, x, ticks, w, seen);
+    see<F>(kind, x, ticks.pose + w * Ticks::entries, seen);
+    if (lengths.correlation > 0.0) last.whiten(after, lengths, seen.residual);
     const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
     const double *fitted = ticks.excess + 2 * w, *known = ticks.unheld + 2 * w, *uneven = ticks.uneven;
     const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
@@ -181,13 +206,19 @@ WIDE EvidenceSums<F> sum_evidence(const Kind& kind, const Lanes* x, const std::i
     std::fill_n(sums.gain, F::K, Lanes(0.0));
     std::fill_n(sums.precision, F::K, Lanes(0.0));
     std::fill_n(narrowed, F::K, Lanes(1.0));
+    Residuals<F> last{{}, first == 0 && ticks.before};
+    if (lengths.correlation > 0.0 && first == 0 && ticks.before) {
+        Seen<F> seen;
+        see<F>(kind, x, ticks.before, seen);
+        std::copy_n(seen.residual, F::K, last.before);
+    }
     for (int w = first; w < ticks.count; ++w) {
         Mask counts, after;
         for (int i = 0; i < lanes; ++i) {
             counts.put(i, w >= begun[i].first);
             after.put(i, w >= begun[i].after);
         }
-        add<F>(kind, x, ticks, w, certain, counts, after, lengths, narrowed, sums);
+        add<F>(kind, x, ticks, w, certain, counts, after, lengths, last, narrowed, sums);
     }
     for (int k = 0; k < F::K; ++k) {
         sums.gain[k] += 0.5 * log(narrowed[k]);

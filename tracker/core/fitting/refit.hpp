@@ -41,21 +41,33 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
 // Reference: `refit.accumulate` of the `onsets`, by the newest of `ticks`, in which so
 // much motion is `heard`.
 template <class F>
-WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& ticks, double heard) {
+WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& ticks, const Lengths& lengths,
+                            double heard) {
     const OnsetLayout& where = kind.since;
-    const double *pose = ticks.newest_pose(), precision = 1.0 / ticks.noise(ticks.count - 1, 0);
+    const double *pose = ticks.newest_pose(), *before = ticks.before_newest(),
+                 precision = 1.0 / ticks.noise(ticks.count - 1, 0);
     const Vector place = kind.body_in_1 ? at(pose, T) : -at(pose, U);
-    double lifted[F::C], products[F::C * (F::C + 1) / 2];
-    for (int c = 0; c < F::C; ++c) lifted[c] = pose[kind.lifted[c]];
+    const double alone = lengths.alone(), rho = before ? lengths.correlation : 0.0;
+    double lifted[F::C], fresh[F::C], first[F::C * (F::C + 1) / 2], later[F::C * (F::C + 1) / 2];
+    for (int c = 0; c < F::C; ++c) {
+        lifted[c] = pose[kind.lifted[c]];
+        fresh[c] = before ? lifted[c] - rho * before[kind.lifted[c]] : alone * lifted[c];
+    }
     for (int c = 0, i = 0; c < F::C; ++c) {
-        for (int d = c; d < F::C; ++d) products[i++] = lifted[c] * lifted[d];
+        for (int d = c; d < F::C; ++d, ++i) {
+            const bool for_sine = F::crosses && d == F::C - 1;
+            first[i] = for_sine ? lifted[c] : alone * lifted[c] * alone * lifted[d];
+            later[i] = for_sine ? lifted[c] : fresh[c] * fresh[d];
+        }
     }
     for (int o = 0; o < onsets.count; ++o) {
         double *row = onsets.row(o), *moments = row + where.second_moment;
         const bool begins = whole(row, where.onset) == ticks.newest();
         const double weight = precision * (begins ? 1.0 : std::max(heard, settings.at_rest));
+        const double* products = begins ? first : later;
         for (int i = 0; i < F::C * (F::C + 1) / 2; ++i) moments[i] += weight * products[i];
-        for (int c = 0; begins && c < F::C; ++c) row[where.onset_row + c] = lifted[c] * std::sqrt(precision);
+        for (int c = 0; begins && c < F::C; ++c)
+            row[where.onset_row + c] = alone * lifted[c] * std::sqrt(precision);
         put(row, where.weighted_position_sum, at(row, where.weighted_position_sum) + weight * place);
         row[where.weight] += weight;
         row[where.effective_ticks] += begins ? 1.0 : heard;
@@ -64,8 +76,9 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
 
 // Reference: `refit.accumulate` of all else.
 template <class F>
-void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, double heard, double log_stay) {
-    accumulate_onsets<F>(kind, bank.onsets, ticks, heard);
+void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, const Lengths& lengths, double heard,
+                double log_stay) {
+    accumulate_onsets<F>(kind, bank.onsets, ticks, lengths, heard);
     for (int b = 0; b < bank.count(); ++b) {
         const Hypothesis one = bank[b];
         double anchors[6];

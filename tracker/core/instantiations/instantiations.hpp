@@ -14,7 +14,8 @@ namespace kernels {
     PREFIX template Lanes volume<F>(const Lanes*, const Lanes*, Work<F>&);                                \
     PREFIX template EvidenceSums<F> sum_evidence<F>(const Kind&, const Lanes*, const std::int64_t*,       \
                                                     const Mask&, const Ticks&, const Lengths&);           \
-    PREFIX template void accumulate_onsets<F>(const Kind&, const Table&, const Ticks&, double);           \
+    PREFIX template void accumulate_onsets<F>(const Kind&, const Table&, const Ticks&, const Lengths&,    \
+                                              double);                                                    \
     PREFIX template void learn<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
                                   Work<F>&);                                                              \
     PREFIX template void every_square<F>(const std::vector<Windows<F>>&, const Offer<F>&, Squares<F>&);   \

@@ -85,11 +85,13 @@ PYBIND11_MODULE(kernels, module) {
             return Model{kind, which, bank.first, onsets.first};
         }));
     py::class_<TickArrays, std::shared_ptr<TickArrays>>(module, "Ticks")
-        .def(py::init<Ints, Floats, Floats, Floats, Floats, Floats, std::optional<Floats>>());
+        .def(py::init<Ints, Floats, Floats, Floats, Floats, Floats, std::optional<Floats>,
+                      std::optional<Floats>>());
     py::class_<EvidenceParameters>(module, "EvidenceParameters")
-        .def(py::init([](double radius_sq, double pull, double foreknowledge, double independence) {
-            return EvidenceParameters{{radius_sq, pull}, foreknowledge, independence};
-        }));
+        .def(py::init(
+            [](double radius_sq, double pull, double correlation, double foreknowledge, double independence) {
+                return EvidenceParameters{{radius_sq, pull, correlation}, foreknowledge, independence};
+            }));
     py::class_<TickInput>(module, "TickInput")
         .def(py::init([](std::vector<std::pair<Floats, Bools>> assumed,
                          std::vector<std::optional<Floats>> directions, Floats turn, std::int64_t onset,

@@ -65,17 +65,18 @@ inline Bank changing(const Model& model, Floats& words, const Floats& onsets) {
 struct TickArrays {
     Ints number;
     Floats pose, inverse, variance, excess, unheld;
-    std::optional<Floats> uneven;
+    std::optional<Floats> uneven, before;
 
     TickArrays(Ints number, Floats pose, Floats inverse, Floats variance, Floats excess, Floats unheld,
-               std::optional<Floats> uneven)
+               std::optional<Floats> uneven, std::optional<Floats> before)
         : number(number),
           pose(pose),
           inverse(inverse),
           variance(variance),
           excess(excess),
           unheld(unheld),
-          uneven(uneven) {
+          uneven(uneven),
+          before(before) {
         require(number.ndim() == 1 && number.shape(0) > 0, "there are no ticks");
         const py::ssize_t count = number.shape(0);
         for (const Floats& one : {pose, inverse})
@@ -83,6 +84,7 @@ struct TickArrays {
         for (const Floats& two : {variance, excess, unheld})
             require_shape(two, {count, 2}, "a tick has two variances of each sort");
         if (uneven) require_shape(*uneven, {count, 3, 3}, "a tick has one covariance");
+        if (before) require_shape(*before, {2, Ticks::entries}, "a pose comes before, and its inverse");
     }
 
     // What a contact sees of them, with its noise `beyond` theirs.
@@ -93,6 +95,7 @@ struct TickArrays {
                 excess.data(),
                 unheld.data(),
                 uneven ? uneven->data() : nullptr,
+                before ? before->data() + (model.kind.body_in_1 ? 0 : Ticks::entries) : nullptr,
                 static_cast<int>(number.shape(0)),
                 beyond};
     }

@@ -93,11 +93,12 @@ inline py::tuple completed(const Model& model, const Floats& words, const Floats
     });
 }
 
-inline void grown(const Model& model, Floats words, Floats onsets, const TickArrays& seen, double log_stay) {
+inline void grown(const Model& model, Floats words, Floats onsets, const TickArrays& seen,
+                  const EvidenceParameters& weights, double log_stay) {
     const Bank bank = changing(model, words, onsets);
     const Ticks ticks = seen.ticks(model);
     visit(model, [&](auto family) {
-        accumulate<decltype(family)>(model.kind, bank, ticks, ticks.heard(), log_stay);
+        accumulate<decltype(family)>(model.kind, bank, ticks, weights.lengths, ticks.heard(), log_stay);
     });
 }
 
@@ -139,7 +140,7 @@ inline void add(py::module_ module) {
     module.def("minimised", &minimised);
     module.def("completed", &completed);
     module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets").noconvert(),
-               py::arg("ticks"), py::arg("log_stay"));
+               py::arg("ticks"), py::arg("weights"), py::arg("log_stay"));
     module.def("offered", &offered);
     module.def("searching", &searching);
     module.def("dropped", &dropped);

@@ -73,7 +73,7 @@ struct Products {
     }
 };
 
-// Geometries that are offered: products of x (S,), of its rows, and of what
+// Geometries that are offered: products of x (S,) and of its rows, and what
 // their scale hangs on.
 template <class F>
 struct Offer {
@@ -81,7 +81,7 @@ struct Offer {
     Products<F::S> prior;
     Products<F::C, F::active_in(0)> first[F::K > 1 ? F::K - 1 : 1];
     Products<F::C, F::active_in(F::last)> last;
-    Products<F::C, F::crosses ? 9 : 1> cosine;
+    double turns[together][9];
 
     void put(int g, const double* geometry) {
         double of_rows[F::K][F::C];
@@ -90,7 +90,7 @@ struct Offer {
         prior.of(g, geometry);
         for (int k = 0; k < F::last; ++k) first[k].of(g, of_rows[k]);
         last.of(g, of_rows[F::last]);
-        if constexpr (F::crosses) cosine.of(g, of_rows[F::last] + 9);
+        if constexpr (F::crosses) std::copy_n(of_rows[F::last] + 9, 9, turns[g]);
     }
 };
 
@@ -101,7 +101,7 @@ using Squares = std::vector<double>[F::K][together];
 
 template <class F>
 WIDE void every_square(const std::vector<Windows<F>>& windows, const Offer<F>& offer, Squares<F>& out) {
-    double squares[together][abreast], cosines[together][abreast];
+    double squares[together][abreast];
     const auto write = [&](int k, std::size_t n) {
         for (int g = 0; g < together; ++g) std::copy_n(squares[g], abreast, &out[k][g][n * abreast]);
     };
@@ -112,11 +112,15 @@ WIDE void every_square(const std::vector<Windows<F>>& windows, const Offer<F>& o
         }
         offer.last.squares(windows[n].moments, squares);
         if constexpr (F::crosses) {  // per metre, see edge_edge.scale_sq
-            offer.cosine.squares(windows[n].moments, cosines);
             for (int g = 0; g < together; ++g) {
+                double cosine[abreast] = {};
+                for (int i = 0, of = F::C - 1; i < 9; of += F::C - 1 - i++) {
+                    for (int c = 0; c < abreast; ++c)
+                        cosine[c] += offer.turns[g][i] * windows[n].moments[of][c];
+                }
                 for (int c = 0; c < abreast; ++c) {
-                    const double mean_sq = cosines[g][c] / std::max(windows[n].total[c], settings.tiny);
-                    squares[g][c] /= std::max(1.0 - mean_sq, settings.sine_sq_floor);
+                    const double mean = cosine[c] / std::max(windows[n].total[c], settings.tiny);
+                    squares[g][c] /= std::max(1.0 - mean * mean, settings.sine_sq_floor);
                 }
             }
         }

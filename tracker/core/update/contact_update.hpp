@@ -120,7 +120,7 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     const double heard = ticks.heard();
     std::vector<double> was(bank.count());
     marginalise_expired_ticks<F>(kind, bank, old, gone, weights.lengths);
-    accumulate<F>(kind, bank, ticks, heard, log_stay);
+    accumulate<F>(kind, bank, ticks, weights.lengths, heard, log_stay);
     for (int b = 0; b < bank.count(); ++b) {
         const double* row = bank[b].own;
         const bool begins = b >= old;

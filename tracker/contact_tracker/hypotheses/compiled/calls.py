@@ -102,6 +102,7 @@ def ticks_of(window: Window) -> kernels.Ticks:
         window.innovation_excess,
         window.displacement_variance,
         window.position_anisotropy,
+        window.before_lifts,
     )
 
 
@@ -109,7 +110,10 @@ def ticks_of(window: Window) -> kernels.Ticks:
 def _weights(scales: EvidenceParameters) -> kernels.EvidenceParameters:
     pull = 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return kernels.EvidenceParameters(
-        scales.body_radius_m**2, pull, scales.prior_predictive_share, scales.likelihood_exponent
+        scales.body_radius_m**2,
+        pull,
+        scales.correlation,
+        scales.prior_predictive_share, scales.likelihood_exponent
     )
 
 

@@ -52,12 +52,15 @@ class Ticks:
         excess: Numbers,
         unheld: Numbers,
         uneven: Numbers | None,
+        before: Numbers | None,
     ) -> None: ...
 
 class EvidenceParameters:
     """As ``evidence.EvidenceParameters``; ``pull`` is what a touching point far away costs, per m^2."""
 
-    def __init__(self, radius_sq: float, pull: float, foreknowledge: float, independence: float) -> None: ...
+    def __init__(
+        self, radius_sq: float, pull: float, correlation: float, foreknowledge: float, independence: float
+    ) -> None: ...
 
 class TickInput:
     """As ``bank_update.TickInput``, see ``calls.tick_input``."""
