@@ -8,19 +8,20 @@ from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding, findings
 from contact_tracker.motion.sensor_noise import NoiseEstimate
-from contact_tracker.motion.tick_averaging import tick_variances
+from contact_tracker.motion.tick_averaging import white_variances
 
 
 class Report(NamedTuple):
     """``model`` as asked for and the one ``chosen``, whether it ``is_decided``; deviations (m, rad) of the
-    ``noise`` of a pose, as estimated or given, and of a ``tick``, which usually holds ``poses_per_tick``;
-    what the stream shows of itself (``findings``)."""
+    ``noise`` of a pose, as estimated or given, of a ``tick``, which usually holds ``poses_per_tick``, and of
+    errors that are ``lasting`` over ticks; what the stream shows of itself (``findings``)."""
 
     model: Model
     chosen: Model
     is_decided: bool
     noise: tuple[float, float]
     tick: tuple[float, float]
+    lasting: tuple[float, float]
     poses_per_tick: float
     findings: tuple[Finding, ...]
 
@@ -32,8 +33,10 @@ def report(state: AdaptiveState) -> Report | None:
         return None
     estimate: NoiseEstimate = best.averaging.stream.noise
     typical = float(np.median(best.sliding_window.frames)) if len(best.sliding_window.frames) else 1.0
-    variance = tick_variances(estimate, np.array(typical), best.model)
+    variance = white_variances(estimate, np.array(typical), best.model)
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
-    noise = estimate.sigma_position_m, estimate.sigma_rotation_rad
+    share = best.model.noise.estimate_share
+    noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
+    lasting = best.model.noise.wander_position_m, best.model.noise.wander_rotation_rad
     found = findings(state.inspection)
-    return Report(state.trackers.model, best.model, state.is_decided, noise, tick, typical, found)
+    return Report(state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, found)

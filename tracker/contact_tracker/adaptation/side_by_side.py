@@ -30,8 +30,6 @@ RATE_POSES: Final = 12
 """So many poses tell the rate of the stream."""
 RATIO_POSES: Final = 60
 """So many tell the ratio of the noise of position and orientation."""
-LOG_PRIOR_STEP: Final = -1.0
-"""Each candidate is less probable than the one of less noise, to begin with (nats)."""
 DROPPED_AFTER_S: Final = 5.0
 MARGIN_NATS: Final = 20.0
 """After so much motion (its first ticks mislead) a tracker so far behind the best is dropped."""
@@ -139,15 +137,15 @@ def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Bel
 
 
 def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
-    """With the trackers of more noise after the poses so far: what they say of those comes too late."""
+    """With the other trackers after the poses so far: what they say of those comes too late."""
     assert state.pending is not None
-    _, *models = candidates(state.trackers[0].model, state.pending)
-    starts = (tracker.start(model, state.lag_s, state.knowledge) for model in models)
+    chosen = candidates(state.trackers[0].model, state.pending)
+    starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
     started = [_observe(*tracker.accumulate_poses(start, state.pending), detail) for start in starts]
     first = state.first
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in started)),
-        log_weight=LOG_PRIOR_STEP * np.arange(1.0 + len(models)),
+        log_weight=np.array([one.log_prior for one in chosen]),
         pending=None,
         first=(),
     )

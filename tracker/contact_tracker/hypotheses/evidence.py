@@ -110,7 +110,9 @@ def _whitened(
     new = alone.copy()
     new[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
     if window.before is not None and len(window):
-        new[:, :, 0] = residual[:, :, 0] - correlation * model.measure(x, window.before[None]).residual[:, :, 0]
+        new[:, :, 0] = (
+            residual[:, :, 0] - correlation * model.measure(x, window.before[None]).residual[:, :, 0]
+        )
     if onset is not None:
         begins = (window.index == onset[:, None])[:, None]
         new = np.where(begins, alone, new)

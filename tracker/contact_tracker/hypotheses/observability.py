@@ -97,7 +97,8 @@ def information_spectrum(
     prior = tangent.T @ (vague + one.prior_information[0]) @ tangent
     if information is None:
         information = refit.information(one, model, scales)[0]
-    noise = noise_information(one, model, tangent, variance)
+    # of errors that last the moments hold what is new in them: nearly all of a pose is left out
+    noise = noise_information(one, model, tangent, variance / (1.0 - scales.correlation) ** 2)
     eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)

@@ -63,9 +63,7 @@ def fit_windows(
     ]
 
 
-def _begun(
-    model: ContactModel, window: Window, proposals: BirthProposals, correlation: float
-) -> Bank:
+def _begun(model: ContactModel, window: Window, proposals: BirthProposals, correlation: float) -> Bank:
     """All that may begin with the window, its ticks taken in."""
     nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
     birth = Birth(proposals, int(window.index[0]), 0, 0, 0.0, nothing.lag_history.sum(axis=0), turn)

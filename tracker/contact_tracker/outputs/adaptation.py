@@ -10,8 +10,10 @@ from contact_tracker.adaptation import Report
 def noise_text(report: Report) -> str:
     """The noise of a pose and of a tick, and how they were found."""
     given = "" if report.model.noise.estimated else " (as given)"
+    lasting = f", errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
     return (
-        f"noise {_deviations(report.noise)} a pose{given}, {_deviations(report.tick)} a tick{_chosen(report)}"
+        f"noise {_deviations(report.noise)} a pose{given}, {_deviations(report.tick)} a tick{lasting}"
+        f"{_chosen(report)}"
     )
 
 
@@ -41,6 +43,8 @@ def report_json(report: Report) -> dict[str, Any]:
         "tick_s": report.chosen.tick_s,
         "tick_sigma_position_m": report.tick[0],
         "tick_sigma_rotation_rad": report.tick[1],
+        "lasting_sigma_position_m": report.lasting[0],
+        "lasting_sigma_rotation_rad": report.lasting[1],
         "poses_per_tick": report.poses_per_tick,
         "findings": [finding.kind for finding in report.findings],
         "warnings": [*warnings(report)],
@@ -53,6 +57,10 @@ def _chosen(report: Report) -> str:
         return ""
     if not report.is_decided:
         return " (not decided yet: too little motion)"
+    if report.chosen.noise.estimate_share < report.model.noise.estimate_share:
+        return " (chosen by the evidence; poses differ by motion, too)"
+    if any(report.lasting):
+        return " (chosen by the evidence)"
     if report.chosen.noise.floor_position_m > report.model.noise.floor_position_m:
         return " (chosen by the evidence; white noise would leave less)"
     return ""

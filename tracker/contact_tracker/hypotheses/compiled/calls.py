@@ -113,7 +113,8 @@ def _weights(scales: EvidenceParameters) -> kernels.EvidenceParameters:
         scales.body_radius_m**2,
         pull,
         scales.correlation,
-        scales.prior_predictive_share, scales.likelihood_exponent
+        scales.prior_predictive_share,
+        scales.likelihood_exponent,
     )
 
 
