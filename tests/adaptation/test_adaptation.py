@@ -219,10 +219,13 @@ def window(zeta: np.ndarray) -> Window:
 
 def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:
     clean = moving(np.random.default_rng(1), 2.0, 200.0, 3e-4, 3e-3)
-    first, *others = candidates(MODEL, clean)
+    (first, _), *others = candidates(MODEL, clean)
     assert first == MODEL
     white = np.sqrt(3e-4 * 3e-3 / 20)
-    for one in others:
+    for one, _ in others:
+        if one.correlation:
+            assert one.noise.wander_position_m > 3e-4 / np.sqrt(20)
+            continue
         assert one.noise.floor_rotation_rad / one.noise.floor_position_m == pytest.approx(10.0, rel=0.2)
         assert np.sqrt(one.noise.floor_rotation_rad * one.noise.floor_position_m) > white
     assert len(candidates(MODEL, moving_average(clean, 5))) > len(others) + 1
@@ -231,9 +234,9 @@ def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "tick_s"), [(200.0, 0.1), (30.0, 0.1), (29.0, 0.1), (10.0, 0.3), (1.0, 3.0), (0.1, 3.0)]
+    ("rate_hz", "tick_s"), [(200.0, 0.1), (30.0, 0.1), (16.0, 0.1), (10.0, 0.15), (1.0, 1.5), (0.1, 3.0)]
 )
-def test_a_tick_holds_three_poses(rate_hz: float, tick_s: float) -> None:
+def test_a_tick_holds_more_than_a_pose(rate_hz: float, tick_s: float) -> None:
     assert with_ticks_for(MODEL, 1.0 / rate_hz).tick_s == pytest.approx(tick_s)
     poses = moving(np.random.default_rng(1), 30.0 / rate_hz, rate_hz, 3e-4, 3e-3)
     state, _ = adaptation.finish(adaptation.advance(adaptation.start(MODEL), poses)[0])
@@ -261,12 +264,12 @@ def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -
 
 
 def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
-    """Of two that are equally good the one of less noise."""
     state = adaptation.start(MODEL)
     for some in moving_average(recorded(FACE_TO_EDGE).poses, 5).batches():
         before, state = state, adaptation.advance(state, some)[0]
         if len(before.trackers.trackers) > 1:
-            floors = [one.model.noise.floor_position_m for one in before.trackers.trackers]
+            white = [one.model for one in before.trackers.trackers if not one.model.correlation]
+            floors = [model.noise.floor_position_m for model in white]
             assert floors == sorted(floors)
     assert state.best is not None
     assert state.best.model.noise.floor_position_m > MODEL.noise.floor_position_m

@@ -123,7 +123,7 @@ def stretch_geometry(poses: Poses, contact: Contact) -> ContactGeometry:
         np.array(
             [[tick.innovation_excess.position_m2, tick.innovation_excess.rotation_rad2] for tick in closed]
         ),
-        tick_anisotropy(noise, counts),
+        tick_anisotropy(noise, counts, state.model),
     )
     model, scales = CONTACT_MODELS[contact.column], tracker.scales_of(state.model)
     fitted, information = refine(fit_window(model, window, scales), model, window, scales)

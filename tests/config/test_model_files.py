@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker.calibration.writing import model_text
-from contact_tracker.config.loading import load_model
+from contact_tracker.config.loading import MAY_BE_ZERO, load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import ModelError, UsageError
@@ -25,7 +25,10 @@ MODELS = Path(__file__).resolve().parents[2] / "models"
 DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
 
 
-MAY_BE_LEFT_OUT = {(None, "poses_per_tick")}
+MAY_BE_LEFT_OUT = {
+    (None, "poses_per_tick"),
+    *(("noise", key) for key in ("wander_position_m", "wander_rotation_rad", "wander_s", "estimate_share")),
+}
 
 
 def toml(table, prefix=""):
@@ -179,7 +182,7 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
         ("fast", "must be a number, not str"),
         (True, "must be a number, not bool"),
         ([1.0], "must be a number, not list"),
-        (0.0, "must be more than"),
+        *([] if name in MAY_BE_ZERO else [(0.0, "must be more than")]),
         (-1.0, "must be more than"),
         (float("nan"), "must be more than"),
         (float("inf"), "must be more than"),
@@ -332,7 +335,7 @@ def test_what_may_be_left_out_has_its_usual_value(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(toml(changed(None, "poses_per_tick", None)))
     model = load_model(str(path))
-    assert (model.poses_per_tick, model.noise.estimated) == (3.0, True)
+    assert (model.poses_per_tick, model.noise.estimated) == (1.5, True)
     path.write_text(toml(changed("noise", "estimated", False)))
     given = load_model(str(path))
     assert given.noise == load_model().with_noise(0.5e-3, 4e-3).noise

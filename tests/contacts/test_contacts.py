@@ -361,7 +361,7 @@ def test_swapped_contacts_are_the_inverse_pose(seed):
 @quick
 @given(seed=seeds)
 def test_scale_is_one_but_for_the_sine_of_crossing_edges(model, seed):
-    """Its mean square over poses, and the derivative of its logarithm against finite differences."""
+    """At its mean over poses, and the derivative of its logarithm against finite differences."""
     rng = np.random.default_rng(seed)
     rotation, t = random_poses(rng)
     x = random_x(model, rng)
@@ -369,7 +369,7 @@ def test_scale_is_one_but_for_the_sine_of_crossing_edges(model, seed):
     moments = zeta.T @ zeta
     expected = 1.0
     if model.contact is Contact.EE:
-        expected = np.mean(1.0 - np.einsum("i,nij,j->n", x[6:9], rotation, x[:3]) ** 2)
+        expected = 1.0 - np.mean(np.einsum("i,nij,j->n", x[6:9], rotation, x[:3])) ** 2
     assert model.family.scale_sq(x, moments) == pytest.approx(expected, rel=1e-9)
     step = 1e-6
     numeric = [

@@ -18,10 +18,12 @@ seeds = st.integers(0, 2**32 - 1)
 def follow(position, turn):
     """States and excesses (N, 2) of variances over a motion (N, 3) and Rotation of N ticks."""
     rotation = turn.as_matrix()
-    state = free_motion.begin(rotation[0], position[0])
+    state, tick_ns = free_motion.begin(rotation[0], position[0], 0), round(TICK_S * 1e9)
     states, excess = [], []
-    for r, p in zip(rotation[1:], position[1:], strict=True):
-        state, surprise = free_motion.advance(state, r, p, VARIANCES, TICK_S, MEMORY_S)
+    for i, (r, p) in enumerate(zip(rotation[1:], position[1:], strict=True), 1):
+        state, surprise = free_motion.advance(
+            state, r, p, VARIANCES, VARIANCES, i * tick_ns, TICK_S, MEMORY_S
+        )
         states.append(state)
         excess.append((surprise.position_m2, surprise.rotation_rad2))
     return states, np.array(excess)
@@ -166,5 +168,5 @@ def test_a_jump_passes():
 def test_white_jerk_moves_the_states_as_filterpy_says(tick_s):
     jerk = Q_continuous_white_noise(3, tick_s, 1.0)
     np.testing.assert_allclose(
-        free_motion.transition(tick_s, 1.0).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14
+        free_motion.transition(tick_s).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14
     )

@@ -7,7 +7,7 @@ import pytest
 
 from contact_tracker.hypotheses import compiled, gauss_newton
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.compiled.calls import model_of, ticks_of
+from contact_tracker.hypotheses.compiled.calls import model_of, ticks_of, weights_of
 from contact_tracker.hypotheses.compiled.kernels import parts
 from contact_tracker.hypotheses.row_layout import entries
 
@@ -51,10 +51,10 @@ def _bank(model, reach_m, bank):
     return model_of(model, reach_m), bank.words, bank.onsets.words
 
 
-def grow(bank, model, window, log_stay):
+def grow(bank, model, window, scales, log_stay):
     """As ``refit.grow``."""
     grown = replace(bank.copy(), onsets=bank.onsets.copy())
-    parts.grown(*_bank(model, 1.0, grown), ticks_of(window), log_stay)
+    parts.grown(*_bank(model, 1.0, grown), ticks_of(window), weights_of(scales), log_stay)
     return grown
 
 

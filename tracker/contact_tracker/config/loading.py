@@ -21,11 +21,13 @@ _RANGES: Final = {
     "reach_m": (1e-6, 1e6),
     "revisit_prior": (0.0, 1.0),
     "posterior_power": (0.0, 1.01),
+    "estimate_share": (0.0, 1.01),
     "skip": (0.0, 1.0),
     "initial_f_f": (0.0, 1.0),
 }
 """Where a number must lie, both ends excluded; others are ``_POSITIVE``."""
 _POSITIVE: Final = (1e-12, 1e9)
+MAY_BE_ZERO: Final = frozenset({"noise.wander_position_m", "noise.wander_rotation_rad"})
 _LEAST_WINDOW_TICKS: Final = 10
 
 
@@ -101,7 +103,7 @@ def _value(wanted: Any, value: Any, key: str) -> Any:
     if wanted is float:
         low, high = limits(key)
         number = _number(value, key)
-        if not low < number < high:
+        if not (low < number < high or (number == 0.0 and key in MAY_BE_ZERO)):
             raise ModelError(key, f"must be more than {low:g} and less than {high:g}")
         return number
     if wanted == ByState:

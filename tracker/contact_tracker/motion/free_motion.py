@@ -230,10 +230,10 @@ def advance(
     if elapsed_s <= LONGEST_PREDICTION * tick_s:
         of_tick = squares * prediction.per_tick
         state = _with_errors(state, of_tick, innovation / (np.sqrt(squares[:, :1]) + TINY), tick_s, memory_s)
-        moves = 1.0
-    else:
-        moves = squares[:, 1] > 3.0 * STILL * rest
-    excess = state.excess(variance, rest, prediction.share * moves)
+        share = prediction.share
+    else:  # all that is known is whether it has moved
+        share = np.where(squares[:, 1] > 3.0 * STILL * rest, prediction.share, 0.0)
+    excess = state.excess(variance, rest, share)
     return state, InnovationExcess(float(excess[0]), float(excess[1]))
 
 

@@ -63,7 +63,7 @@ def update(
     limit = None
     if until is not None:
         limit = kernels.StopCondition(until.probability, until.posterior_power, list(until.due_ns.items()))
-    arguments = words, inputs, number, entry, beyond, _weights(scales), margin, limit
+    arguments = words, inputs, number, entry, beyond, weights_of(scales), margin, limit
     return UpdatedRows(*kernels.update(_models(scales.reach_m), *arguments))
 
 
@@ -107,7 +107,8 @@ def ticks_of(window: Window) -> kernels.Ticks:
 
 
 @cache
-def _weights(scales: EvidenceParameters) -> kernels.EvidenceParameters:
+def weights_of(scales: EvidenceParameters) -> kernels.EvidenceParameters:
+    """What kernels see of the evidence's parameters."""
     pull = 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return kernels.EvidenceParameters(
         scales.body_radius_m**2,
