@@ -74,7 +74,7 @@ def test_what_was_chosen_is_said(tmp_path: Path, capsys: Any) -> None:
         assert "poses look filtered" in said
     slow = thinned(raw(24.0), 10.0, 0.0, np.random.default_rng(0))
     assert run(["segment", str(write_log(tmp_path / "b.mcap", [poses_topic(slow)]))]) == 0
-    assert "ticks of 0.30 s instead of 0.1 s" in capsys.readouterr().err
+    assert "ticks of 0.15 s instead of 0.1 s" in capsys.readouterr().err
 
 
 def test_noise_that_is_given_is_used_and_said(tmp_path: Path, capsys: Any) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from contact_tracker import adaptation, hmm
 from contact_tracker.adaptation.candidates import candidates, with_ticks_for
@@ -33,8 +34,9 @@ from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
-from distortions import interpolated, low_pass, moving_average, turned
+from distortions import interpolated, low_pass, moving_average, thinned, turned
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded
 from smooth_motion import moving
 
@@ -45,6 +47,8 @@ FILTERS = {
     "interpolated": interpolated,
     "low-passed at 20 Hz": lambda poses: low_pass(poses, 20.0),
 }
+KEPT = np.exp(-0.005 / 2.0)
+"""Of an error that lasts for 2 s, from pose to pose at 200 Hz."""
 needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
 
 
@@ -215,6 +219,34 @@ def test_what_has_no_poses_does_not_move() -> None:
 def window(zeta: np.ndarray) -> Window:
     rows = np.ones((len(zeta), 2))
     return Window(np.arange(len(zeta)), zeta, rows, rows)
+
+
+@needs_kernels
+@pytest.mark.parametrize("lasting_m", [0.0, 5e-4, 1e-3])
+def test_errors_that_last_are_known_by_the_evidence(lasting_m: float) -> None:
+    """And contacts are found in spite of them; where there are none, none are found."""
+    poses, rng = paper(), np.random.default_rng(4)
+    errors = lfilter([np.sqrt(1.0 - KEPT**2)], [1.0, -KEPT], rng.normal(size=(len(poses) + 2000, 6)), axis=0)
+    position, turn = poses.position_m + lasting_m * errors[2000:, :3], 5.0 * lasting_m * errors[2000:, 3:]
+    moved = replace(poses, position_m=position, quat_xyzw=turned(poses, turn))
+    tracked = adaptation.OfflineTracker(MODEL)
+    found = Segmentation.join(list(tracked.pieces(moved)))
+    assert tracked.report is not None
+    assert tracked.report.lasting[0] == pytest.approx(lasting_m, rel=0.6)
+    offline, _ = accuracies(poses, found)
+    assert offline > (0.9 if lasting_m else 0.95)
+
+
+@needs_kernels
+@pytest.mark.parametrize("rate_hz", [10.0, 5.0])
+def test_contacts_are_found_in_few_poses(rate_hz: float) -> None:
+    """Differences of such poses are motion: noise is less than they show, which the evidence knows."""
+    poses = thinned(paper(), rate_hz, 0.01, np.random.default_rng(5))
+    tracked = adaptation.OfflineTracker(MODEL)
+    found = Segmentation.join(list(tracked.pieces(poses)))
+    assert accuracies(poses, found)[0] > 0.9
+    assert tracked.report is not None
+    assert tracked.report.chosen.noise.estimate_share < 1.0 or rate_hz == 10.0
 
 
 def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:

@@ -252,8 +252,8 @@ def test_a_tick_is_taken_in_alike(k):
 
 @each_model
 @pytest.mark.parametrize("old", [True, False])
-@pytest.mark.parametrize("many", [0, 1, 5])
-def test_what_begins_joins_alike(model, old, many):
+@pytest.mark.parametrize(("many", "correlation"), [(0, 0.0), (1, 0.0), (5, 0.0), (5, 0.95)])
+def test_what_begins_joins_alike(model, old, many, correlation):
     """Of some geometry is known; the first ones of all start from any, turned with the body."""
     rng, column = np.random.default_rng(7), model.contact.column
     k = next(k for k in range(9, 12) if not global_search.is_due(model, k))
@@ -285,7 +285,8 @@ def test_what_begins_joins_alike(model, old, many):
     births = Births(all_begin, int(window.index[-1]), 123, 1000, entry, rng.random((7, 2, 7)), turn)
     shorter = window.cut(3, None)  # it has lost some
     moment = TickInput(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
-    advanced = both(bank_update.update, banks, [moment], BEYOND, SCALES, margin=1e4)
+    scales = replace(SCALES, correlation=correlation)
+    advanced = both(bank_update.update, banks, [moment], BEYOND, scales, margin=1e4)
     numpy, kernel = (living.banks[column] for living in advanced)
     told = [weighed for living in advanced for weighed in living.tick_weights]
     for name in ("log_birth_weight", "log_state_weight", "residual"):

@@ -277,6 +277,7 @@ DROPPED = (
     "repeated_stamp",
     "backward_stamp",
     "leading_stamp",
+    "excursion",
     "default_pose",
 )
 

@@ -161,6 +161,11 @@ def can_go_on(state: FreeMotion, stamp_ns: int) -> bool:
     return 0.0 < gap_s <= LONGEST_COAST_S
 
 
+def foretells(state: FreeMotion, stamp_ns: int, tick_s: float) -> bool:
+    """Whether errors of predictions from so long ago are known."""
+    return state.is_settled and (stamp_ns - state.stamp_ns) * 1e-9 <= LONGEST_PREDICTION * tick_s
+
+
 def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
     """Positions (N, 3) and orientations (N, 4) ``ahead_s`` (N,) after the time of the last tick."""
     position, turn = ahead_s[:, None] ** _POWERS * _SHARES @ state.x
@@ -168,8 +173,13 @@ def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
 
 
 def moves_on(state: FreeMotion, stamp_ns: int, variance: Array) -> bool:
-    """Whether by then the object should have left where it was, by more than noise of ``variance`` (2,)."""
+    """Whether by then the object should have left where it was, by more than noise of ``variance`` (2,).
+
+    Not after a time over which nothing is foretold.
+    """
     ahead_s = (stamp_ns - state.stamp_ns) * 1e-9
+    if ahead_s > LONGEST_COAST_S:
+        return False
     way = ahead_s ** _POWERS[1:] * _SHARES[1:] @ state.x[:, 1:]
     return bool(((way * way).sum(axis=1) > 3.0 * STILL * variance).any())
 

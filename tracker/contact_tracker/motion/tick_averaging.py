@@ -108,7 +108,7 @@ def _average_tick(
     start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), learnt.noise
     frames = new if len(new) else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
-    good = _plausible(frames, learnt.free_motion, origin_m, sigma_sq, model.noise.outlier_sigmas)
+    good = _plausible(frames, learnt.free_motion, origin_m, sigma_sq, model)
     some = frames if good.all() else frames[good]
     buffer, estimate = learnt.noise_buffer, before
     if model.noise.estimated:
@@ -201,7 +201,7 @@ def _plausible(
     motion: FreeMotion | None,
     origin_m: Array,
     sigma_sq: Array,
-    outlier_sigmas: float,
+    model: Model,
 ) -> NDArray[np.bool_]:
     """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far, with
     noise ``sigma_sq`` (2,).
@@ -210,7 +210,7 @@ def _plausible(
     all frames implausible the object has jumped: they are taken, and the filter follows.
     """
     count, everything = len(frames), np.ones(len(frames), bool)
-    if motion is not None and motion.is_settled:
+    if motion is not None and free_motion.foretells(motion, int(frames.stamp_ns[0]), model.tick_s):
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
         off, spread = _off(frames, at + origin_m, facing), motion.spread
         if count >= 3:  # frames stand beside their neighbours: little motion lies between them
@@ -223,7 +223,7 @@ def _plausible(
         off, allowed_sq = off - _local_median(off), np.maximum(sigma_sq, step_sq)
     else:
         return everything
-    good = (_distance_sq(off) < outlier_sigmas**2 * allowed_sq).all(axis=1)
+    good = (_distance_sq(off) < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(good if good.any() else everything)
 
 
