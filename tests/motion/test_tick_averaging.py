@@ -247,7 +247,7 @@ def test_one_frame_per_tick_is_enough():
     assert any(tick.innovation_excess.position_m2 > 0 for tick in found)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("share", [0.3, 0.5])
 def test_frames_that_are_missing_are_no_motion(share):
     """A tick is at the mean time of its frames: steady motion is as predictable with half of them."""
     poses = moving(np.random.default_rng(17), 30.0, 200.0, 3e-4, 2e-3)
