@@ -12,7 +12,7 @@ from contact_tracker.adaptation import online
 from contact_tracker.adaptation.mixture import spread_out
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.config.parameters import Model
-from contact_tracker.inspection.stream_checks import inspect, is_in_doubt
+from contact_tracker.inspection.stream_checks import inspect
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
@@ -58,7 +58,7 @@ class OfflineTracker:
             count = min(len(waiting), len(piece.filtered))
             said, waiting = waiting[:count], waiting[count:]
             piece = replace(piece, filtered=piece.filtered[count:])
-            if is_in_doubt(self._state.inspection):
+            if self._state.is_in_doubt:
                 piece = _doubted(piece)
             yield replace(piece, filtered=Beliefs.join([said, piece.filtered]))
 

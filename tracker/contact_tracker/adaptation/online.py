@@ -4,10 +4,19 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 from contact_tracker.adaptation import side_by_side
+from contact_tracker.adaptation.conventions import NOTHING_KNOWN, Conventions
+from contact_tracker.adaptation.conventions import advance as advance_conventions
+from contact_tracker.adaptation.conventions import findings as convention_findings
 from contact_tracker.adaptation.mixture import spread_out
 from contact_tracker.adaptation.side_by_side import SideBySide
 from contact_tracker.config.parameters import Model
-from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Inspection, inspect, is_in_doubt
+from contact_tracker.inspection.stream_checks import (
+    NOTHING_INSPECTED,
+    Finding,
+    Inspection,
+    findings,
+    inspect,
+)
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.belief import Belief, Detail
@@ -20,25 +29,37 @@ TOGETHER: Final = 50
 class AdaptiveState(NamedTuple):
     """Everything known of the stream; bounded in size however long it is.
 
-    The ``trackers`` side by side, and the ``inspection`` of the poses, but for the last ones: those wait for
-    it (``uninspected``, so ``many``), and after the first ``taken_in`` parts of them for the end of a tick.
+    The ``trackers`` side by side, what is known of its ``conventions``, and the ``inspection`` of the poses,
+    but for the last ones: those wait for it (``uninspected``, so ``many``), and after the first ``taken_in``
+    parts of them for the end of a tick.
     """
 
     trackers: SideBySide
     inspection: Inspection
+    conventions: Conventions
     uninspected: tuple[Pose | Poses, ...]
     many: int
     taken_in: int
 
     @property
     def is_decided(self) -> bool:
-        """Whether ticks and noise are chosen for good."""
-        return self.trackers.is_decided
+        """Whether ticks and noise are chosen for good, and the order of quaternions is known."""
+        return self.trackers.is_decided and self.conventions.is_settled
 
     @property
     def best(self) -> TrackerState | None:
         """The most probable tracker; None before the rate of the stream is known."""
         return self.trackers.best
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the stream shows of itself."""
+        return (*findings(self.inspection), *convention_findings(self.conventions))
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether something was found that makes labels wrong."""
+        return any(finding.doubts_labels for finding in self.findings)
 
     @property
     def outliers(self) -> int:
@@ -48,7 +69,9 @@ class AdaptiveState(NamedTuple):
 
 def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> AdaptiveState:
     """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
-    return AdaptiveState(side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, (), 0, 0)
+    return AdaptiveState(
+        side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, NOTHING_KNOWN, (), 0, 0
+    )
 
 
 def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None]:
@@ -92,14 +115,14 @@ def _advance(
     state: AdaptiveState, poses: Pose | Poses, many: int, detail: Detail
 ) -> tuple[AdaptiveState, list[Belief]]:
     """No more poses than are inspected together, those that wait for it included."""
-    trackers, inspection, uninspected, before, taken_in = state
-    state = AdaptiveState(trackers, inspection, (*uninspected, poses), before + many, taken_in)
+    trackers, inspection, known, uninspected, before, taken_in = state
+    state = AdaptiveState(trackers, inspection, known, (*uninspected, poses), before + many, taken_in)
     if isinstance(poses, Pose) and state.many < TOGETHER and side_by_side.goes_on(trackers, poses.stamp_ns):
         return state, []  # as mostly, where poses come one by one: trackers need them at the end of the tick
     state, beliefs = _take_in(state, detail)
     if state.many == TOGETHER:
         inspection = inspect(inspection, Poses.join(state.uninspected))
-        state = AdaptiveState(state.trackers, inspection, (), 0, 0)
+        state = AdaptiveState(state.trackers, inspection, state.conventions, (), 0, 0)
     return state, beliefs
 
 
@@ -108,12 +131,15 @@ def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[
     waiting = state.uninspected[state.taken_in :]
     if not waiting:
         return state, []
-    trackers, beliefs = side_by_side.advance(state.trackers, Poses.join(waiting), detail)
-    state = state._replace(trackers=trackers, taken_in=len(state.uninspected))
+    poses, conventions = Poses.join(waiting), state.conventions
+    trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
+    if trackers.trackers:
+        conventions = advance_conventions(conventions, trackers.best, trackers.trackers[0].model, poses)
+    state = state._replace(trackers=trackers, conventions=conventions, taken_in=len(state.uninspected))
     return state, _as_sure_as_allowed(state, beliefs)
 
 
 def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
-    if not beliefs or not is_in_doubt(state.inspection):
+    if not beliefs or not state.is_in_doubt:
         return beliefs
     return [replace(belief, probability=spread_out(belief.probability)) for belief in beliefs]

@@ -6,7 +6,7 @@ import numpy as np
 
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.parameters import Model
-from contact_tracker.inspection.stream_checks import Finding, findings
+from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.sensor_noise import NoiseEstimate
 from contact_tracker.motion.tick_averaging import white_variances
 
@@ -38,5 +38,6 @@ def report(state: AdaptiveState) -> Report | None:
     share = best.model.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = best.model.noise.wander_position_m, best.model.noise.wander_rotation_rad
-    found = findings(state.inspection)
-    return Report(state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, found)
+    return Report(
+        state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, state.findings
+    )

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, rotation_vectors
+from contact_tracker.inspection import turning_point
 from contact_tracker.inspection.recurrence import ALARM, BACK, page_sum, returned
+from contact_tracker.inspection.turning_point import NONE_SEEN, TurningPoints
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
@@ -59,7 +61,7 @@ class Inspection(NamedTuple):
     ``first`` is the first pose, of ``total``; ``moved`` says whether position and orientation have changed
     since. ``noise`` (2, BINS) counts squared third differences of both; ``top_m_per_s`` is the speed of the
     fastest block. ``page`` is the sum of Page's test, ``share`` that of the poses of the last block that went
-    back. ``units``, ``bodies`` and ``filtered`` were found at some time.
+    back. ``turning`` is about which points. ``units``, ``bodies`` and ``filtered`` were found at some time.
     """
 
     recent: Poses
@@ -72,6 +74,7 @@ class Inspection(NamedTuple):
     page: float
     share: float
     whiteness: Whiteness
+    turning: TurningPoints
     units: bool
     bodies: bool
     filtered: bool
@@ -88,6 +91,7 @@ NOTHING_INSPECTED: Final = Inspection(
     page=0.0,
     share=0.0,
     whiteness=NOTHING_COMPARED,
+    turning=NONE_SEEN,
     units=False,
     bodies=False,
     filtered=False,
@@ -102,7 +106,9 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
         return inspection
     first = inspection.first if inspection.total else new[np.zeros(1, int)]
     total, recent = inspection.total + len(new), Poses.join([inspection.recent, new])
-    inspection = inspection._replace(first=first, total=total, moved=_moved(inspection.moved, first, new))
+    turning = turning_point.advance(inspection.turning, new)
+    moved = _moved(inspection.moved, first, new)
+    inspection = inspection._replace(first=first, total=total, moved=moved, turning=turning)
     end = len(recent) - (total - BLOCK * inspection.blocks)
     while total - BLOCK * inspection.blocks >= BLOCK:
         end += BLOCK
@@ -126,6 +132,13 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
         # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
         what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
         found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))
+    if inspection.turning.are_inverse:
+        from_body_m, from_world_m = inspection.turning.median_m
+        text = (
+            f"poses look inverse, of the world in the body (they turn about points {from_body_m:.1f} m from "
+            f"the body's origin and {from_world_m:.1f} m from the world's): invert them"
+        )
+        found.append(Finding("inverse", text, True))
     if inspection.filtered and not inspection.bodies:
         found.append(Finding("filtered", _FILTERED, False))
     return tuple(found)

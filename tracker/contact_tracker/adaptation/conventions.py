@@ -1,0 +1,98 @@
+"""Mistakes of convention in how poses were recorded, seen by what contacts explain of the motion.
+
+A quaternion with its components in another order, or inverted beside a position that is not, is a rotation
+like any other, and turns about no point that the position knows of: contacts explain next to nothing of such
+motion, and much of it once the quaternions are read as they were meant. So trackers that read them in the
+usual wrong ways run beside one that takes them as they are, until it leads by enough.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.config.parameters import Model
+from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.motion.poses import Poses
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.state import TrackerState
+
+READINGS: Final = (
+    ("", np.array([0, 1, 2, 3]), 1.0),
+    ("quaternions look like w x y z in fields that are x y z w: reorder them", np.array([1, 2, 3, 0]), 1.0),
+    ("quaternions look inverted (rotation of the world in the body): conjugate them", np.arange(4), -1.0),
+    (
+        "quaternions look like w x y z, and inverted: reorder and conjugate them",
+        np.array([1, 2, 3, 0]),
+        -1.0,
+    ),
+)
+"""What is wrong, where x y z w are, and the sign of x y z."""
+SAFE_NATS: Final = 15.0
+SAFE_AFTER_S: Final = 2.0
+"""After so much motion a lead by so much over all other readings settles it."""
+WRONG_NATS: Final = 30.0
+WRONG_FACTOR: Final = 1.5
+"""By so much, and so many times as much, another reading explains more if the poses are wrong."""
+LONGEST_S: Final = 15.0
+"""Of motion: what has not shown by then does not."""
+
+
+class Conventions(NamedTuple):
+    """What is known so far.
+
+    ``trackers`` of READINGS, none before the rate is known and once it is settled; ``moved_s`` of motion
+    since then, and whether it ``is_settled``. ``reading`` is the one that is found to be right.
+    """
+
+    trackers: tuple[TrackerState, ...]
+    moved_s: float
+    is_settled: bool
+    reading: int
+
+
+NOTHING_KNOWN: Final = Conventions((), 0.0, False, 0)
+
+
+def advance(known: Conventions, best: TrackerState | None, model: Model, poses: Poses) -> Conventions:
+    """Take in poses, after which ``best`` is the most probable tracker; its ticks are those of ``model``."""
+    if best is None:
+        return known
+    if best.knowledge:  # it tells as much
+        return known._replace(is_settled=True)
+    return known if known.is_settled else _compared(known, model, poses)
+
+
+def findings(known: Conventions) -> tuple[Finding, ...]:
+    """What is to be said."""
+    if not known.reading:
+        return ()
+    return (Finding("quaternions", READINGS[known.reading][0], True),)
+
+
+def read(poses: Poses, reading: int) -> Poses:
+    """Poses with their quaternions read in one of READINGS."""
+    _, order, sign = READINGS[reading]
+    quat = poses.quat_xyzw[:, order] * [sign, sign, sign, 1.0]
+    return Poses(poses.stamp_ns, poses.position_m, quat)
+
+
+def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
+    """What contacts explain in each reading."""
+    trackers = known.trackers or tuple(tracker.start(model) for _ in READINGS)
+    moved_s, after = known.moved_s, list[TrackerState]()
+    for reading, one in enumerate(trackers):
+        state, closed = tracker.accumulate_poses(one, read(poses, reading))
+        for tick in closed:
+            state, _ = tracker.update(state, tick, Detail.WEIGHTS)
+            if not reading:
+                moved_s += model.tick_s * state.window.latest_motion_ratio
+        after.append(state)
+    explained = np.array([state.log_evidence for state in after])
+    best = int(explained[1:].argmax()) + 1
+    lead = float(explained[0] - explained[best])
+    if lead < -WRONG_NATS and explained[best] > WRONG_FACTOR * explained[0]:
+        return known._replace(trackers=(), is_settled=True, reading=best)
+    if moved_s > LONGEST_S or (moved_s > SAFE_AFTER_S and lead > SAFE_NATS):
+        return known._replace(trackers=(), is_settled=True)
+    return known._replace(trackers=tuple(after), moved_s=moved_s)

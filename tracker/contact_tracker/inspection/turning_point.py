@@ -1,0 +1,79 @@
+"""Where the point is about which an object turns: near to the body's origin, or to the world's.
+
+What an object turns about (where it touches, or the hand) is near to it. Inverse poses, of the world in the
+body, are rigid motion as well, with the roles of object and surroundings exchanged: what they turn about is
+then near to the world's origin, and as far from the body's as the object was from that of the world.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.motion.poses import NO_POSES, Poses
+
+Array = NDArray[np.float64]
+
+STEP_NS: Final = 100_000_000
+SPAN: Final = 30
+"""So many poses that far apart are looked at together."""
+EXPLAINED: Final = 0.8
+"""Share of the motion of the origin in such a span that is rotation about a point."""
+ENOUGH: Final = 3
+"""So many spans of that sort tell."""
+FAR_M: Final = 0.6
+TIMES_FARTHER: Final = 2.0
+"""The point is farther than that from the body's origin, and so much farther than from the world's, where
+poses are inverse."""
+KEPT: Final = 200
+
+
+class TurningPoints(NamedTuple):
+    """``sparse`` poses of the span under way, and of the spans before the ``distances`` (n, 2) of the point about
+    which the object turned from the origins of the body and of the world (m)."""
+
+    sparse: Poses
+    distances: Array
+
+    @property
+    def median_m(self) -> tuple[float, float]:
+        """Both distances."""
+        from_body_m, from_world_m = np.median(self.distances, axis=0).tolist()
+        return from_body_m, from_world_m
+
+    @property
+    def are_inverse(self) -> bool:
+        """Whether poses look like those of the world in the body."""
+        if len(self.distances) < ENOUGH:
+            return False
+        from_body_m, from_world_m = self.median_m
+        return from_body_m > max(FAR_M, TIMES_FARTHER * from_world_m)
+
+
+NONE_SEEN: Final = TurningPoints(NO_POSES, np.zeros((0, 2)))
+
+
+def advance(seen: TurningPoints, poses: Poses) -> TurningPoints:
+    """Take in poses of a stream, in order."""
+    sparse = seen.sparse
+    next_ns = int(sparse.stamp_ns[-1]) + STEP_NS if len(sparse) else int(poses.stamp_ns[0])
+    while (row := int(np.searchsorted(poses.stamp_ns, next_ns))) < len(poses):
+        sparse = Poses.join([sparse, poses[row : row + 1]])
+        next_ns = int(poses.stamp_ns[row]) + STEP_NS
+        if len(sparse) == SPAN:
+            distances = np.concatenate([seen.distances, turning_point(sparse)])[-KEPT:]
+            seen, sparse = seen._replace(distances=distances), sparse[-1:]
+    return seen._replace(sparse=sparse)
+
+
+def turning_point(span: Poses) -> Array:
+    """Its ``distances`` (1, 2); (0, 2) if the motion is no rotation about a point."""
+    turn, position = span.rotation, span.position_m
+    about = (turn - turn.mean(axis=0)).reshape(-1, 3)
+    moved = (position - position.mean(axis=0)).ravel()
+    in_body, *_ = np.linalg.lstsq(-about, moved, rcond=1e-3)
+    left = moved + about @ in_body
+    if left @ left > (1.0 - EXPLAINED) * (moved @ moved):
+        return np.zeros((0, 2))
+    in_world = position.mean(axis=0) + turn.mean(axis=0) @ in_body
+    return np.array([[np.linalg.norm(in_body), np.linalg.norm(in_world)]])
