@@ -29,8 +29,8 @@ KEPT: Final = 200
 
 
 class TurningPoints(NamedTuple):
-    """``sparse`` poses of the span under way, and of the spans before the ``distances`` (n, 2) of the point about
-    which the object turned from the origins of the body and of the world (m)."""
+    """``sparse`` poses of the span under way, and the ``distances`` (n, 2) of the spans before: how far the
+    point about which the object turned was from the origins of the body and of the world (m)."""
 
     sparse: Poses
     distances: Array

@@ -33,6 +33,10 @@ STRIDE_TICKS: Final = 5
 """Motion is looked at in steps so long that slow motion rises above the noise."""
 USED: Final = 10.0
 """The motion uses a direction if it moves there by so many times the variance of the noise."""
+LEVER_M: Final = 0.1
+ONE_AXIS: Final = 0.14
+"""Where the motion in one direction is so much larger than in any other (turns count with the lever above), it
+has one degree of freedom: hinges, slides and screws, whose errors move the object in other directions."""
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
 VARIED_S: Final = 0.7
@@ -46,6 +50,7 @@ _AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
 """(3, 9): of a matrix, row by row, what is odd in it: of a rotation its axis by twice the sine of its angle;
 of ``a b^T`` it is ``b x a``."""
 _TRACE: Final = EYE.ravel()
+_LEVER: Final = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone."""
 
@@ -133,7 +138,8 @@ def used_directions(window: Window) -> int:
     """How many of its six directions the object moves in, beyond the noise: the rank of its twists (T24).
 
     Each step of ``STRIDE_TICKS`` has a twist in the world's frame, which stays the same as long as the object
-    turns about one axis: that is one direction, however far it goes. Translation in a plane is two.
+    turns about one axis: that is one direction, however far it goes. Translation in a plane is two. Motion that
+    is nearly all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
     """
     if len(window) <= STRIDE_TICKS:
         return 0
@@ -152,7 +158,11 @@ def used_directions(window: Window) -> int:
     position, rotational = 2.0 * window.usual_variance
     lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
     sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)
-    return int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
+    used = int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
+    if used < 2:
+        return used
+    rising = linalg.eigenvalues(power * (_LEVER[:, None] * _LEVER))
+    return 1 if rising[-2] < ONE_AXIS**2 * rising[-1] else used
 
 
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> CompetingEvidence:
