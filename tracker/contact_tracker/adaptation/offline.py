@@ -12,7 +12,6 @@ from contact_tracker.adaptation import online
 from contact_tracker.adaptation.mixture import spread_out
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.config.parameters import Model
-from contact_tracker.inspection.stream_checks import inspect
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
@@ -65,8 +64,7 @@ class OfflineTracker:
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
         """Poses on their way, looked at."""
         for poses in stream:
-            inspection = inspect(self._state.inspection, poses)
-            self._state = self._state._replace(inspection=inspection)
+            self._state = online.look_at(self._state, poses)
             yield poses
 
     def _choose(

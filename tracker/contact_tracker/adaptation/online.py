@@ -3,11 +3,12 @@
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from contact_tracker.adaptation import side_by_side
+from contact_tracker.adaptation import penetration, side_by_side
 from contact_tracker.adaptation.conventions import NOTHING_KNOWN, Conventions
 from contact_tracker.adaptation.conventions import advance as advance_conventions
 from contact_tracker.adaptation.conventions import findings as convention_findings
 from contact_tracker.adaptation.mixture import spread_out
+from contact_tracker.adaptation.penetration import NO_PENETRATION, Penetration
 from contact_tracker.adaptation.side_by_side import SideBySide
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import (
@@ -37,6 +38,7 @@ class AdaptiveState(NamedTuple):
     trackers: SideBySide
     inspection: Inspection
     conventions: Conventions
+    penetration: Penetration
     uninspected: tuple[Pose | Poses, ...]
     many: int
     taken_in: int
@@ -54,7 +56,11 @@ class AdaptiveState(NamedTuple):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the stream shows of itself."""
-        return (*findings(self.inspection), *convention_findings(self.conventions))
+        return (
+            *findings(self.inspection),
+            *convention_findings(self.conventions),
+            *penetration.findings(self.penetration),
+        )
 
     @property
     def is_in_doubt(self) -> bool:
@@ -70,7 +76,13 @@ class AdaptiveState(NamedTuple):
 def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> AdaptiveState:
     """No pose has come yet. With ``lag_s`` answers are of that long ago, and better."""
     return AdaptiveState(
-        side_by_side.begin(model, lag_s, knowledge), NOTHING_INSPECTED, NOTHING_KNOWN, (), 0, 0
+        side_by_side.begin(model, lag_s, knowledge),
+        NOTHING_INSPECTED,
+        NOTHING_KNOWN,
+        NO_PENETRATION,
+        (),
+        0,
+        0,
     )
 
 
@@ -101,12 +113,22 @@ def advance(
     return state, beliefs
 
 
+def look_at(state: AdaptiveState, poses: Poses) -> AdaptiveState:
+    """Inspect poses, whoever tracks them."""
+    return state._replace(
+        inspection=inspect(state.inspection, poses),
+        penetration=penetration.advance(state.penetration, state.trackers.knowledge, poses),
+    )
+
+
 def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
     """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
 
     Should it go on after all, it has paused, as after a gap.
     """
     state, beliefs = _take_in(state, Detail.GEOMETRY)
+    if state.uninspected:
+        state = look_at(state, Poses.join(state.uninspected))._replace(uninspected=(), many=0, taken_in=0)
     trackers, rest = side_by_side.finish(state.trackers)
     return state._replace(trackers=trackers), [*beliefs, *_as_sure_as_allowed(state, rest)]
 
@@ -115,15 +137,17 @@ def _advance(
     state: AdaptiveState, poses: Pose | Poses, many: int, detail: Detail
 ) -> tuple[AdaptiveState, list[Belief]]:
     """No more poses than are inspected together, those that wait for it included."""
-    trackers, inspection, known, uninspected, before, taken_in = state
-    state = AdaptiveState(trackers, inspection, known, (*uninspected, poses), before + many, taken_in)
-    if isinstance(poses, Pose) and state.many < TOGETHER and side_by_side.goes_on(trackers, poses.stamp_ns):
+    state = state._replace(uninspected=(*state.uninspected, poses), many=state.many + many)
+    if isinstance(poses, Pose) and _may_wait(state, poses):
         return state, []  # as mostly, where poses come one by one: trackers need them at the end of the tick
     state, beliefs = _take_in(state, detail)
     if state.many == TOGETHER:
-        inspection = inspect(inspection, Poses.join(state.uninspected))
-        state = AdaptiveState(state.trackers, inspection, state.conventions, (), 0, 0)
+        state = look_at(state, Poses.join(state.uninspected))._replace(uninspected=(), many=0, taken_in=0)
     return state, beliefs
+
+
+def _may_wait(state: AdaptiveState, pose: Pose) -> bool:
+    return state.many < TOGETHER and side_by_side.goes_on(state.trackers, pose.stamp_ns)
 
 
 def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[Belief]]:

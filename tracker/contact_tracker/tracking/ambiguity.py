@@ -35,8 +35,8 @@ USED: Final = 10.0
 """The motion uses a direction if it moves there by so many times the variance of the noise."""
 LEVER_M: Final = 0.1
 ONE_AXIS: Final = 0.14
-"""Where the motion in one direction is so much larger than in any other (turns count with the lever above), it
-has one degree of freedom: hinges, slides and screws, whose errors move the object in other directions."""
+"""Where the second largest part of the motion is less than this share of the largest (turns count with the
+lever above), it has one degree of freedom: hinges, slides and screws, and their errors."""
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
 VARIED_S: Final = 0.7
@@ -138,8 +138,8 @@ def used_directions(window: Window) -> int:
     """How many of its six directions the object moves in, beyond the noise: the rank of its twists (T24).
 
     Each step of ``STRIDE_TICKS`` has a twist in the world's frame, which stays the same as long as the object
-    turns about one axis: that is one direction, however far it goes. Translation in a plane is two. Motion that
-    is nearly all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
+    turns about one axis: that is one direction, however far it goes. Translation in a plane is two. Motion
+    that is nearly all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
     """
     if len(window) <= STRIDE_TICKS:
         return 0
