@@ -182,6 +182,11 @@ def test_at_rest_nothing_is_shown_of_vertex_and_face():
 # --- contacts ----------------------------------------------------------------------------------------------
 
 
+def turned_a_little(rotation, four):
+    """By 0.3 deg or so about other axes."""
+    return rotation @ Rotation.from_rotvec(0.005 * four[:, 2:5]).as_matrix()
+
+
 def kinds_of_motion():
     eye, axis = np.tile(np.eye(3), (TICKS, 1, 1)), np.array([0.0, 0.6, 0.8])
     four = waves(6, 5)
@@ -193,6 +198,7 @@ def kinds_of_motion():
         "line": (1, eye, 0.1 * four[:, :1] * axis),
         "hinge": (1, hinge, -hinge @ arm),
         "screw": (1, hinge, -hinge @ arm + 0.05 * four[:, :1] * axis),
+        "loose hinge": (1, turned_a_little(hinge, four), -hinge @ arm + 0.002 * four[:, 2:5]),
         "plane": (2, eye, plane),
         "cylinder": (2, hinge, -hinge @ arm + 0.1 * four[:, 1:2] * axis),
         "faces": (3, hinge, plane),

@@ -111,7 +111,7 @@ def test_the_recordings_have_what_strides_stop_at():
 
 def test_many_ticks_are_taken_at_once():
     sizes = [len(some) for _, some in some_at_a_time("contacts")]
-    assert max(sizes) == MOST
+    assert MOST // 2 < max(sizes) <= MOST
     assert np.mean(sizes) > 3.0
 
 

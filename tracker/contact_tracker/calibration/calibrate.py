@@ -2,7 +2,8 @@
 seen it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 from contact_tracker.calibration.learn import Lesson, learn
 from contact_tracker.calibration.learned import How, Learned
@@ -11,6 +12,9 @@ from contact_tracker.calibration.study import Judged, Source, Study, judge, look
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.evaluate import Evaluation
+
+DOUBTFUL: Final = (How.RESIDUALS, How.CONTACTS)
+"""What is learned from residuals of contacts that are only believed is left out first."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,8 @@ class Calibration:
     studies: tuple[Study, ...]
     lesson: Lesson
     held_out: tuple[HeldOut, ...]
+    left_out: tuple[str, ...]
+    """Keys that were not learned, because without truth they make recordings held out less probable."""
 
     @property
     def log_loss(self) -> tuple[float, float] | None:
@@ -69,8 +75,21 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
     studies = run(look, [(source, plan.start, plan.folds > 0, fit) for source in plan.sources])
     if plan.wants(How.SEARCH) and not any(study.has_truth for study in studies):
         raise NoTruth("a search is for the least log-loss: that needs recordings with truth")
+    left_out: tuple[str, ...] = ()
+    while True:
+        held_out = _hold_out(plan, studies, run)
+        if any(study.labelled for study in studies) or not _is_worse(held_out) or not plan.wanted:
+            break
+        harmful = [learned for learned in plan.wanted if learned.how in DOUBTFUL] or list(plan.wanted)
+        left_out += tuple(learned.key for learned in harmful)
+        plan = replace(plan, wanted=tuple(learned for learned in plan.wanted if learned not in harmful))
     lesson = _learn(plan, studies, range(len(studies)), run)
-    return Calibration(plan, tuple(studies), lesson, tuple(_hold_out(plan, studies, run)))
+    return Calibration(plan, tuple(studies), lesson, tuple(held_out), left_out)
+
+
+def _is_worse(held_out: Sequence[HeldOut]) -> bool:
+    """Whether recordings held out are less probable than before."""
+    return sum(one.after.log_evidence - one.before.log_evidence for one in held_out) < 0.0
 
 
 def mean_log_loss(evaluations: Sequence[Evaluation]) -> float:

@@ -14,6 +14,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoPoses
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.ground_truth import Truth
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
@@ -30,12 +31,14 @@ CONFIDENT: Final = 0.95
 
 @dataclass(frozen=True)
 class Source:
-    """Which poses of which file; ``believe_truth`` says that its truth, if it has one, is learned from."""
+    """Which poses of which file; ``believe_truth`` says that its truth, if it has one, is learned from, and
+    ``knowledge`` what is known of object and surroundings."""
 
     name: str
     topic: str | None = None
     frame: str | None = None
     believe_truth: bool = True
+    knowledge: PriorMap = EMPTY_MAP
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +90,7 @@ def look(source: Source, model: Model, judge_it: bool, fit_it: bool) -> Study:
         label = labels(observed.middle_ns, believed)
         chain = KnownStates(label, np.array([hazard_exposure(a) for a in observed.activity]))
     if judge_it or chain is None:
-        judged, belief, found = _pass(poses, truth, model)
+        judged, belief, found = _pass(poses, truth, model, source.knowledge)
         if chain is None:
             chain, label = belief, _confident(found, observed)
     return Study(
@@ -107,7 +110,7 @@ def look(source: Source, model: Model, judge_it: bool, fit_it: bool) -> Study:
 def judge(source: Source, model: Model) -> Judged:
     """How ``model`` does on a recording."""
     poses, truth, _ = _read(source)
-    return _pass(poses, truth, model)[0]
+    return _pass(poses, truth, model, source.knowledge)[0]
 
 
 def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
@@ -119,9 +122,11 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
     return poses, truth, log.damage
 
 
-def _pass(poses: Poses, truth: Truth | None, model: Model) -> tuple[Judged, BelievedStates, Segmentation]:
+def _pass(
+    poses: Poses, truth: Truth | None, model: Model, knowledge: PriorMap
+) -> tuple[Judged, BelievedStates, Segmentation]:
     recorded = RecordedPass()
-    found = segment(poses, model, watch=recorded.note)
+    found = segment(poses, model, knowledge=knowledge, watch=recorded.note)
     steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
     trellis = recorded.trellis
     _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)

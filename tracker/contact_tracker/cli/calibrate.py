@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker import __version__
 from contact_tracker.cli.arguments import add_source, output_file
+from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, warn
@@ -33,6 +34,7 @@ WIDTH: Final = 108
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
     add_source(parser)
+    add_known(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -109,6 +111,11 @@ def run(args: argparse.Namespace) -> int:
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
         loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
         warn(f"worse on recordings held out: log-loss {loss}; --only leaves out what does harm")
+    if found.left_out:
+        warn(
+            f"not learned: {', '.join(found.left_out)}; without truth they make recordings held out less "
+            "probable; give recordings with truth to learn them"
+        )
     code = DONE
     for study in found.studies:
         if study.damage is not None:
@@ -122,7 +129,8 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
 
     names = recordings(args.logs, "calibrate")
-    sources = tuple(Source(name, args.topic, args.frame, not args.unlabelled) for name in names)
+    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args)
+    sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
     return sources
@@ -170,6 +178,7 @@ def _command(args: argparse.Namespace) -> str:
     words = ["contact-tracker", "calibrate", *map(os.path.relpath, args.logs)]
     words += ["--topic", args.topic] if args.topic else []
     words += ["--frame", args.frame] if args.frame else []
+    words += ["--known", os.path.relpath(args.known)] if args.known else []
     words += ["--start", start] if args.start != "default" else []
     words += ["--unlabelled"] if args.unlabelled else []
     words += ["--only", *args.only] if args.only else []

@@ -1,0 +1,92 @@
+"""Poses that were recorded in another convention are found out, and none that were not."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker import adaptation
+from contact_tracker.adaptation import conventions, penetration
+from contact_tracker.adaptation.conventions import READINGS
+from contact_tracker.hypotheses import compiled
+from contact_tracker.motion.poses import Poses
+from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.recording import open_log
+from contact_tracker.tracking.segmentation import Segmentation
+from short_recordings import MODEL
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+SIGMA = {"sigma_position_m": 5e-4, "sigma_rotation_deg": 0.2}
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+
+
+def with_quaternions(poses: Poses, order: list[int], sign: float = 1.0) -> Poses:
+    return replace(poses, quat_xyzw=(poses.quat_xyzw * [sign, sign, sign, 1.0])[:, order])
+
+
+def inverse(poses: Poses) -> Poses:
+    turn = Rotation.from_quat(poses.quat_xyzw).inv()
+    return replace(poses, position_m=-turn.apply(poses.position_m), quat_xyzw=turn.as_quat())
+
+
+MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
+    "w first": ("w x y z", lambda poses: with_quaternions(poses, [3, 0, 1, 2])),
+    "inverted": ("inverted", lambda poses: with_quaternions(poses, [0, 1, 2, 3], -1.0)),
+    "both": ("w x y z, and inverted", lambda poses: with_quaternions(poses, [3, 0, 1, 2], -1.0)),
+    "inverse": ("inverse, of the world", inverse),
+}
+
+
+def tracked(poses: Poses) -> tuple[list[str], Segmentation]:
+    tracker = adaptation.OfflineTracker(MODEL)
+    found = Segmentation.join(list(tracker.pieces(poses)))
+    assert tracker.report is not None
+    return [finding.text for finding in tracker.report.findings], found
+
+
+@needs_kernels
+@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize("name", ["paper_experiment", "robot_1khz"])
+def test_mistakes_of_convention_are_said_and_nothing_is_sure(name: str, mistake: str) -> None:
+    said, wrong = MISTAKES[mistake]
+    texts, found = tracked(wrong(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap")))))
+    assert len(texts) == 1
+    assert said in texts[0]
+    assert max(belief.probability.max() for belief in found.beliefs) < 0.9
+
+
+@needs_kernels
+@pytest.mark.parametrize("name", ["paper_experiment", "all_states", "robot_1khz", "vision_30hz"])
+def test_nothing_is_said_of_sound_recordings(name: str) -> None:
+    assert tracked(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap"))))[0] == []
+
+
+@pytest.mark.parametrize("reading", range(len(READINGS)))
+def test_each_reading_undoes_its_mistake(reading: int) -> None:
+    rng = np.random.default_rng(1)
+    clean = Poses(np.arange(5), rng.normal(size=(5, 3)), Rotation.random(5, random_state=2).as_quat())
+    _, order, sign = READINGS[reading]
+    stored = with_quaternions(clean, list(np.argsort(order)), sign)
+    np.testing.assert_array_equal(conventions.read(stored, reading).quat_xyzw, clean.quat_xyzw)
+
+
+@pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])
+def test_known_geometry_that_the_object_passes_through_is_named(height_m: float, is_said: bool) -> None:
+    knowledge = knowledge_from(
+        {
+            "environment": {
+                "plane": [{"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0, **SIGMA}]
+            },
+            "object": {"box": {"size_m": [0.1, 0.1, 0.1], **SIGMA}},
+        }
+    )
+    poses = Poses(np.arange(10), np.tile([0.0, 0.0, height_m], (10, 1)), np.tile([0.0, 0, 0, 1], (10, 1)))
+    found = penetration.advance(penetration.NO_PENETRATION, knowledge, poses)
+    texts = [finding.text for finding in penetration.findings(found)]
+    assert bool(texts) is is_said
+    assert all("15 mm inside table" in text for text in texts)
+    single = penetration.advance(penetration.NO_PENETRATION, knowledge, poses[:1])
+    assert penetration.findings(single) == (), "one pose may be wrong"
