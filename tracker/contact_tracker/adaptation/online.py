@@ -16,6 +16,7 @@ from contact_tracker.inspection.stream_checks import (
     Finding,
     Inspection,
     findings,
+    impacts,
     inspect,
 )
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -56,8 +57,11 @@ class AdaptiveState(NamedTuple):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the stream shows of itself."""
+        knowledge, model = self.trackers.knowledge, self.trackers.model
+        both_known = bool(knowledge.object) and bool(knowledge.environment)
         return (
             *findings(self.inspection),
+            *(impacts(self.inspection, model.tick_s) if both_known else ()),
             *convention_findings(self.conventions),
             *penetration.findings(self.penetration),
         )

@@ -39,6 +39,9 @@ ENOUGH_NOISE: Final = 40
 
 CONSTANT: Final = 1e-9
 """Less is rounding (m, or of a unit quaternion)."""
+LONGEST_TICK_S: Final = 0.05
+IMPACT_M_PER_S: Final = 0.7
+"""An object that touches known elements at such speed bounces: longer ticks do not see that."""
 ENOUGH_CONSTANT: Final = 100
 
 # Histogram of squared third differences: four bins to a factor of 4, from 1e-15 to 3e6.
@@ -142,6 +145,18 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
     if inspection.filtered and not inspection.bodies:
         found.append(Finding("filtered", _FILTERED, False))
     return tuple(found)
+
+
+def impacts(inspection: Inspection, tick_s: float) -> tuple[Finding, ...]:
+    """What is to be said of contacts shorter than ticks of ``tick_s``, where elements of both sides are known."""
+    fast = inspection.top_m_per_s > IMPACT_M_PER_S
+    if not fast or tick_s <= LONGEST_TICK_S or inspection.bodies or inspection.units:
+        return ()
+    text = (
+        f"the object moves at up to {inspection.top_m_per_s:.1f} m/s: contacts may be shorter than the ticks "
+        f"of {tick_s:g} s; what is known suffices for shorter ones: take --model impacts"
+    )
+    return (Finding("impacts", text, True),)
 
 
 def is_in_doubt(inspection: Inspection) -> bool:
