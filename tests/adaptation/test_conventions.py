@@ -35,7 +35,6 @@ def inverse(poses: Poses) -> Poses:
 MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
     "w first": ("w x y z", lambda poses: with_quaternions(poses, [3, 0, 1, 2])),
     "inverted": ("inverted", lambda poses: with_quaternions(poses, [0, 1, 2, 3], -1.0)),
-    "both": ("w x y z, and inverted", lambda poses: with_quaternions(poses, [3, 0, 1, 2], -1.0)),
     "inverse": ("inverse, of the world", inverse),
 }
 

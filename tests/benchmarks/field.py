@@ -6,7 +6,8 @@
 Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as ``evaluate``
 does, and beside it with the model as it is, adapted to nothing. Figures of a distortion are means over the
 recordings: accuracy, share of the time with a probability above 0.9 on a wrong state, calibration error of
-the most probable state, and the accuracy of the worst recording.
+the most probable state, the accuracy of the worst recording, and the share of the elements within 3
+standard deviations of the truth.
 """
 
 import argparse
@@ -15,8 +16,10 @@ import sys
 import zlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import reduce
 from itertools import product
 from multiprocessing import get_context
+from operator import add
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -38,7 +41,7 @@ from kept_tables import Table
 
 HEADER: Final = (
     *("distortion", "offline", "online", "sure and wrong offline", "online", "calibration offline", "online"),
-    *("worst offline", "online", "not adapted offline", "online"),
+    *("worst offline", "online", "within 3 sd", "not adapted offline", "online"),
 )
 
 
@@ -72,11 +75,13 @@ def row(name: str, measured: Sequence[Measured]) -> list[str]:
     both = [(one.adapted.offline, one.adapted.online) for one in measured]
     alone = [(one.alone.offline, one.alone.online) for one in measured]
     accuracy = np.array([[tally.accuracy() for tally in pair] for pair in both])
+    geometry = reduce(add, [one.adapted.geometry for one in measured])
     columns = (
         accuracy.mean(axis=0),
         np.mean([[tally.sure_wrong for tally in pair] for pair in both], axis=0),
         np.mean([[tally.calibration_error for tally in pair] for pair in both], axis=0),
         accuracy.min(axis=0),
+        [geometry.within_3_sd()],
         np.mean([[tally.accuracy() for tally in pair] for pair in alone], axis=0),
     )
     return [name, *(number(float(value)) for column in columns for value in column)]

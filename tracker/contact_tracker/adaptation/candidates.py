@@ -19,11 +19,11 @@ NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
 (rad). Within a factor of the square root of two from the true one contacts are found as well as with it."""
 LEAST_FACTOR: Final = 1.2
 """A candidate is worth a tracker if it is so much larger than what white noise leaves of the frames."""
-WANDER_M: Final = (1.25e-4, 2.5e-4, 5e-4, 1e-3)
+WANDER_M: Final = (1.25e-4, 3.5e-4, 1e-3)
 """Candidates for errors of the position that last, as of calibration, where they are no less than noise."""
 WANDER_ROTATION_PER_POSITION: Final = 5.0
 """By how much they turn (rad/m)."""
-SLOW_PERIOD_S: Final = 0.025
+SLOW_PERIOD_S: Final = 0.045
 """Poses farther apart than this may differ by motion as much as by noise."""
 SHARES: Final = (0.5, 0.25, 0.125)
 """Candidates for how much of the deviations is noise then."""

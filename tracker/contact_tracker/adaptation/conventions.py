@@ -3,7 +3,7 @@
 A quaternion with its components in another order, or inverted beside a position that is not, is a rotation
 like any other, and turns about no point that the position knows of: contacts explain next to nothing of such
 motion, and much of it once the quaternions are read as they were meant. So trackers that read them in the
-usual wrong ways run beside one that takes them as they are, until it leads by enough.
+usual wrong ways run beside those that take them as they are, until these lead by enough.
 """
 
 from typing import Final, NamedTuple
@@ -18,14 +18,8 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.state import TrackerState
 
 READINGS: Final = (
-    ("", np.array([0, 1, 2, 3]), 1.0),
     ("quaternions look like w x y z in fields that are x y z w: reorder them", np.array([1, 2, 3, 0]), 1.0),
     ("quaternions look inverted (rotation of the world in the body): conjugate them", np.arange(4), -1.0),
-    (
-        "quaternions look like w x y z, and inverted: reorder and conjugate them",
-        np.array([1, 2, 3, 0]),
-        -1.0,
-    ),
 )
 """What is wrong, where x y z w are, and the sign of x y z."""
 SAFE_NATS: Final = 15.0
@@ -42,16 +36,16 @@ class Conventions(NamedTuple):
     """What is known so far.
 
     ``trackers`` of READINGS, none before the rate is known and once it is settled; ``moved_s`` of motion
-    since then, and whether it ``is_settled``. ``reading`` is the one that is found to be right.
+    since then, and whether it ``is_settled``; the text of what was ``found``, empty if nothing was.
     """
 
     trackers: tuple[TrackerState, ...]
     moved_s: float
     is_settled: bool
-    reading: int
+    found: str
 
 
-NOTHING_KNOWN: Final = Conventions((), 0.0, False, 0)
+NOTHING_KNOWN: Final = Conventions((), 0.0, False, "")
 
 
 def advance(known: Conventions, best: TrackerState | None, model: Model, poses: Poses) -> Conventions:
@@ -60,14 +54,12 @@ def advance(known: Conventions, best: TrackerState | None, model: Model, poses: 
         return known
     if best.knowledge:  # it tells as much
         return known._replace(is_settled=True)
-    return known if known.is_settled else _compared(known, model, poses)
+    return known if known.is_settled else _compared(known, best, model, poses)
 
 
 def findings(known: Conventions) -> tuple[Finding, ...]:
     """What is to be said."""
-    if not known.reading:
-        return ()
-    return (Finding("quaternions", READINGS[known.reading][0], True),)
+    return (Finding("quaternions", known.found, True),) if known.found else ()
 
 
 def read(poses: Poses, reading: int) -> Poses:
@@ -77,8 +69,8 @@ def read(poses: Poses, reading: int) -> Poses:
     return Poses(poses.stamp_ns, poses.position_m, quat)
 
 
-def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
-    """What contacts explain in each reading."""
+def _compared(known: Conventions, best: TrackerState, model: Model, poses: Poses) -> Conventions:
+    """What contacts explain in each reading, against what they explain of the poses as they are."""
     trackers = known.trackers or tuple(tracker.start(model) for _ in READINGS)
     moved_s, after = known.moved_s, list[TrackerState]()
     for reading, one in enumerate(trackers):
@@ -89,10 +81,9 @@ def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
                 moved_s += model.tick_s * state.window.latest_motion_ratio
         after.append(state)
     explained = np.array([state.log_evidence for state in after])
-    best = int(explained[1:].argmax()) + 1
-    lead = float(explained[0] - explained[best])
-    if lead < -WRONG_NATS and explained[best] > WRONG_FACTOR * explained[0]:
-        return known._replace(trackers=(), is_settled=True, reading=best)
+    other, lead = int(explained.argmax()), best.log_evidence - float(explained.max())
+    if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * best.log_evidence:
+        return known._replace(trackers=(), is_settled=True, found=READINGS[other][0])
     if moved_s > LONGEST_S or (moved_s > SAFE_AFTER_S and lead > SAFE_NATS):
         return known._replace(trackers=(), is_settled=True)
     return known._replace(trackers=tuple(after), moved_s=moved_s)

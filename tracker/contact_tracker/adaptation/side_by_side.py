@@ -33,6 +33,9 @@ RATIO_POSES: Final = 60
 DROPPED_AFTER_S: Final = 5.0
 MARGIN_NATS: Final = 20.0
 """After so much motion (its first ticks mislead) a tracker so far behind the best is dropped."""
+HOPELESS_AFTER_S: Final = 1.5
+HOPELESS_NATS: Final = 40.0
+"""So far behind one is dropped sooner."""
 REST_NATS: Final = 10.0
 """So much less counts a tracker that takes noise for motion, as long as the object rests."""
 DECIDED_AFTER_S: Final = 10.0
@@ -226,8 +229,9 @@ def _weigh_trackers(
     kept = every
     if moved_s >= DECIDED_AFTER_S:
         kept = every[[int(log_weight.argmax())]]
-    elif moved_s >= DROPPED_AFTER_S:
-        kept = every[log_weight > best - MARGIN_NATS]
+    elif moved_s >= HOPELESS_AFTER_S:
+        margin = MARGIN_NATS if moved_s >= DROPPED_AFTER_S else HOPELESS_NATS
+        kept = every[log_weight > best - margin]
     state = state._replace(
         trackers=tuple(state.trackers[i] for i in kept),
         log_weight=log_weight[kept] - best,

@@ -148,7 +148,7 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
 
 
 def impacts(inspection: Inspection, tick_s: float) -> tuple[Finding, ...]:
-    """What is to be said of contacts shorter than ticks of ``tick_s``, where elements of both sides are known."""
+    """What is to be said of contacts shorter than ticks, if elements of both sides are known."""
     fast = inspection.top_m_per_s > IMPACT_M_PER_S
     if not fast or tick_s <= LONGEST_TICK_S or inspection.bodies or inspection.units:
         return ()

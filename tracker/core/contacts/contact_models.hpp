@@ -46,7 +46,7 @@ struct Family : Form {
     // Of symmetric matrices (P, P) the upper triangle is kept, row after row: U
     // numbers.
     static constexpr int U = P * (P + 1) / 2;
-    // BankLayout the entry in row p and column q is, or in row q and column p.
+    // Where the entry in row p and column q is, or in row q and column p.
     static constexpr int upper(int p, int q) { return p > q ? upper(q, p) : p * P - p * (p - 1) / 2 + q - p; }
     static constexpr int last = K - 1;
     static constexpr bool crosses = Form::q2 >= 0;

@@ -1,4 +1,4 @@
-// BankLayout searches start: `Family.starts`, the solutions of relaxed
+// Where searches start: `Family.starts`, the solutions of relaxed
 // problems.
 #pragma once
 

@@ -176,7 +176,7 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
     if (fitted[0] > 0.0) sums.log_ratio -= where(after, lengths.pull * seen.reach_sq, none);
 }
 
-// BankLayout the ticks begin that count for a hypothesis, and from where they
+// Where the ticks begin that count for a hypothesis, and from where they
 // tell: the first tick is given.
 struct Since {
     int first, after;

@@ -1,6 +1,6 @@
 // Rows times moments.
 //
-// BankLayout element 2 is a plane, all of them and what shifts of points change
+// Where element 2 is a plane, all of them and what shifts of points change
 // begin with vec(d2 b^T): d2 is multiplied once.
 #pragma once
 

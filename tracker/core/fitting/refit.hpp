@@ -47,27 +47,23 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
     const double *pose = ticks.newest_pose(), *before = ticks.before_newest(),
                  precision = 1.0 / ticks.noise(ticks.count - 1, 0);
     const Vector place = kind.body_in_1 ? at(pose, T) : -at(pose, U);
-    const double alone = lengths.alone(), rho = before ? lengths.correlation : 0.0;
-    double lifted[F::C], fresh[F::C], first[F::C * (F::C + 1) / 2], later[F::C * (F::C + 1) / 2];
+    const double alone = lengths.alone();
+    double lifted[F::C], first[F::C], later[F::C];
     for (int c = 0; c < F::C; ++c) {
         lifted[c] = pose[kind.lifted[c]];
-        fresh[c] = before ? lifted[c] - rho * before[kind.lifted[c]] : alone * lifted[c];
-    }
-    for (int c = 0, i = 0; c < F::C; ++c) {
-        for (int d = c; d < F::C; ++d, ++i) {
-            const bool for_sine = F::crosses && d == F::C - 1;
-            first[i] = for_sine ? lifted[c] : alone * lifted[c] * alone * lifted[d];
-            later[i] = for_sine ? lifted[c] : fresh[c] * fresh[d];
-        }
+        first[c] = alone * lifted[c];
+        later[c] = before ? lifted[c] - lengths.correlation * before[kind.lifted[c]] : first[c];
     }
     for (int o = 0; o < onsets.count; ++o) {
         double *row = onsets.row(o), *moments = row + where.second_moment;
         const bool begins = whole(row, where.onset) == ticks.newest();
         const double weight = precision * (begins ? 1.0 : std::max(heard, settings.at_rest));
-        const double* products = begins ? first : later;
-        for (int i = 0; i < F::C * (F::C + 1) / 2; ++i) moments[i] += weight * products[i];
-        for (int c = 0; begins && c < F::C; ++c)
-            row[where.onset_row + c] = alone * lifted[c] * std::sqrt(precision);
+        const double* fresh = begins ? first : later;
+        for (int c = 0; c < F::C; ++c) {  // the sine of e-e is that of the poses themselves
+            for (int d = c; d < F::C; ++d)
+                *moments++ += weight * (F::crosses && d == F::C - 1 ? lifted[c] : fresh[c] * fresh[d]);
+            if (begins) row[where.onset_row + c] = first[c] * std::sqrt(precision);
+        }
         put(row, where.weighted_position_sum, at(row, where.weighted_position_sum) + weight * place);
         row[where.weight] += weight;
         row[where.effective_ticks] += begins ? 1.0 : heard;

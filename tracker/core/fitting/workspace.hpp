@@ -63,7 +63,7 @@ struct Near {
 
 // Memory of some windows: their `prior`, and what they are `near` their x.
 //
-// BankLayout a trial of coordinates has come to: `rows` (K, C) and the same
+// Where a trial of coordinates has come to: `rows` (K, C) and the same
 // times the moments, `carried`, their `weight` (K,), free directions before
 // shifting, `axes`, slopes of the last row along the shifts, `design` (L, C),
 // which times the moments are `moved`, x times the prior's precision, `pull`,
