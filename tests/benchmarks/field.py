@@ -81,7 +81,7 @@ def row(name: str, measured: Sequence[Measured]) -> list[str]:
         np.mean([[tally.sure_wrong for tally in pair] for pair in both], axis=0),
         np.mean([[tally.calibration_error for tally in pair] for pair in both], axis=0),
         accuracy.min(axis=0),
-        [geometry.within_3_sd()],
+        [geometry.within_3_sd],
         np.mean([[tally.accuracy() for tally in pair] for pair in alone], axis=0),
     )
     return [name, *(number(float(value)) for column in columns for value in column)]
