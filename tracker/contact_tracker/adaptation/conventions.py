@@ -18,10 +18,12 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.state import TrackerState
 
 READINGS: Final = (
+    ("", np.arange(4), 1.0),
     ("quaternions look like w x y z in fields that are x y z w: reorder them", np.array([1, 2, 3, 0]), 1.0),
     ("quaternions look inverted (rotation of the world in the body): conjugate them", np.arange(4), -1.0),
 )
-"""What is wrong, where x y z w are, and the sign of x y z."""
+"""What is wrong, where x y z w are, and the sign of x y z. The first takes poses as they are: the trackers
+that are compared have to take their noise to be the same."""
 SAFE_NATS: Final = 15.0
 SAFE_AFTER_S: Final = 2.0
 """After so much motion a lead by so much over all other readings settles it."""
@@ -54,7 +56,7 @@ def advance(known: Conventions, best: TrackerState | None, model: Model, poses: 
         return known
     if best.knowledge:  # it tells as much
         return known._replace(is_settled=True)
-    return known if known.is_settled else _compared(known, best, model, poses)
+    return known if known.is_settled else _compared(known, model, poses)
 
 
 def findings(known: Conventions) -> tuple[Finding, ...]:
@@ -69,7 +71,7 @@ def read(poses: Poses, reading: int) -> Poses:
     return Poses(poses.stamp_ns, poses.position_m, quat)
 
 
-def _compared(known: Conventions, best: TrackerState, model: Model, poses: Poses) -> Conventions:
+def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
     """What contacts explain in each reading, against what they explain of the poses as they are."""
     trackers = known.trackers or tuple(tracker.start(model) for _ in READINGS)
     moved_s, after = known.moved_s, list[TrackerState]()
@@ -81,8 +83,8 @@ def _compared(known: Conventions, best: TrackerState, model: Model, poses: Poses
                 moved_s += model.tick_s * state.window.latest_motion_ratio
         after.append(state)
     explained = np.array([state.log_evidence for state in after])
-    other, lead = int(explained.argmax()), best.log_evidence - float(explained.max())
-    if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * best.log_evidence:
+    other, lead = int(explained.argmax()), float(explained[0] - explained[1:].max())
+    if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * explained[0]:
         return known._replace(trackers=(), is_settled=True, found=READINGS[other][0])
     if moved_s > LONGEST_S or (moved_s > SAFE_AFTER_S and lead > SAFE_NATS):
         return known._replace(trackers=(), is_settled=True)
