@@ -244,7 +244,8 @@ def test_a_tick_is_taken_in_alike(k):
             1e-6,
         )
         assert_same_columns(reference, compiled_, ("protected_until",), 1e-9)
-        matters = reference.log_weight > -30.0
+        # farther behind, e-e of few ticks is at one of many minima: which, rounding decides (theory.md)
+        matters = reference.log_weight > -20.0
         np.testing.assert_allclose(compiled_.log_weight[matters], reference.log_weight[matters], atol=2e-2)
     np.testing.assert_allclose(kernel.log_state_weight, numpy.log_state_weight, atol=1e-2)
     np.testing.assert_allclose(kernel.residual, numpy.residual, rtol=1e-3)

@@ -268,7 +268,7 @@ def _numbers(state):
         if isinstance(value, Poses):
             yield from value.columns
         elif isinstance(value, tuple):
-            yield from value
+            yield from _numbers(value)
         else:
             yield value
 
