@@ -170,7 +170,7 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
     near = (bank.log_weight > -WAIT_NATS) & (bank.effective_ticks > 10.0)
     off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
     knocked = bank.replace_columns(x=np.where(near[:, None], off, bank.x))
-    stepped = refit(accumulate(knocked, model, window, 0.0), model, window, scales)
+    stepped = refit(accumulate(knocked, model, window, scales), model, window, scales)
     fallen = near & (stepped.log_weight < bank.log_weight - FALL_NATS) & (stepped.rms > AT_THE_NOISE)
     assert fallen.any()
     state = state._replace(

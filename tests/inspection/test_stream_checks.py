@@ -13,7 +13,6 @@ from contact_tracker.inspection.stream_checks import (
     Inspection,
     findings,
     inspect,
-    is_in_doubt,
 )
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
@@ -40,6 +39,10 @@ def inspected(poses, batch=100, before=NOTHING_INSPECTED) -> Inspection:
     for first in range(0, len(poses), batch):
         before = inspect(before, poses[first : first + batch])
     return before
+
+
+def is_in_doubt(inspection):
+    return any(finding.doubts_labels for finding in findings(inspection))
 
 
 def kinds(poses, batch=100):

@@ -1,4 +1,4 @@
-"""Mistakes of convention in how poses were recorded, seen by what contacts explain of the motion.
+"""Mistakes of convention in how poses were recorded, recognised by what contacts explain of the motion.
 
 A quaternion with its components in another order, or inverted beside a position that is not, is a rotation
 like any other, and turns about no point that the position knows of: contacts explain next to nothing of such
@@ -12,6 +12,7 @@ import numpy as np
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Detail
@@ -50,11 +51,9 @@ class Conventions(NamedTuple):
 NOTHING_KNOWN: Final = Conventions((), 0.0, False, "")
 
 
-def advance(known: Conventions, best: TrackerState | None, model: Model, poses: Poses) -> Conventions:
-    """Take in poses, after which ``best`` is the most probable tracker; its ticks are those of ``model``."""
-    if best is None:
-        return known
-    if best.knowledge:  # it tells as much
+def advance(known: Conventions, model: Model, knowledge: PriorMap, poses: Poses) -> Conventions:
+    """Take in poses; ``model`` has the ticks of the stream. With ``knowledge`` nothing is compared."""
+    if knowledge:
         return known._replace(is_settled=True)
     return known if known.is_settled else _compared(known, model, poses)
 

@@ -162,7 +162,7 @@ def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[
     poses, conventions = Poses.join(waiting), state.conventions
     trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
     if trackers.trackers:
-        conventions = advance_conventions(conventions, trackers.best, trackers.trackers[0].model, poses)
+        conventions = advance_conventions(conventions, trackers.trackers[0].model, trackers.knowledge, poses)
     state = state._replace(trackers=trackers, conventions=conventions, taken_in=len(state.uninspected))
     return state, _as_sure_as_allowed(state, beliefs)
 

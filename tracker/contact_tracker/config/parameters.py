@@ -39,6 +39,11 @@ class Noise:
     """Share of the estimated deviations that is noise: of slow streams the rest is motion."""
 
     @cached_property
+    def wander_variance(self) -> tuple[float, float]:
+        """Variances (m^2, rad^2) of the errors that last."""
+        return self.wander_position_m**2, self.wander_rotation_rad**2
+
+    @cached_property
     def extra_contact_variance(self) -> tuple[tuple[float, float], ...]:
         """Variances (m^2, rad^2) that each contact has beyond the floor."""
         deviations = zip(self.contact_position_m, self.contact_rotation_rad, strict=True)
@@ -142,9 +147,7 @@ class Model:
     @property
     def correlation(self) -> float:
         """Of the errors of a tick with those of the next, where errors wander; else zero."""
-        noise = self.noise
-        wanders = noise.wander_position_m > 0.0 or noise.wander_rotation_rad > 0.0
-        return exp(-self.tick_s / noise.wander_s) if wanders else 0.0
+        return exp(-self.tick_s / self.noise.wander_s) if any(self.noise.wander_variance) else 0.0
 
     @property
     def tick_ns(self) -> int:

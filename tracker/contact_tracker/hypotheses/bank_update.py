@@ -140,9 +140,7 @@ def _update_contact(
     # what assumes met elements begins with them: one tick, which is given, changes no weight
     unchanged = is_deferred(bank) & (not due) | bank.from_landmark & (np.arange(len(bank)) >= old)
     was = bank.log_weight
-    bank = refit(
-        accumulate(bank, model, window, scales.correlation, log_stay), model, window, scales, unchanged
-    )
+    bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, unchanged)
     bank = recover_fallen(bank, was, model, window, scales)
     if due:
         bank = exchange_geometry(bank, model, window, scales)

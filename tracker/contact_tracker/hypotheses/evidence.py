@@ -39,6 +39,11 @@ class EvidenceParameters:
     tick_s: float
     correlation: float = 0.0
 
+    @property
+    def alone(self) -> float:
+        """By what a tick without one before it is scaled, to have the noise of the others (T34)."""
+        return sqrt(1.0 - self.correlation**2)
+
 
 @dataclass(frozen=True, eq=False)
 class Ratio:
@@ -70,7 +75,7 @@ def log_ratio(
     """
     measurement = model.measure(x, window.zeta)
     if scales.correlation:
-        measurement = _whitened(model, x, measurement, window, scales.correlation, onset)
+        measurement = _whitened(model, x, measurement, window, scales, onset)
     noise = residual_noise(measurement, window)
     excess = np.empty_like(noise)
     known = np.zeros(len(x), bool) if certain is None else certain
@@ -100,13 +105,13 @@ def _whitened(
     x: Array,
     measurement: Measurement,
     window: Window,
-    correlation: float,
+    scales: EvidenceParameters,
     onset: NDArray[np.int64] | None,
 ) -> Measurement:
     """What is new in the residuals of each tick; where a hypothesis begins (B,), or nothing is known of the
     tick before, all of it is, scaled to the same noise."""
-    residual = measurement.residual
-    alone = residual * sqrt(1.0 - correlation**2)
+    residual, correlation = measurement.residual, scales.correlation
+    alone = residual * scales.alone
     new = alone.copy()
     new[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
     if window.before is not None and len(window):

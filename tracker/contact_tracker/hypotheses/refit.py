@@ -3,7 +3,6 @@ it was, and what the ticks since their onsets say of it is weighed anew.
 """
 
 from collections.abc import Sequence
-from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -49,7 +48,7 @@ def prior_at_anchors(bank: Bank, model: ContactModel, scales: EvidenceParameters
 
 
 def accumulate(
-    bank: Bank, model: ContactModel, window: Window, correlation: float, log_stay: float = 0.0
+    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, log_stay: float = 0.0
 ) -> Bank:
     """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise.
 
@@ -57,8 +56,8 @@ def accumulate(
     """
     zeta, activity, now = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
-    alone = lifted * sqrt(1.0 - correlation**2)
-    new = alone if window.before_newest is None else lifted - correlation * model.lifted(window.before_newest)
+    before, alone = window.before_newest, lifted * scales.alone
+    new = alone if before is None else lifted - scales.correlation * model.lifted(before)
     onsets = bank.onsets
     begins = onsets.onset == now
     weight = np.where(begins, 1.0, max(activity, AT_REST)) / sigma_m**2
@@ -84,13 +83,13 @@ def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
     return np.asarray(products)
 
 
-def accumulate_window(bank: Bank, model: ContactModel, window: Window, correlation: float) -> Bank:
+def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
     """As ``accumulate`` tick by tick, from the first tick of the window, where all of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(motion, AT_REST) / variance
-    new = lifted * sqrt(1.0 - correlation**2)
-    new[1:] = lifted[1:] - correlation * lifted[:-1]
+    new = lifted * scales.alone
+    new[1:] = lifted[1:] - scales.correlation * lifted[:-1]
     bank = bank.replace_onset_columns(
         onset_row=new[0] / np.sqrt(variance[0]),
         second_moment=np.einsum("w,wcd->cd", weight, _products(model, new, lifted)),

@@ -42,7 +42,7 @@ def fit_windows(
     windows : in order of time; no two begin with the same tick.
     proposals : of each window, what may begin with it.
     """
-    births = [_begun(model, *one, scales.correlation) for one in zip(windows, proposals, strict=True)]
+    births = [_begun(model, *one, scales) for one in zip(windows, proposals, strict=True)]
     of = np.arange(len(windows)).repeat([len(bank) for bank in births])
     bank = refit_in_windows(_joined(births), of, model, windows, scales)
     rows = np.flatnonzero(bank.needs_search)
@@ -63,12 +63,14 @@ def fit_windows(
     ]
 
 
-def _begun(model: ContactModel, window: Window, proposals: BirthProposals, correlation: float) -> Bank:
+def _begun(
+    model: ContactModel, window: Window, proposals: BirthProposals, scales: EvidenceParameters
+) -> Bank:
     """All that may begin with the window, its ticks taken in."""
     nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
     birth = Birth(proposals, int(window.index[0]), 0, 0, 0.0, nothing.lag_history.sum(axis=0), turn)
     bank = add(nothing, model, birth)
-    return accumulate_window(bank, model, window, correlation) if len(bank) else bank
+    return accumulate_window(bank, model, window, scales) if len(bank) else bank
 
 
 def _joined(banks: Sequence[Bank]) -> Bank:

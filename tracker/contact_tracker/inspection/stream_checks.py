@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.inspection import turning_point
 from contact_tracker.inspection.recurrence import ALARM, BACK, page_sum, returned
-from contact_tracker.inspection.turning_point import NONE_SEEN, TurningPoints
+from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningPoints
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
@@ -94,7 +94,7 @@ NOTHING_INSPECTED: Final = Inspection(
     page=0.0,
     share=0.0,
     whiteness=NOTHING_COMPARED,
-    turning=NONE_SEEN,
+    turning=NO_TURNING_POINTS,
     units=False,
     bodies=False,
     filtered=False,
@@ -157,11 +157,6 @@ def impacts(inspection: Inspection, tick_s: float) -> tuple[Finding, ...]:
         f"of {tick_s:g} s; what is known suffices for shorter ones: take --model impacts"
     )
     return (Finding("impacts", text, True),)
-
-
-def is_in_doubt(inspection: Inspection) -> bool:
-    """Whether something was found that makes labels wrong."""
-    return any(finding.doubts_labels for finding in findings(inspection))
 
 
 _ROTATION: Final = "contacts are recognised by rotation"

@@ -50,20 +50,20 @@ class TurningPoints(NamedTuple):
         return from_body_m > max(FAR_M, TIMES_FARTHER * from_world_m)
 
 
-NONE_SEEN: Final = TurningPoints(NO_POSES, np.zeros((0, 2)))
+NO_TURNING_POINTS: Final = TurningPoints(NO_POSES, np.zeros((0, 2)))
 
 
-def advance(seen: TurningPoints, poses: Poses) -> TurningPoints:
+def advance(points: TurningPoints, poses: Poses) -> TurningPoints:
     """Take in poses of a stream, in order."""
-    sparse = seen.sparse
+    sparse = points.sparse
     next_ns = int(sparse.stamp_ns[-1]) + STEP_NS if len(sparse) else int(poses.stamp_ns[0])
     while (row := int(np.searchsorted(poses.stamp_ns, next_ns))) < len(poses):
         sparse = Poses.join([sparse, poses[row : row + 1]])
         next_ns = int(poses.stamp_ns[row]) + STEP_NS
         if len(sparse) == SPAN:
-            distances = np.concatenate([seen.distances, turning_point(sparse)])[-KEPT:]
-            seen, sparse = seen._replace(distances=distances), sparse[-1:]
-    return seen._replace(sparse=sparse)
+            distances = np.concatenate([points.distances, turning_point(sparse)])[-KEPT:]
+            points, sparse = points._replace(distances=distances), sparse[-1:]
+    return points._replace(sparse=sparse)
 
 
 def turning_point(span: Poses) -> Array:

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.motion.pose_steps import NEAR_M, NEAR_TURN, Step, Steps, step_between
+from contact_tracker.motion.pose_steps import STEPS_KEPT, Step, Steps, reach, step_between
 from contact_tracker.motion.poses import Pose, Poses
 
 STEPS: Final = 10.0
@@ -25,7 +25,6 @@ STEPS: Final = 10.0
 QUANTILE: Final = 0.95
 NEIGHBOURS: Final = 5
 HELD: Final = 2000
-_STEPS_KEPT: Final = 25
 _ARRIVALS_KEPT: Final = 256
 _ORIGIN: Final = (0.0, 0.0, 0.0)
 
@@ -43,7 +42,7 @@ class DefaultPoseFilter:
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
         self._kept: deque[Pose] = deque(maxlen=NEIGHBOURS)
-        self._steps: deque[Step] = deque(maxlen=_STEPS_KEPT)
+        self._steps: deque[Step] = deque(maxlen=STEPS_KEPT)
         self._held: list[tuple[Pose, bool]] = []
         self._motion = 0
         self._dropped = 0
@@ -96,7 +95,7 @@ class DefaultPoseFilter:
         """
         x, y, z = joined.position_m.T
         at_origin = (x == 0.0) & (y == 0.0) & (z == 0.0)
-        noted = np.flatnonzero(~repeats & (at_origin[1:] == at_origin[:-1]))[-_STEPS_KEPT:]
+        noted = np.flatnonzero(~repeats & (at_origin[1:] == at_origin[:-1]))[-STEPS_KEPT:]
         self._steps.extend(map(Step, steps.distance_m[noted].tolist(), steps.turn[noted].tolist()))
         self._kept.extend(joined[1:][-NEIGHBOURS:])
 
@@ -169,11 +168,7 @@ class _Away(NamedTuple):
 
     @classmethod
     def of(cls, pose: Pose, motion: Sequence[Pose], steps: Collection[Step]) -> "_Away":
-        reach_m, reach_turn = NEAR_M, NEAR_TURN
-        if steps:
-            rank = int(QUANTILE * (len(steps) - 1))
-            reach_m = max(reach_m, STEPS * sorted(step.distance_m for step in steps)[rank])
-            reach_turn = max(reach_turn, STEPS * sorted(step.turn for step in steps)[rank])
+        reach_m, reach_turn = reach(steps, STEPS, QUANTILE)
         between = [step_between(other, pose) for other in motion]
         in_position = all(step.distance_m > reach_m for step in between)
         return cls(all(s.distance_m > reach_m or s.turn > reach_turn for s in between), in_position)

@@ -12,13 +12,12 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.rotation import between, product
-from contact_tracker.motion.pose_steps import NEAR_M, NEAR_TURN, Step, Steps, step_between
+from contact_tracker.motion.pose_steps import STEPS_KEPT, Step, Steps, reach, step_between
 from contact_tracker.motion.poses import Array, Pose
 
 JUMP: Final = 3.0
 """A jump is longer than so many usual steps."""
 USUAL_QUANTILE: Final = 0.9
-STEPS_KEPT: Final = 25
 KNOWN_STEPS: Final = 10
 """So few steps do not tell yet what is usual."""
 LONGEST_NS: Final = 500_000_000
@@ -61,15 +60,15 @@ class ExcursionFilter:
             self._last = pose
             return (pose,)
         step = step_between(before, pose)
-        reach = self._reach()
-        is_jump = step.distance_m > reach.distance_m or step.turn > reach.turn
+        furthest = self._furthest()
+        is_jump = step.distance_m > furthest.distance_m or step.turn > furthest.turn
         if not self._held:
             if not is_jump:
                 return self._pass_on(pose, step)
             self._shift_m, self._turn, self._in_a_row = np.zeros(3), _UNTURNED, 0
         if is_jump:
             self._add_jump(before, pose)
-            if self._has_returned(reach):
+            if self._has_returned(furthest):
                 self._counts["excursion"] += len(self._held)
                 self._held = []
                 self._last = pose
@@ -103,23 +102,20 @@ class ExcursionFilter:
         self._last = pose
         return (pose,)
 
-    def _reach(self) -> Step:
+    def _furthest(self) -> Step:
         """How far a step is no jump."""
         if len(self._steps) < KNOWN_STEPS:
             return Step(np.inf, np.inf)
-        rank = int(USUAL_QUANTILE * (len(self._steps) - 1))
-        distance_m = sorted(step.distance_m for step in self._steps)[rank]
-        turn = sorted(step.turn for step in self._steps)[rank]
-        return Step(max(NEAR_M, JUMP * distance_m), max(NEAR_TURN, JUMP * turn))
+        return reach(self._steps, JUMP, USUAL_QUANTILE)
 
     def _add_jump(self, before: Pose, pose: Pose) -> None:
         self._shift_m = self._shift_m + np.subtract(pose.position_m, before.position_m)
         turn = between(np.array([before.quat_xyzw]), np.array([pose.quat_xyzw]))[0]
         self._turn = product(self._turn, turn)
 
-    def _has_returned(self, reach: Step) -> bool:
+    def _has_returned(self, furthest: Step) -> bool:
         """Whether the jumps so far add up to no more than a step."""
         if not self._held:
             return False
         turn = 2.0 * float(np.linalg.norm(self._turn[:3]))
-        return float(np.linalg.norm(self._shift_m)) <= reach.distance_m and turn <= reach.turn
+        return float(np.linalg.norm(self._shift_m)) <= furthest.distance_m and turn <= furthest.turn

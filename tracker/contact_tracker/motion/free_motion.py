@@ -161,7 +161,7 @@ def can_go_on(state: FreeMotion, stamp_ns: int) -> bool:
     return 0.0 < gap_s <= LONGEST_COAST_S
 
 
-def foretells(state: FreeMotion, stamp_ns: int, tick_s: float) -> bool:
+def is_predictable(state: FreeMotion, stamp_ns: int, tick_s: float) -> bool:
     """Whether errors of predictions from so long ago are known."""
     return state.is_settled and (stamp_ns - state.stamp_ns) * 1e-9 <= LONGEST_PREDICTION * tick_s
 
@@ -175,7 +175,7 @@ def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
 def moves_on(state: FreeMotion, stamp_ns: int, variance: Array) -> bool:
     """Whether by then the object should have left where it was, by more than noise of ``variance`` (2,).
 
-    Not after a time over which nothing is foretold.
+    Not after a time over which nothing is predicted.
     """
     ahead_s = (stamp_ns - state.stamp_ns) * 1e-9
     if ahead_s > LONGEST_COAST_S:

@@ -1,5 +1,6 @@
 """How far it is from one pose to the next."""
 
+from collections.abc import Collection
 from math import radians, sin, sqrt
 from typing import Final, NamedTuple
 
@@ -10,6 +11,10 @@ from contact_tracker.motion.poses import Array, Pose, Poses
 NEAR_M: Final = 0.01
 NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
 """A pose within both of the last one is near, whatever the motion."""
+
+
+STEPS_KEPT: Final = 25
+"""So many steps tell what is usual."""
 
 
 class Step(NamedTuple):
@@ -43,6 +48,16 @@ class Steps(NamedTuple):
     def are_near(self) -> bool:
         """Whether all of them are."""
         return bool(self.distance_m.max() <= NEAR_M and self.turn.max() <= NEAR_TURN)
+
+
+def reach(steps: Collection[Step], times: float, quantile: float) -> Step:
+    """How far a pose may be from the last one: so many ``times`` the usual step, or near."""
+    if not steps:
+        return Step(NEAR_M, NEAR_TURN)
+    rank = int(quantile * (len(steps) - 1))
+    distance_m = sorted(step.distance_m for step in steps)[rank]
+    turn = sorted(step.turn for step in steps)[rank]
+    return Step(max(NEAR_M, times * distance_m), max(NEAR_TURN, times * turn))
 
 
 def step_between(a: Pose, b: Pose) -> Step:

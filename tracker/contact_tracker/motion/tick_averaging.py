@@ -166,10 +166,10 @@ def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array
 
     Where errors wander it is that of what is new in a tick, less ``correlation`` times the tick before.
     """
-    white, rho, noise = white_variances(estimate, count, model), model.correlation, model.noise
+    white, rho = white_variances(estimate, count, model), model.correlation
     if not rho:
         return white
-    wander = np.array([noise.wander_position_m, noise.wander_rotation_rad]) ** 2
+    wander = np.array(model.noise.wander_variance)
     return np.asarray(white * (1.0 + rho**2) + wander * (1.0 - rho**2))
 
 
@@ -183,7 +183,7 @@ def white_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Arra
 
 def rest_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
     """Half (..., 2) of the variance of the step from a tick to the next while the object rests."""
-    wander = np.array([model.noise.wander_position_m, model.noise.wander_rotation_rad]) ** 2
+    wander = np.array(model.noise.wander_variance)
     return white_variances(estimate, count, model) + 0.5 * wander * (1.0 - model.correlation**2)
 
 
@@ -210,7 +210,7 @@ def _plausible(
     all frames implausible the object has jumped: they are taken, and the filter follows.
     """
     count, everything = len(frames), np.ones(len(frames), bool)
-    if motion is not None and free_motion.foretells(motion, int(frames.stamp_ns[0]), model.tick_s):
+    if motion is not None and free_motion.is_predictable(motion, int(frames.stamp_ns[0]), model.tick_s):
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
         off, spread = _off(frames, at + origin_m, facing), motion.spread
         if count >= 3:  # frames stand beside their neighbours: little motion lies between them

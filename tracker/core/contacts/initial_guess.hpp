@@ -81,9 +81,9 @@ template <class F>
 int relax_lines(Square<F::C>& lifted, double told, int many, double* out) {
     Square<9> large, large_axes;
     Square<3> pair, axes;
-    Square<18> seen;  // the constant is in no row
-    for (int c = 0; c < 18; ++c) std::copy_n(lifted[c], 18, seen[c]);
-    smallest_directions<18, 9, 9>(seen, settings.edge_ridge, large, large_axes);
+    Square<18> varying;  // the constant is in no row
+    for (int c = 0; c < 18; ++c) std::copy_n(lifted[c], 18, varying[c]);
+    smallest_directions<18, 9, 9>(varying, settings.edge_ridge, large, large_axes);
     if (!(large[1][1] > told)) return 0;
     for (int k = 0; k < many; ++k, out += F::S) {
         std::copy_n(large_axes[k], 9, pair[0]);

@@ -29,7 +29,7 @@ struct Ticks {
     const double* before_newest() const { return count > 1 ? newest_pose() - entries : before; }
 
     // Reference: `Window.latest_motion_ratio`.
-    double heard() const {
+    double motion_ratio() const {
         const auto share = [&](int i) {
             const double free = excess[2 * (count - 1) + i];
             return free / (free + noise(count - 1, i));
@@ -46,7 +46,7 @@ constexpr int T = 9, U = 12,
 struct Lengths {
     double radius_sq, pull, correlation;
 
-    // Reference: `evidence.alone`.
+    // Reference: `EvidenceParameters.alone`.
     double alone() const { return std::sqrt(1.0 - correlation * correlation); }
 };
 
@@ -58,43 +58,43 @@ struct EvidenceSums {
 
 // Reference: `Measurement` of one tick.
 template <class F>
-struct Seen {
+struct Measurement {
     Lanes residual[F::K], lever_sq, reach_sq;
     Vec<Lanes> along;
 };
 
 // Reference: `Family.measure` where element 2 is a plane.
 template <class F>
-void faced(bool body_in_1, const Lanes* x, const double* r, Seen<F>& seen) {
+void faced(bool body_in_1, const Lanes* x, const double* r, Measurement<F>& measured) {
     const Vec<Lanes> n = at(x, F::d2), n_r = n.x * at(r, 0) + n.y * at(r, 3) + n.z * at(r, 6);
     const Lanes nt = inner(n, at(r, T)), h = x[F::h];
-    seen.along = body_in_1 ? n : n_r;
+    measured.along = body_in_1 ? n : n_r;
     if constexpr (F::q1 < 0) {
         const auto [b1, b2] = across(at(x, F::d1));
-        seen.residual[0] = inner(n_r, b1);
-        seen.residual[1] = inner(n_r, b2);
-        seen.residual[2] = nt - h;
-        seen.lever_sq = seen.reach_sq = 0.0;
+        measured.residual[0] = inner(n_r, b1);
+        measured.residual[1] = inner(n_r, b2);
+        measured.residual[2] = nt - h;
+        measured.lever_sq = measured.reach_sq = 0.0;
     } else {
         const Vec<Lanes> q = at(x, F::q1), arm = body_in_1 ? q : q + at(r, U);
         Lanes reach_sq = inner(arm, arm), height = inner(n_r, q);
         if constexpr (F::d1 >= 0) {
             const Vec<Lanes> d = at(x, F::d1);
             const Lanes s = -inner(d, arm);
-            seen.residual[0] = inner(n_r, d);
+            measured.residual[0] = inner(n_r, d);
             reach_sq -= s * s;
-            height += s * seen.residual[0];
+            height += s * measured.residual[0];
         }
-        seen.residual[F::last] = height + nt - h;
+        measured.residual[F::last] = height + nt - h;
         if (!body_in_1) height += nt;
-        seen.lever_sq = larger<Lanes>(reach_sq - height * height, 0.0);
-        seen.reach_sq = reach_sq;
+        measured.lever_sq = larger<Lanes>(reach_sq - height * height, 0.0);
+        measured.reach_sq = reach_sq;
     }
 }
 
 // Reference: `edge_edge.measure`.
 template <class F>
-void crossed(const Lanes* x, const double* r, Seen<F>& seen) {
+void crossed(const Lanes* x, const double* r, Measurement<F>& measured) {
     const Vec<Lanes> d1 = at(x, F::d1), q1 = at(x, F::q1), d2 = at(x, F::d2), q2 = at(x, F::q2);
     const Vec<Lanes> across = turned(r, 0, d1);
     const Lanes d2_r_m1 = inner(d2, turned(r, 0, cross(q1, d1)));
@@ -105,19 +105,19 @@ void crossed(const Lanes* x, const double* r, Seen<F>& seen) {
     const Lanes w_d2 = inner(d2, turned(r, 0, q1)) + inner(d2, at(r, T)) - inner(d2, q2);
     const Lanes inverse_sq = 1.0 / sine_sq, inverse = sqrt(inverse_sq);
     const Lanes s = (cosine * w_d2 - w_d1) * inverse_sq;
-    seen.reach_sq = inner(q1, q1) + 2.0 * s * inner(q1, d1) + s * s;
-    seen.residual[0] = volume * inverse;
-    seen.along = inverse * cross(across, d2);
-    seen.lever_sq = larger<Lanes>(seen.reach_sq - d2_r_m1 * d2_r_m1 * inverse_sq, 0.0);
+    measured.reach_sq = inner(q1, q1) + 2.0 * s * inner(q1, d1) + s * s;
+    measured.residual[0] = volume * inverse;
+    measured.along = inverse * cross(across, d2);
+    measured.lever_sq = larger<Lanes>(measured.reach_sq - d2_r_m1 * d2_r_m1 * inverse_sq, 0.0);
 }
 
 // What hypotheses measure at a lifted pose.
 template <class F>
-void see(const Kind& kind, const Lanes* x, const double* pose, Seen<F>& seen) {
+void measure(const Kind& kind, const Lanes* x, const double* pose, Measurement<F>& measured) {
     if constexpr (F::crosses) {
-        crossed<F>(x, pose, seen);
+        crossed<F>(x, pose, measured);
     } else {
-        faced<F>(kind.body_in_1, x, pose, seen);
+        faced<F>(kind.body_in_1, x, pose, measured);
     }
 }
 
@@ -147,9 +147,9 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
          const Mask& after, const Lengths& lengths, Residuals<F>& last, Lanes (&narrowed)[F::K],
          EvidenceSums<F>& sums) {
     const Lanes most = 1e100, none = 0.0;  // before it overflows
-    Seen<F> seen;
-    see<F>(kind, x, ticks.pose + w * Ticks::entries, seen);
-    if (lengths.correlation > 0.0) last.whiten(after, lengths, seen.residual);
+    Measurement<F> measured;
+    measure<F>(kind, x, ticks.pose + w * Ticks::entries, measured);
+    if (lengths.correlation > 0.0) last.whiten(after, lengths, measured.residual);
     const double position = ticks.noise(w, 0), rotation = ticks.noise(w, 1);
     const double *fitted = ticks.excess + 2 * w, *known = ticks.unheld + 2 * w, *uneven = ticks.uneven;
     const Lanes free[] = {where(certain, known[0], Lanes(fitted[0])),
@@ -157,11 +157,11 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
     for (int k = 0; k < F::K; ++k) {
         Lanes noise = rotation, excess = free[1];
         if (k == F::last) {
-            noise = position + rotation * seen.lever_sq;
-            excess = free[0] + free[1] * (seen.lever_sq + lengths.radius_sq);
-            if (uneven) noise += inner(seen.along, turned(uneven + 9 * w, 0, seen.along));
+            noise = position + rotation * measured.lever_sq;
+            excess = free[0] + free[1] * (measured.lever_sq + lengths.radius_sq);
+            if (uneven) noise += inner(measured.along, turned(uneven + 9 * w, 0, measured.along));
         }
-        const Lanes whole = noise + excess, square = seen.residual[k] * seen.residual[k];
+        const Lanes whole = noise + excess, square = measured.residual[k] * measured.residual[k];
         const Lanes inverse = 1.0 / (noise * whole), over_noise = whole * inverse;
         sums.precision[k] += where(counts, position * over_noise, none);
         sums.chi_sq += where(counts, square * over_noise, none);
@@ -173,7 +173,7 @@ void add(const Kind& kind, const Lanes* x, const Ticks& ticks, int w, const Mask
             narrowed[k] = where(much, Lanes(1.0), narrowed[k]);
         }
     }
-    if (fitted[0] > 0.0) sums.log_ratio -= where(after, lengths.pull * seen.reach_sq, none);
+    if (fitted[0] > 0.0) sums.log_ratio -= where(after, lengths.pull * measured.reach_sq, none);
 }
 
 // Where the ticks begin that count for a hypothesis, and from where they
@@ -208,9 +208,9 @@ WIDE EvidenceSums<F> sum_evidence(const Kind& kind, const Lanes* x, const std::i
     std::fill_n(narrowed, F::K, Lanes(1.0));
     Residuals<F> last{{}, first == 0 && ticks.before};
     if (lengths.correlation > 0.0 && first == 0 && ticks.before) {
-        Seen<F> seen;
-        see<F>(kind, x, ticks.before, seen);
-        std::copy_n(seen.residual, F::K, last.before);
+        Measurement<F> measured;
+        measure<F>(kind, x, ticks.before, measured);
+        std::copy_n(measured.residual, F::K, last.before);
     }
     for (int w = first; w < ticks.count; ++w) {
         Mask counts, after;

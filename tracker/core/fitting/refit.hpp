@@ -39,10 +39,10 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
 }
 
 // Reference: `refit.accumulate` of the `onsets`, by the newest of `ticks`, in which so
-// much motion is `heard`.
+// much motion is `motion_ratio`.
 template <class F>
 WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& ticks, const Lengths& lengths,
-                            double heard) {
+                            double motion_ratio) {
     const OnsetLayout& where = kind.since;
     const double *pose = ticks.newest_pose(), *before = ticks.before_newest(),
                  precision = 1.0 / ticks.noise(ticks.count - 1, 0);
@@ -57,7 +57,7 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
     for (int o = 0; o < onsets.count; ++o) {
         double *row = onsets.row(o), *moments = row + where.second_moment;
         const bool begins = whole(row, where.onset) == ticks.newest();
-        const double weight = precision * (begins ? 1.0 : std::max(heard, settings.at_rest));
+        const double weight = precision * (begins ? 1.0 : std::max(motion_ratio, settings.at_rest));
         const double* fresh = begins ? first : later;
         for (int c = 0; c < F::C; ++c) {  // the sine of e-e is that of the poses themselves
             for (int d = c; d < F::C; ++d)
@@ -66,15 +66,15 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
         }
         put(row, where.weighted_position_sum, at(row, where.weighted_position_sum) + weight * place);
         row[where.weight] += weight;
-        row[where.effective_ticks] += begins ? 1.0 : heard;
+        row[where.effective_ticks] += begins ? 1.0 : motion_ratio;
     }
 }
 
 // Reference: `refit.accumulate` of all else.
 template <class F>
-void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, const Lengths& lengths, double heard,
-                double log_stay) {
-    accumulate_onsets<F>(kind, bank.onsets, ticks, lengths, heard);
+void accumulate(const Kind& kind, const Bank& bank, const Ticks& ticks, const Lengths& lengths,
+                double motion_ratio, double log_stay) {
+    accumulate_onsets<F>(kind, bank.onsets, ticks, lengths, motion_ratio);
     for (int b = 0; b < bank.count(); ++b) {
         const Hypothesis one = bank[b];
         double anchors[6];

@@ -98,7 +98,8 @@ inline void grown(const Model& model, Floats words, Floats onsets, const TickArr
     const Bank bank = changing(model, words, onsets);
     const Ticks ticks = seen.ticks(model);
     visit(model, [&](auto family) {
-        accumulate<decltype(family)>(model.kind, bank, ticks, weights.lengths, ticks.heard(), log_stay);
+        accumulate<decltype(family)>(model.kind, bank, ticks, weights.lengths, ticks.motion_ratio(),
+                                     log_stay);
     });
 }
 

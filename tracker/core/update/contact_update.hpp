@@ -117,10 +117,10 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
              const EvidenceParameters& weights, double log_stay, const Directions* directions) {
     Work<F> work;
     RefitQueue learners;
-    const double heard = ticks.heard();
+    const double motion_ratio = ticks.motion_ratio();
     std::vector<double> was(bank.count());
     marginalise_expired_ticks<F>(kind, bank, old, gone, weights.lengths);
-    accumulate<F>(kind, bank, ticks, weights.lengths, heard, log_stay);
+    accumulate<F>(kind, bank, ticks, weights.lengths, motion_ratio, log_stay);
     for (int b = 0; b < bank.count(); ++b) {
         const double* row = bank[b].own;
         const bool begins = b >= old;
@@ -144,7 +144,7 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     }
     if (!directions) return;
     adopt<F>(kind, bank, ticks, weights, work);
-    if (heard <= settings.at_rest) return;
+    if (motion_ratio <= settings.at_rest) return;
     for (int b : lost(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
 }
 
