@@ -9,9 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import adaptation
-from contact_tracker.adaptation import conventions, penetration
+from contact_tracker.adaptation import clearance, conventions, online
 from contact_tracker.adaptation.conventions import READINGS
+from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
+from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log
@@ -72,8 +74,7 @@ def test_each_reading_undoes_its_mistake(reading: int) -> None:
     np.testing.assert_array_equal(conventions.read(stored, reading).quat_xyzw, clean.quat_xyzw)
 
 
-@pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])
-def test_known_geometry_that_the_object_passes_through_is_named(height_m: float, is_said: bool) -> None:
+def _cube_over_table(height_m: float) -> tuple[PriorMap, Poses]:
     knowledge = knowledge_from(
         {
             "environment": {
@@ -82,10 +83,42 @@ def test_known_geometry_that_the_object_passes_through_is_named(height_m: float,
             "object": {"box": {"size_m": [0.1, 0.1, 0.1], **SIGMA}},
         }
     )
-    poses = Poses(np.arange(10), np.tile([0.0, 0.0, height_m], (10, 1)), np.tile([0.0, 0, 0, 1], (10, 1)))
-    found = penetration.advance(penetration.NO_PENETRATION, knowledge, poses)
-    texts = [finding.text for finding in penetration.findings(found)]
+    upright = np.tile([0.0, 0, 0, 1], (100, 1))
+    stamp_ns = np.arange(100) * 10_000_000
+    return knowledge, Poses(stamp_ns, np.tile([0.0, 0.0, height_m], (100, 1)), upright)
+
+
+@pytest.mark.parametrize(("height_m", "is_said"), [(0.052, False), (0.048, False), (0.15, True)])
+def test_an_object_that_stays_off_all_that_is_given_is_named(height_m: float, is_said: bool) -> None:
+    knowledge, poses = _cube_over_table(height_m)
+    found = clearance.advance(clearance.Clearance(), knowledge, poses)
+    assert clearance.findings(found) == (), "it may come nearer yet"
+    said = clearance.final_findings(found, knowledge)
+    assert bool(said) is is_said
+    assert all("mm off table" in one.text and not one.doubts_labels for one in said)
+    some = replace(knowledge, object_complete=False)
+    assert clearance.final_findings(found, some) == (), "another vertex may touch"
+
+
+def test_nothing_is_sure_before_the_speed_of_a_known_object_is_known() -> None:
+    knowledge, poses = _cube_over_table(0.05)
+    for model, most in (("default", 0.6), ("impacts", 1.0)):
+        state = online.start(load_model(model), knowledge=knowledge)
+        state, beliefs = online.advance(state, poses[:40])
+        assert beliefs
+        sure = max(belief.probability.max() for belief in beliefs)
+        assert sure <= most
+        assert state.is_in_doubt_yet is (model == "default")
+        state, _ = online.advance(state, poses[40:90])  # a hundred that never turn are in doubt again
+        assert not state.is_in_doubt_yet
+
+
+@pytest.mark.parametrize(("height_m", "is_said"), [(0.05, False), (0.048, False), (0.035, True)])
+def test_known_geometry_that_the_object_passes_through_is_named(height_m: float, is_said: bool) -> None:
+    knowledge, poses = _cube_over_table(height_m)
+    found = clearance.advance(clearance.Clearance(), knowledge, poses)
+    texts = [finding.text for finding in clearance.findings(found)]
     assert bool(texts) is is_said
     assert all("15 mm inside table" in text for text in texts)
-    single = penetration.advance(penetration.NO_PENETRATION, knowledge, poses[:1])
-    assert penetration.findings(single) == (), "one pose may be wrong"
+    single = clearance.advance(clearance.Clearance(), knowledge, poses[:1])
+    assert clearance.findings(single) == (), "one pose may be wrong"

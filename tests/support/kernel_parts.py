@@ -28,14 +28,14 @@ def minimise(model, moments, row_weight, prior, anchors, x, iterations):
     for count in np.unique(steps):
         rows = np.flatnonzero(steps == count)
         part = _problem(model, moments[rows], row_weight[rows], prior.pick(rows), anchors[rows])
-        x_, cost, upper, converged = parts.minimised(*part, count, x[rows])
+        x_, cost, upper, converged = parts.minimise(*part, count, x[rows])
         hessian = upper[..., entries(model.family.PARAMETERS)]
         found |= zip(rows, zip(x_, cost, hessian, x_, converged, strict=True), strict=True)
     return gauss_newton.Fit(*map(np.array, zip(*(found[row] for row in range(len(x))), strict=True)))
 
 
 def complete(model, moments, row_weight, prior, anchors, x):
-    return parts.completed(*_problem(model, moments, row_weight, prior, anchors), x)
+    return parts.minimise(*_problem(model, moments, row_weight, prior, anchors), -1, x)[:2]
 
 
 def _problem(model, moments, row_weight, prior, anchors):
@@ -54,25 +54,25 @@ def _bank(model, reach_m, bank):
 def grow(bank, model, window, scales, log_stay):
     """As ``refit.grow``."""
     grown = replace(bank.copy(), onsets=bank.onsets.copy())
-    parts.grown(*_bank(model, 1.0, grown), ticks_of(window), weights_of(scales), log_stay)
+    parts.accumulate(*_bank(model, 1.0, grown), ticks_of(window), weights_of(scales), log_stay)
     return grown
 
 
 def givers(bank, model, reach_m):
     """Whose geometry each hypothesis takes in ``global_search.exchange_geometry``."""
-    return parts.offered(*_bank(model, reach_m, bank))
+    return parts.best_donors(*_bank(model, reach_m, bank))
 
 
 def lost(bank, model):
     """As ``global_search.lost``."""
-    return parts.searching(*_bank(model, 1.0, bank))
+    return parts.lost(*_bank(model, 1.0, bank))
 
 
 def starts(model, moments):
     """As ``Family.starts`` of moments (B, C, C), and how many there are (B,)."""
-    return parts.relaxed(model_of(model, 1.0), moments)
+    return parts.relax(model_of(model, 1.0), moments)
 
 
 def dropped(bank, model, now, best, margin):
     """As ``pruning.prune``: rows, words, those of onsets, the log of their sum, residual, best row."""
-    return parts.dropped(*_bank(model, 1.0, bank), now, best, margin)
+    return parts.keep_best(*_bank(model, 1.0, bank), now, best, margin)

@@ -3,15 +3,16 @@
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from contact_tracker.adaptation import penetration, side_by_side
+from contact_tracker.adaptation import clearance, side_by_side
+from contact_tracker.adaptation.clearance import Clearance
 from contact_tracker.adaptation.conventions import NOTHING_KNOWN, Conventions
 from contact_tracker.adaptation.conventions import advance as advance_conventions
 from contact_tracker.adaptation.conventions import findings as convention_findings
 from contact_tracker.adaptation.mixture import spread_out
-from contact_tracker.adaptation.penetration import NO_PENETRATION, Penetration
 from contact_tracker.adaptation.side_by_side import SideBySide
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import (
+    LONGEST_TICK_S,
     NOTHING_INSPECTED,
     Finding,
     Inspection,
@@ -39,7 +40,7 @@ class AdaptiveState(NamedTuple):
     trackers: SideBySide
     inspection: Inspection
     conventions: Conventions
-    penetration: Penetration
+    clearance: Clearance
     uninspected: tuple[Pose | Poses, ...]
     many: int
     taken_in: int
@@ -57,19 +58,29 @@ class AdaptiveState(NamedTuple):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the stream shows of itself."""
-        knowledge, model = self.trackers.knowledge, self.trackers.model
-        both_known = bool(knowledge.object) and bool(knowledge.environment)
         return (
             *findings(self.inspection),
-            *(impacts(self.inspection, model.tick_s) if both_known else ()),
+            *(impacts(self.inspection, self.trackers.model.tick_s) if self._impacts_are_possible else ()),
             *convention_findings(self.conventions),
-            *penetration.findings(self.penetration),
+            *clearance.findings(self.clearance),
         )
 
     @property
     def is_in_doubt(self) -> bool:
         """Whether something was found that makes labels wrong."""
         return any(finding.doubts_labels for finding in self.findings)
+
+    @property
+    def is_in_doubt_yet(self) -> bool:
+        """The same, or it is too early to know: an object that is given may be fast."""
+        too_early = self._impacts_are_possible and not self.inspection.blocks
+        return self.is_in_doubt or (too_early and self.trackers.model.tick_s > LONGEST_TICK_S)
+
+    @property
+    def _impacts_are_possible(self) -> bool:
+        """Whether elements of both sides are known: then contacts shorter than a tick can be."""
+        knowledge = self.trackers.knowledge
+        return bool(knowledge.object) and bool(knowledge.environment)
 
     @property
     def outliers(self) -> int:
@@ -83,7 +94,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         side_by_side.begin(model, lag_s, knowledge),
         NOTHING_INSPECTED,
         NOTHING_KNOWN,
-        NO_PENETRATION,
+        Clearance(),
         (),
         0,
         0,
@@ -121,7 +132,7 @@ def look_at(state: AdaptiveState, poses: Poses) -> AdaptiveState:
     """Inspect poses, whoever tracks them."""
     return state._replace(
         inspection=inspect(state.inspection, poses),
-        penetration=penetration.advance(state.penetration, state.trackers.knowledge, poses),
+        clearance=clearance.advance(state.clearance, state.trackers.knowledge, poses),
     )
 
 
@@ -168,6 +179,6 @@ def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[
 
 
 def _as_sure_as_allowed(state: AdaptiveState, beliefs: list[Belief]) -> list[Belief]:
-    if not beliefs or not state.is_in_doubt:
+    if not beliefs or not state.is_in_doubt_yet:
         return beliefs
     return [replace(belief, probability=spread_out(belief.probability)) for belief in beliefs]

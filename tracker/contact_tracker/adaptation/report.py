@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from contact_tracker.adaptation import clearance
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
@@ -38,6 +39,7 @@ def report(state: AdaptiveState) -> Report | None:
     share = best.model.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = best.model.noise.wander_position_m, best.model.noise.wander_rotation_rad
+    found = *state.findings, *clearance.final_findings(state.clearance, state.trackers.knowledge)
     return Report(
-        state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, state.findings
+        state.trackers.model, best.model, state.is_decided, noise, tick, lasting, typical, tuple(found)
     )

@@ -12,42 +12,26 @@ namespace kernels {
 namespace {
 
 // How many words rows have, and where columns begin.
-using Words = std::pair<int, std::map<std::string, int>>;
+using Words = std::pair<int, pybind11::dict>;
 
-int word(const Words& rows, const std::string& column) {
-    const auto found = rows.second.find(column);
-    if (found == rows.second.end()) throw std::invalid_argument("a table without " + column);
-    return found->second;
+BankLayout bank_layout(const Words& bank) {
+    BankLayout to;
+    read_fields(bank.second, "onset", to.onset, "number", to.number, "prior_index", to.prior_index,
+                "known_pair_index", to.known_pair_index, "elements_known", to.elements_known, "needs_search",
+                to.needs_search, "from_landmark", to.from_landmark, "log_birth_weight", to.log_birth_weight,
+                "protected_until", to.protected_until, "log_prior", to.log_prior, "llr_before_window",
+                to.llr_before_window, "gain_before_window", to.gain_before_window, "log_likelihood",
+                to.log_likelihood, "rms", to.rms, "prior_mean", to.prior_mean, "prior_information",
+                to.prior_information, "line_anchor", to.line_anchor, "x", to.x, "row_weight", to.row_weight);
+    return to;
 }
 
-BankLayout where_of(const Words& bank) {
-    const auto at = [&](const std::string& column) { return word(bank, column); };
-    return {at("onset"),
-            at("number"),
-            at("prior_index"),
-            at("known_pair_index"),
-            at("elements_known"),
-            at("needs_search"),
-            at("from_landmark"),
-            at("log_birth_weight"),
-            at("protected_until"),
-            at("log_prior"),
-            at("llr_before_window"),
-            at("gain_before_window"),
-            at("log_likelihood"),
-            at("rms"),
-            at("prior_mean"),
-            at("prior_information"),
-            at("line_anchor"),
-            at("x"),
-            at("row_weight")};
-}
-
-OnsetLayout since_of(const Words& onsets) {
-    const auto at = [&](const std::string& column) { return word(onsets, column); };
-    return {
-        at("onset"),     at("onset_ns"),     at("weight"), at("effective_ticks"), at("weighted_position_sum"),
-        at("onset_row"), at("second_moment")};
+OnsetLayout onset_layout(const Words& onsets) {
+    OnsetLayout to;
+    read_fields(onsets.second, "onset", to.onset, "onset_ns", to.onset_ns, "weight", to.weight,
+                "effective_ticks", to.effective_ticks, "weighted_position_sum", to.weighted_position_sum,
+                "onset_row", to.onset_row, "second_moment", to.second_moment);
+    return to;
 }
 
 using Form = std::array<int, 5>;
@@ -80,13 +64,17 @@ PYBIND11_MODULE(kernels, module) {
             const Which which = which_of(form, sizes);
             require(pull.size() == static_cast<std::size_t>(sizes[0]), "not a pull of each of x");
             require(lifted.size() == static_cast<std::size_t>(sizes[1]), "not a column of each of the lift");
-            const Kind kind{body_in_1, needed,  burn_in_ticks,  lifted,
-                            pull,      relaxed, where_of(bank), since_of(onsets)};
+            const Kind kind{body_in_1, needed,  burn_in_ticks,     lifted,
+                            pull,      relaxed, bank_layout(bank), onset_layout(onsets)};
             return Model{kind, which, bank.first, onsets.first};
         }));
     py::class_<TickArrays, std::shared_ptr<TickArrays>>(module, "Ticks")
-        .def(py::init<Ints, Floats, Floats, Floats, Floats, Floats, std::optional<Floats>,
-                      std::optional<Floats>>());
+        .def(py::init([](Ints number, Floats pose, Floats inverse, Floats variance, Floats excess,
+                         Floats unheld, std::optional<Floats> uneven, std::optional<Floats> before) {
+            TickArrays ticks{number, pose, inverse, variance, excess, unheld, uneven, before};
+            ticks.check_shapes();
+            return ticks;
+        }));
     py::class_<EvidenceParameters>(module, "EvidenceParameters")
         .def(py::init(
             [](double radius_sq, double pull, double correlation, double foreknowledge, double independence) {

@@ -4,10 +4,8 @@
 #include <pybind11/stl.h>
 
 #include <cstdint>
-#include <map>
 #include <optional>
 #include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -67,16 +65,7 @@ struct TickArrays {
     Floats pose, inverse, variance, excess, unheld;
     std::optional<Floats> uneven, before;
 
-    TickArrays(Ints number, Floats pose, Floats inverse, Floats variance, Floats excess, Floats unheld,
-               std::optional<Floats> uneven, std::optional<Floats> before)
-        : number(number),
-          pose(pose),
-          inverse(inverse),
-          variance(variance),
-          excess(excess),
-          unheld(unheld),
-          uneven(uneven),
-          before(before) {
+    void check_shapes() const {
         require(number.ndim() == 1 && number.shape(0) > 0, "there are no ticks");
         const py::ssize_t count = number.shape(0);
         for (const Floats& one : {pose, inverse})

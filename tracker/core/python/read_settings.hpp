@@ -12,42 +12,32 @@
 
 namespace kernels {
 
-// From a dictionary by the names of the fields; raises KeyError where one is
-// missing.
+// Fields from a dictionary, after the name of each; raises KeyError where one is missing.
+inline void read_fields(const pybind11::dict&) {}
+template <class Field, class... More>
+void read_fields(const pybind11::dict& values, const char* name, Field& field, More&&... more) {
+    field = values[name].cast<Field>();
+    read_fields(values, more...);
+}
+
 inline void configure(const pybind11::dict& values) {
-    const auto number = [&](const char* name) { return values[name].cast<double>(); };
-    const auto count = [&](const char* name) { return values[name].cast<int>(); };
-    settings.damping = {number("first_damping"),  number("least_damping"), number("most_damping"),
-                        number("less"),           number("more"),          number("least_share"),
-                        number("least_curvature")};
-    settings.tolerance = number("tolerance");
-    settings.sine_sq_floor = number("sine_sq_floor");
-    settings.tiny = number("tiny");
-    settings.edge_ridge = number("edge_ridge");
-    settings.vertex_ridge = number("vertex_ridge");
-    settings.first_ticks = number("first_ticks");
-    settings.at_rest = number("at_rest");
-    settings.wait_nats = number("wait_nats");
-    settings.far_nats = number("far_nats");
-    settings.fall_nats = number("fall_nats");
-    settings.lift = number("lift");
-    settings.at_the_noise = number("at_the_noise");
-    settings.least_gain = number("least_gain");
-    settings.met_patience = number("met_patience");
-    settings.grace_nats = number("grace_nats");
-    settings.grace_ticks = number("grace_ticks");
-    settings.residual_ticks = number("residual_ticks");
-    settings.refine_steps = count("refine_steps");
-    settings.first_steps = count("first_steps");
-    settings.fallen_steps = count("fallen_steps");
-    settings.screened = count("screened");
-    settings.weighed = count("weighed");
-    settings.young = count("young");
-    settings.ages = values["ages"].cast<std::vector<double>>();
-    settings.due = values["due"].cast<std::vector<bool>>();
-    settings.rounds.clear();
+    Settings& to = settings;
+    Damping& damping = to.damping;
+    read_fields(values, "first_damping", damping.first, "least_damping", damping.least, "most_damping",
+                damping.most, "less", damping.less, "more", damping.more, "least_share", damping.least_share,
+                "least_curvature", damping.least_curvature);
+    read_fields(values, "tolerance", to.tolerance, "sine_sq_floor", to.sine_sq_floor, "tiny", to.tiny,
+                "edge_ridge", to.edge_ridge, "vertex_ridge", to.vertex_ridge, "first_ticks", to.first_ticks,
+                "at_rest", to.at_rest, "wait_nats", to.wait_nats, "far_nats", to.far_nats, "fall_nats",
+                to.fall_nats, "lift", to.lift, "at_the_noise", to.at_the_noise, "least_gain", to.least_gain,
+                "met_patience", to.met_patience, "grace_nats", to.grace_nats, "grace_ticks", to.grace_ticks,
+                "residual_ticks", to.residual_ticks);
+    read_fields(values, "refine_steps", to.refine_steps, "first_steps", to.first_steps, "fallen_steps",
+                to.fallen_steps, "screened", to.screened, "weighed", to.weighed, "young", to.young, "ages",
+                to.ages, "due", to.due);
+    to.rounds.clear();
     for (const auto& [steps, kept] : values["rounds"].cast<std::vector<std::pair<int, int>>>())
-        settings.rounds.push_back({steps, kept});
+        to.rounds.push_back({steps, kept});
 }
 
 }  // namespace kernels

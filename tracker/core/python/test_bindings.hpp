@@ -21,7 +21,7 @@ struct Problems {
 
     // Of some from the `first` on.
     template <class F>
-    void put_prior(int first, Prior<F, Lanes>& prior) const {
+    void read_prior(int first, Prior<F, Lanes>& prior) const {
         for (int i = 0; i < lanes; ++i) {
             const int b = own(first, i);
             for (int s = 0; s < F::S * F::S; ++s)
@@ -33,22 +33,24 @@ struct Problems {
     }
 
     // Numbers (H, `size`) of some from the `first` on.
-    void take(const double* from, int size, int first, Lanes* out) const {
+    void read(const double* from, int size, int first, Lanes* out) const {
         for (int i = 0; i < lanes; ++i) {
             for (int s = 0; s < size; ++s) out[s].put(i, from[own(first, i) * size + s]);
         }
     }
 
-    void give(const Lanes* values, int size, int first, double* to) const {
+    void write(const Lanes* values, int size, int first, double* to) const {
         for (int i = 0; i < lanes; ++i) {
             for (int s = 0; s < size; ++s) to[own(first, i) * size + s] = values[s][i];
         }
     }
 };
 
-inline py::tuple minimised(const Model& model, const Floats& words, const Floats& onsets,
-                           const Floats& precision, const Floats& information, const Floats& constant,
-                           const Floats& anchors, int steps, const Floats& start) {
+// With negative `steps` nothing moves but the coordinates that follow from the directions (`complete`); there
+// is no hessian then.
+inline py::tuple minimise(const Model& model, const Floats& words, const Floats& onsets,
+                          const Floats& precision, const Floats& information, const Floats& constant,
+                          const Floats& anchors, int steps, const Floats& start) {
     const Problems given{model, bank_of(model, words, onsets), precision, information, constant, anchors};
     return visit(model, [&](auto family) {
         using F = decltype(family);
@@ -58,71 +60,56 @@ inline py::tuple minimised(const Model& model, const Floats& words, const Floats
         Work<F> work;
         Lanes geometry[F::S];
         for (int first = 0; first < count; first += lanes) {
-            given.put_prior<F>(first, work.prior);
-            given.take(start.data(), F::S, first, geometry);
+            given.read_prior<F>(first, work.prior);
+            given.read(start.data(), F::S, first, geometry);
             const Moments<F> window(model.kind, given.rows(first));
-            const Descent found = descend<F>(window, geometry, steps, work);
-            const Mask done = kernels::converged<F>(found, work);
-            given.give(geometry, F::S, first, x.mutable_data());
-            given.give(&found.cost, 1, first, cost.mutable_data());
-            given.give(work.near.hessian[0], F::K * F::U, first, hessian.mutable_data());
+            Descent descent{Lanes(0.0), Lanes(0.0), false};
+            if (steps >= 0)
+                descent = descend<F>(window, geometry, steps, work);
+            else
+                descent.cost = complete<F>(window, geometry, work);
+            given.write(geometry, F::S, first, x.mutable_data());
+            given.write(&descent.cost, 1, first, cost.mutable_data());
+            if (steps < 0) continue;
+            const Mask done = kernels::converged<F>(descent, work);
+            given.write(work.near.hessian[0], F::K * F::U, first, hessian.mutable_data());
             for (int i = 0; i < lanes; ++i) converged.mutable_at(given.own(first, i)) = done[i];
         }
         return py::make_tuple(x, cost, hessian, converged);
     });
 }
 
-inline py::tuple completed(const Model& model, const Floats& words, const Floats& onsets,
-                           const Floats& precision, const Floats& information, const Floats& constant,
-                           const Floats& anchors, const Floats& start) {
-    const Problems given{model, bank_of(model, words, onsets), precision, information, constant, anchors};
-    return visit(model, [&](auto family) {
-        using F = decltype(family);
-        const int count = given.bank.count();
-        py::array_t<double> x({count, F::S}), cost(count);
-        Work<F> work;
-        Lanes geometry[F::S];
-        for (int first = 0; first < count; first += lanes) {
-            given.put_prior<F>(first, work.prior);
-            given.take(start.data(), F::S, first, geometry);
-            const Lanes found = complete<F>(Moments<F>(model.kind, given.rows(first)), geometry, work);
-            given.give(geometry, F::S, first, x.mutable_data());
-            given.give(&found, 1, first, cost.mutable_data());
-        }
-        return py::make_tuple(x, cost);
-    });
-}
-
-inline void grown(const Model& model, Floats words, Floats onsets, const TickArrays& seen,
-                  const EvidenceParameters& weights, double log_stay) {
+inline void accumulate(const Model& model, Floats words, Floats onsets, const TickArrays& seen,
+                       const EvidenceParameters& weights, double log_stay) {
     const Bank bank = changing(model, words, onsets);
     const Ticks ticks = seen.ticks(model);
     visit(model, [&](auto family) {
-        accumulate<decltype(family)>(model.kind, bank, ticks, weights.lengths, ticks.motion_ratio(),
-                                     log_stay);
+        kernels::accumulate<decltype(family)>(model.kind, bank, ticks, weights.lengths, ticks.motion_ratio(),
+                                              log_stay);
     });
 }
 
-inline std::vector<int> offered(const Model& model, const Floats& words, const Floats& onsets) {
+inline std::vector<int> best_donors(const Model& model, const Floats& words, const Floats& onsets) {
     const Bank bank = bank_of(model, words, onsets);
-    return visit(model, [&](auto family) { return best_donors<decltype(family)>(model.kind, bank); });
+    return visit(model,
+                 [&](auto family) { return kernels::best_donors<decltype(family)>(model.kind, bank); });
 }
 
-inline std::vector<int> searching(const Model& model, const Floats& words, const Floats& onsets) {
-    return lost(model.kind, bank_of(model, words, onsets));
+inline std::vector<int> lost(const Model& model, const Floats& words, const Floats& onsets) {
+    return kernels::lost(model.kind, bank_of(model, words, onsets));
 }
 
-inline py::tuple dropped(const Model& model, const Floats& words, const Floats& onsets, std::int64_t now,
-                         double best, double margin) {
+inline py::tuple keep_best(const Model& model, const Floats& words, const Floats& onsets, std::int64_t now,
+                           double best, double margin) {
     GrowingBank held(model, words, onsets, 0, 0);
     const KeptHypotheses left =
-        keep_best(model.kind, Bank(model.kind, held.own(), held.onsets()), now, best, margin, held);
+        kernels::keep_best(model.kind, Bank(model.kind, held.own(), held.onsets()), now, best, margin, held);
     const auto [own, since] = held.left();
     return py::make_tuple(Ints(left.rows.size(), left.rows.data()), own, since, left.log_weight,
                           left.residual, left.leader);
 }
 
-inline py::tuple relaxed(const Model& model, const Floats& moments) {
+inline py::tuple relax(const Model& model, const Floats& moments) {
     return visit(model, [&](auto family) {
         using F = decltype(family);
         const int windows = static_cast<int>(moments.shape(0)), most = model.kind.relaxed;
@@ -130,7 +117,7 @@ inline py::tuple relaxed(const Model& model, const Floats& moments) {
         py::array_t<std::int64_t> many(windows);
         for (int b = 0; b < windows; ++b) {
             const double* window = moments.data() + b * F::C * F::C;
-            many.mutable_at(b) = relax<F>(window, most, x.mutable_data() + b * most * F::S);
+            many.mutable_at(b) = kernels::relax<F>(window, most, x.mutable_data() + b * most * F::S);
         }
         return py::make_tuple(x, many);
     });
@@ -138,14 +125,13 @@ inline py::tuple relaxed(const Model& model, const Floats& moments) {
 
 // All of them.
 inline void add(py::module_ module) {
-    module.def("minimised", &minimised);
-    module.def("completed", &completed);
-    module.def("grown", &grown, py::arg("model"), py::arg("words").noconvert(), py::arg("onsets").noconvert(),
-               py::arg("ticks"), py::arg("weights"), py::arg("log_stay"));
-    module.def("offered", &offered);
-    module.def("searching", &searching);
-    module.def("dropped", &dropped);
-    module.def("relaxed", &relaxed);
+    module.def("minimise", &minimise);
+    module.def("accumulate", &accumulate, py::arg("model"), py::arg("words").noconvert(),
+               py::arg("onsets").noconvert(), py::arg("ticks"), py::arg("weights"), py::arg("log_stay"));
+    module.def("best_donors", &best_donors);
+    module.def("lost", &lost);
+    module.def("keep_best", &keep_best);
+    module.def("relax", &relax);
 }
 
 }  // namespace kernels::parts

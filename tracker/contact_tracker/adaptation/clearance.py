@@ -1,5 +1,7 @@
-"""Whether what the user knows contradicts the poses: known vertices of the object deep inside known faces."""
+"""Whether what the user knows fits the poses: how deep known vertices of the object get inside known faces of
+the surroundings, and how near they come to them."""
 
+from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,20 +19,21 @@ ENOUGH: Final = 3
 """Single poses may be wrong."""
 
 
-class Penetration(NamedTuple):
+class Clearance(NamedTuple):
     """``poses`` in which a vertex was inside a face by more than what is known allows, how ``deep_m`` at
-    most, and which ``vertex`` in which ``face``."""
+    most, and which ``vertex`` in which ``face``; how far off the ``nearest`` face the object has stayed
+    (``gap_m``), more than what is known allows, in ``total`` poses."""
 
-    poses: int
-    deep_m: float
-    vertex: str
-    face: str
+    poses: int = 0
+    deep_m: float = 0.0
+    vertex: str = ""
+    face: str = ""
+    total: int = 0
+    gap_m: float = inf
+    nearest: str = ""
 
 
-NO_PENETRATION: Final = Penetration(0, 0.0, "", "")
-
-
-def advance(found: Penetration, knowledge: PriorMap, poses: Poses) -> Penetration:
+def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
     """Take in poses."""
     vertices = [(known.name, known.element) for known in knowledge.object]
     points = [(name, element) for name, element in vertices if isinstance(element, Point)]
@@ -40,25 +43,28 @@ def advance(found: Penetration, knowledge: PriorMap, poses: Poses) -> Penetratio
     place = np.array([point.point_m for _, point in points])
     spread = np.array([_spread_m(point) for _, point in points])
     world = np.einsum("nij,vj->nvi", poses.rotation, place) + poses.position_m[:, None]
+    found = found._replace(total=found.total + len(poses))
     for name, plane in faces:
         if not isinstance(plane, Plane):
             continue
         deep = plane.offset_m - world @ plane.normal
         allowed = np.maximum(LEAST_M, SIGMAS * np.hypot(spread, _spread_m(plane)))
+        gap_m = float((-deep - allowed).min())
+        if gap_m < found.gap_m:
+            found = found._replace(gap_m=gap_m, nearest=name)
         beyond = deep > allowed
         if not beyond.any():
             continue
         deepest = int(np.where(beyond, deep, 0.0).max(axis=0).argmax())
         deep_m = float(deep[:, deepest].max())
-        count = found.poses + int(beyond.any(axis=1).sum())
-        found = found._replace(poses=count)
+        found = found._replace(poses=found.poses + int(beyond.any(axis=1).sum()))
         if deep_m > found.deep_m:
-            found = Penetration(count, deep_m, points[deepest][0], name)
+            found = found._replace(deep_m=deep_m, vertex=points[deepest][0], face=name)
     return found
 
 
-def findings(found: Penetration) -> tuple[Finding, ...]:
-    """What is to be said."""
+def findings(found: Clearance) -> tuple[Finding, ...]:
+    """What is to be said while poses come in."""
     if found.poses < ENOUGH:
         return ()
     text = (
@@ -66,6 +72,20 @@ def findings(found: Penetration) -> tuple[Finding, ...]:
         f"{1e3 * found.deep_m:.0f} mm inside {found.face}: check --known (place, size, frames)"
     )
     return (Finding("knowledge", text, True),)
+
+
+def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]:
+    """What is to be said of the whole stream: the object has stayed away from all that is given.
+
+    Of an object of which not all vertices are given it is not known.
+    """
+    if not knowledge.object_complete or not found.total or not 0.0 < found.gap_m < inf:
+        return ()
+    text = (
+        f"the object as given stays more than {1e3 * found.gap_m:.0f} mm off {found.nearest}, the nearest "
+        "face that is given: if it touched one, check --known (place, size, frames)"
+    )
+    return (Finding("knowledge", text, False),)
 
 
 def _spread_m(element: Plane | Point) -> float:
