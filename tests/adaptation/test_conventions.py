@@ -102,6 +102,8 @@ def test_an_object_that_stays_off_all_that_is_given_is_named(height_m: float, is
 
 def test_nothing_is_sure_before_the_speed_of_a_known_object_is_known() -> None:
     knowledge, poses = _cube_over_table(0.05)
+    noise = np.random.default_rng(3).normal(scale=1e-4, size=poses.position_m.shape)
+    poses = replace(poses, position_m=poses.position_m + noise)
     for model, most in (("default", 0.6), ("impacts", 1.0)):
         state = online.start(load_model(model), knowledge=knowledge)
         state, beliefs = online.advance(state, poses[:40])
