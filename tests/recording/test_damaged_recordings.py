@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from contact_tracker.recording import (
     summarise,
     write_recording,
 )
+from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.states import Contact
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
 
@@ -203,7 +205,75 @@ def test_a_chunk_that_promises_too_much_is_not_believed(tmp_path: Path) -> None:
     found, damage = read(path)
     assert 85 < len(found) < 100
     assert damage is not None
-    assert "chunk of 1125899906842624 bytes" in damage
+    assert "are to become 1125899906842624" in damage
+
+
+def _claiming(path: Path, opcode: int, size: int, records: bytes) -> Path:
+    """A sound recording, and a chunk in it of so many bytes that are ``records`` again and again."""
+    poses, raw = smooth_poses(100), records * (size // len(records))
+    whole = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
+    packed = zstandard.ZstdCompressor().compress(raw)
+    head = struct.pack("<QQQII", 0, 0, len(raw), 0, 4) + b"zstd" + struct.pack("<Q", len(packed))
+    at = chunk_offsets(path)[2][0]
+    chunk = struct.pack("<BQ", opcode, len(head) + len(packed)) + head + packed
+    path.write_bytes(whole[:at] + chunk + whole[at:])
+    return path
+
+
+EMPTY = struct.pack("<BQ", 0, 0)
+PRIVATE = struct.pack("<BQ", 0x80, 0)
+HEADLESS = struct.pack("<BQ", Opcode.MESSAGE, 0)
+NESTED = struct.pack("<BQ", Opcode.CHUNK, 0)
+NAMELESS = struct.pack("<BQHI", Opcode.SCHEMA, 6, 1, 0)
+
+
+@pytest.mark.parametrize("records", [EMPTY, PRIVATE, HEADLESS, NESTED, NAMELESS])
+@pytest.mark.parametrize("size", [2**23, 2**25, 2**28])
+def test_a_few_bytes_never_become_work_without_bound(
+    tmp_path: Path, records: bytes, size: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted = list[int]()
+    monkeypatch.setattr(WorkBudget, "records", _counting(counted))
+    path = _claiming(tmp_path / "a.mcap", Opcode.CHUNK, size, records)
+    tracemalloc.start()
+    found, damage = read(path)
+    summary = summarise(str(path))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(found) == 100, "what was readable is kept"
+    assert summary.sources[0].poses == 100
+    assert damage is not None
+    assert "unreadable chunk" in damage
+    assert sum(counted) < 4 * 50_000, "each pass looks at no more records than the bytes explain"
+    assert peak < 100e6
+
+
+def _counting(counted: list[int]) -> Callable[[WorkBudget, int], None]:
+    original = WorkBudget.records
+
+    def records(budget: WorkBudget, many: int) -> None:
+        counted.append(many)
+        original(budget, many)
+
+    return records
+
+
+def test_a_compressed_file_that_claims_gigabytes_is_read_as_far_as_its_bytes_explain(tmp_path: Path) -> None:
+    whole = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(100))], **SMALL).read_bytes()
+    head = struct.pack("<BQ", Opcode.MESSAGE, 200 * 2**20)
+    compressor = zstandard.ZstdCompressor()
+    zeros = b"".join(compressor.compress(bytes(2**25)) for _ in range(40))
+    at = chunk_offsets(tmp_path / "a.mcap")[5][0]
+    path = tmp_path / "b.mcap.zst"
+    path.write_bytes(compressor.compress(whole[:at] + head) + zeros)
+    tracemalloc.start()
+    found, damage = read(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(found) > 20
+    assert damage is not None
+    assert "decompress the file first" in damage
+    assert peak < 100e6
 
 
 def test_any_number_of_damages_makes_one_line(tmp_path: Path) -> None:

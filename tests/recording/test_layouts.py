@@ -83,6 +83,45 @@ def test_what_is_read_is_what_the_library_decodes(kind, order, frames, bodies):
         assert shown(decoder.observe(message)) == by_library(message)
 
 
+def transforms(order, parts):
+    """A TFMessage of several transforms, each (frames, body)."""
+    data = bytearray(struct.pack(order + "I", len(parts)))
+
+    def put(code, value):
+        data.extend(bytes(-len(data) % struct.calcsize(code)) + struct.pack(order + code, value))
+
+    for frames, ((sec, nanosec), values) in parts:
+        put("i", sec)
+        put("I", nanosec)
+        for frame in frames:
+            text = frame.encode() + b"\0"
+            put("I", len(text))
+            data.extend(text)
+        for value in values:
+            put("d", value)
+    return bytes([0, order == "<", 0, 0]) + bytes(data)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    order=st.sampled_from("<>"),
+    frames=st.lists(st.tuples(names, names), min_size=2, max_size=5),
+    seed=st.randoms(use_true_random=False),
+    data=st.data(),
+)
+def test_several_transforms_are_read_as_the_library_decodes_them(order, frames, seed, data):
+    decoder, on = RosDecoder(), channel("tf2_msgs/msg/TFMessage")
+    for count in range(3):
+        message = RawMessage(on, 0, transforms(order, [(pair, data.draw(bodies)) for pair in frames]))
+        if count:
+            assert len(decoder._known.read(message.data)) == len(frames)
+        assert shown(decoder.observe(message)) == by_library(message)
+    for _ in range(10):
+        damaged = bytearray(message.data)
+        damaged[seed.randrange(len(damaged))] = seed.randrange(256)
+        same_outcome(decoder, RawMessage(on, 0, bytes(damaged)))
+
+
 @each_type
 def test_layouts_are_learnt_and_names_that_change_are_told_apart(kind):
     decoder, on, body = RosDecoder(), channel(kind), ((5, 6), [0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5])

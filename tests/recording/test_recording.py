@@ -31,6 +31,8 @@ from contact_tracker.recording import (
 )
 from contact_tracker.recording.bytestream import ByteStream
 from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.items import Metadata, RawMessage
+from contact_tracker.recording.reading import Reading
 from contact_tracker.states import Contact
 from mcap_logs import (
     START_NS,
@@ -113,12 +115,12 @@ def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> No
     rng, file = np.random.default_rng(seed), BytesIO()
     writer = Writer(file, chunk_size=chunk)
     writer.start()
-    channels = [writer.register_channel(f"/{i}", "cdr", 0) for i in range(3)]
+    channels, log_time = [writer.register_channel(f"/{i}", "cdr", 0) for i in range(3)], 0
     for _ in range(rng.integers(1, 40)):
         channel, size = rng.choice(channels), rng.choice([0, 7, 92])
         for _ in range(rng.choice([1, 1, 2, 5, 300])):
-            times = int(rng.integers(2**63)), int(rng.integers(2**63))
-            writer.add_message(int(channel), times[0], rng.bytes(size), times[1], 0)
+            log_time += int(rng.integers(2**40))
+            writer.add_message(int(channel), log_time, rng.bytes(size), int(rng.integers(2**63)), 0)
     writer.finish()
     file.seek(0)
     wanted = {"/0", "/2"}
@@ -132,6 +134,52 @@ def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> No
     found = [(item.channel.topic, item.log_time_ns, item.data) for item in loop]
     assert found == expected
     assert not loop.damage.text
+
+
+@given(seed=st.integers(0, 2**32 - 1), chunk=st.sampled_from([200, 3_000, 200_000]))
+@settings(max_examples=20, deadline=None)
+def test_messages_come_in_the_order_of_log_time_whatever_the_order_of_the_file(
+    tmp_path_factory: Any, seed: int, chunk: int
+) -> None:
+    rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("unsorted") / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=chunk)
+        writer.start()
+        channel = writer.register_channel("/a", "cdr", 0)
+        writer.add_metadata("about", {"a": "b"})
+        times = rng.permutation(1000) if seed % 2 else np.arange(1000) + rng.integers(-50, 50, 1000) + 100
+        for time in times.tolist():
+            writer.add_message(channel, time, rng.bytes(8), 0, 0)
+        writer.finish()
+    with path.open("rb") as file:
+        messages = make_reader(file).iter_messages(log_time_order=True)
+        expected = [message.log_time for _, _, message in messages]
+    reading = Reading(str(path), lambda channel: True)
+    items = list(reading)
+    assert [item.log_time_ns for item in items if isinstance(item, RawMessage)] == expected
+    assert sum(isinstance(item, Metadata) for item in items) == 1
+    assert reading.damage is None
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_folder_of_recordings_of_their_own_is_refused(tmp_path: Path, named: bool) -> None:
+    for i in range(6):
+        write_log(tmp_path / f"take_{i}.mcap", [poses_topic(smooth_poses(50))])
+    if named:
+        (tmp_path / "metadata.yaml").touch()
+        open_log(str(tmp_path)).close()
+        return
+    with pytest.raises(AmbiguousSource, match=r"take_0.mcap, take_1.mcap, .* and 2 more; name one"):
+        open_log(str(tmp_path))
+    with pytest.raises(AmbiguousSource, match="name one"):
+        summarise(str(tmp_path))
+
+
+def test_parts_that_follow_each_other_are_one_recording(tmp_path: Path) -> None:
+    poses = smooth_poses(100)
+    for i in range(4):
+        write_log(tmp_path / f"{i}.mcap", [poses_topic(poses[slice(25 * i, 25 * i + 25)])])
+    assert_same(Poses.collect(open_log(str(tmp_path))), poses)
 
 
 def test_the_same_recording_has_the_same_bytes(tmp_path: Path) -> None:
@@ -494,16 +542,35 @@ def test_a_child_of_two_parents_has_to_be_named_with_its_parent(tmp_path: Path) 
     assert_same(Poses.collect(open_log(path, frame="world->box")), b)
 
 
+def test_a_body_whose_parent_changes_is_never_lost_silently(tmp_path: Path) -> None:
+    early, late = smooth_poses(900), smooth_poses(50, start_ns=START_NS + 4 * 10**9)
+    rows = [
+        (pose.stamp_ns, {"transforms": [transform(*pose, parent, "box")]})
+        for poses, parent in ((early, "map"), (late, "world"))
+        for pose in poses
+    ]
+    path = str(write_log(tmp_path / "x.mcap", [Topic("/tf", TF, rows)]))
+    with pytest.raises(AmbiguousSource, match=r"/tf map->box .*; /tf world->box "):
+        Poses.collect(open_log(path, frame="box"))
+    log = open_log(path, frame="map->box", count_late=True)
+    assert_same(Poses.collect(log), early)
+    assert log.counts == {"other_source": 50}
+
+
 @pytest.mark.parametrize("indexed", [True, False])
-def test_a_source_that_comes_late_is_counted_or_found_by_its_frame(tmp_path: Path, indexed: bool) -> None:
+def test_a_source_that_comes_late_has_to_be_chosen_or_is_counted(tmp_path: Path, indexed: bool) -> None:
     early, late = smooth_poses(900), smooth_poses(50, start_ns=START_NS + 4 * 10**9)
     rows = [*poses_topic(early, frame="a").messages, *poses_topic(late, frame="b").messages]
     topic = Topic("/p", "geometry_msgs/msg/PoseStamped", rows)
     options = {} if indexed else {"index_types": IndexType.NONE, "use_statistics": False}
     path = str(write_log(tmp_path / "x.mcap", [topic], chunk_size=4096, **options))
-    log = open_log(path)
-    assert_same(Poses.collect(log), early)
-    assert log.counts == {"other_source": 50}
+    for read in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
+        with pytest.raises(AmbiguousSource, match=r"/p a .*; /p b "):
+            read(open_log(path))
+        log = open_log(path, count_late=True)
+        assert_same(read(log), early)
+        assert log.counts == {"other_source": 50}
+        assert [source.frames for source in log.late_sources] == ["b"]
     log = open_log(path, frame="b")
     assert_same(Poses.collect(log), late)
     assert log.counts == {}

@@ -17,26 +17,30 @@ DESCRIPTION: Final = """\
 List the sources of poses in a recording with their topics, frames, rates, gaps and estimated
 noise, and whatever else the recording holds."""
 EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
-MOST_POSES: Final = 20_000
+TRACKED_SOURCES: Final = 4
+"""A tracker takes seconds to adapt to a source: of so many it is shown what it adapts to."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
+    parser.add_argument("--topic", help="the sources on this topic only")
+    parser.add_argument("--frame", help="the sources of this frame only: PARENT->CHILD, or CHILD")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
 
 
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from contact_tracker.adaptation import Report
     from contact_tracker.outputs.summary import summary_json, summary_lines
-    from contact_tracker.recording import PoseSource, summarise
+    from contact_tracker.recording import summarise
 
-    summary, reports = summarise(args.log), dict[PoseSource, Report | None]()
-    if args.log != "-":  # stdin cannot be read again
-        sources = [_with_noise(args.log, s) if s.poses else (s, None) for s in summary.sources]
-        summary = replace(summary, sources=tuple(source for source, _ in sources))
-        reports = {source.source: adapted for source, adapted in sources}
+    summary = summarise(args.log)
+    chosen = [source for source in summary.sources if _is_chosen(source, args)]
+    if summary.sources and not chosen:
+        raise NoPoses(f"{args.log}: no pose source has this topic and frame")
+    summary = replace(summary, sources=tuple(map(_with_noise, chosen)))
+    tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
+    reports = {source.source: _adapted(source) for source in tracked}
     if args.json:
         print(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
     else:
@@ -48,22 +52,28 @@ def run(args: argparse.Namespace) -> int:
     return DONE if summary.damage is None else DAMAGED
 
 
-def _with_noise(path: str, summary: "SourceSummary") -> "tuple[SourceSummary, Report | None]":
-    """``summary`` with the sensor noise, and what the default tracker adapts to: by the first valid poses."""
-    from dataclasses import replace
-    from itertools import islice
+def _is_chosen(source: "SourceSummary", args: argparse.Namespace) -> bool:
+    on_topic = args.topic is None or source.source.topic == args.topic
+    return on_topic and (args.frame is None or source.source.is_named(args.frame))
 
+
+def _with_noise(source: "SourceSummary") -> "SourceSummary":
+    """With the sensor noise, by the first valid poses."""
+    from dataclasses import replace
+
+    from contact_tracker.motion.sensor_noise import estimate_noise
+
+    if not source.poses:
+        return source
+    position_m, rotation_rad = estimate_noise(source.beginning)
+    return replace(source, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)
+
+
+def _adapted(source: "SourceSummary") -> "Report | None":
+    """What the default tracker adapts to, by the first valid poses."""
     from contact_tracker import adaptation
     from contact_tracker.config.loading import load_model
-    from contact_tracker.motion.poses import Poses
-    from contact_tracker.motion.sensor_noise import estimate_noise
-    from contact_tracker.recording import open_log
     from contact_tracker.tracking.belief import Detail
 
-    log = open_log(path, summary.source.topic, summary.source.frames)
-    poses = Poses.collect(islice(log, MOST_POSES))
-    log.close()
-    position_m, rotation_rad = estimate_noise(poses)
-    state, _ = adaptation.advance(adaptation.start(load_model()), poses, Detail.WEIGHTS)
-    summary = replace(summary, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)
-    return summary, adaptation.report(state)
+    state, _ = adaptation.advance(adaptation.start(load_model()), source.beginning, Detail.WEIGHTS)
+    return adaptation.report(state)

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
         )
     state = adaptation.start(model, args.lag, knowledge)
-    log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None)
+    log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None, count_late=True)
     source = Source(log, args)
     interrupted = False
     with _viewer(args) as viewer, StatusLine() as status:

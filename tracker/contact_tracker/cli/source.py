@@ -41,7 +41,7 @@ class Source:
 
     def __iter__(self) -> Iterator[Pose]:
         """The poses of the interval; raises NoPoses at the end where there were none."""
-        any_pose = False
+        any_pose, late = False, 0
         for pose in self._log:
             if not any_pose:
                 any_pose, self.origin_ns = True, pose.stamp_ns
@@ -54,8 +54,20 @@ class Source:
                 self.first_ns = pose.stamp_ns
             self.used += 1
             self.last_ns = pose.stamp_ns
+            if len(self._log.late_sources) > late:
+                late = self._warn_of_late(late)
             yield pose
+        self._warn_of_late(late)
         self._used_some(any_pose)
+
+    def _warn_of_late(self, said: int) -> int:
+        """Name the sources that have shown up since so many; how many there are now."""
+        for other in self._log.late_sources[said:]:
+            warn(
+                f"{self._name}: another source of poses shows up: {other}; going on with {self._log.source}: "
+                "choose with --topic or --frame"
+            )
+        return len(self._log.late_sources)
 
     def batches(self) -> Iterator[Poses]:
         """The same in columns, for those who wait for no single pose."""

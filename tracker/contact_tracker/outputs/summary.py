@@ -19,6 +19,10 @@ def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
         yield printable(str(source.source))
         for name, text in _source_rows(source, reports.get(source.source)):
             yield f"  {name:<10}{text}"
+    if summary.more_sources:
+        yield f"more than {len(summary.sources)} sources of poses: the others are not shown"
+    if sum(1 for source in summary.sources if source.poses) > len(reports):
+        yield "what the tracker adapts to is shown of the first sources: choose with --topic or --frame"
     poses = {source.source.topic for source in summary.sources}
     for (topic, type_name, encoding), count in sorted(summary.topics.items()):
         if topic not in poses:
@@ -37,6 +41,7 @@ def summary_json(summary: RecordingSummary, reports: Reports) -> dict[str, Any]:
     """The same as one object; null where a figure could not be had."""
     return {
         "sources": [_source_json(source, reports.get(source.source)) for source in summary.sources],
+        "more_sources": summary.more_sources,
         "topics": [
             {"topic": topic, "type": type_name, "encoding": encoding, "messages": count}
             for (topic, type_name, encoding), count in sorted(summary.topics.items())

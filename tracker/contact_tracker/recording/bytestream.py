@@ -1,17 +1,19 @@
 """Exact reads from files, pipes, compressed files and files that still grow."""
 
 import os
+import stat
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import BufferedReader
+from io import BufferedReader, RawIOBase
 from typing import IO, Final, cast
 
 import zstandard
 
 from contact_tracker.errors import UnreadableRecording
+from contact_tracker.recording.limits import TooMuchWork, WorkBudget
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _BLOCK: Final = 2**20
@@ -40,13 +42,33 @@ class Follow:
 
 
 class ByteStream:
-    """Reads exactly what is asked for, or less at the end; an error while reading is an end, too."""
+    """Reads exactly what is asked for, or less at the end; an error while reading is an end, too.
 
-    def __init__(self, file: IO[bytes], follow: Follow | None = None) -> None:
+    Parameters
+    ----------
+    file : of plain bytes.
+    budget : is told what is read; where the whole file is compressed, it bounds what that becomes.
+    follow : wait for more at the end of the file at ``path``.
+    """
+
+    def __init__(
+        self,
+        file: IO[bytes],
+        budget: WorkBudget | None = None,
+        follow: Follow | None = None,
+        path: str = "",
+        compressed: bool = False,
+    ) -> None:
         self.position = 0
         self.error: str | None = None
-        self._file = file
+        self.budget = budget or WorkBudget()
+        self._plain = file
         self._follow = follow
+        self._path = path
+        self._inflated: IO[bytes] | None = None
+        if compressed:
+            counted = cast(IO[bytes], _Counted(file, self.budget))
+            self._inflated = zstandard.ZstdDecompressor().stream_reader(counted, read_across_frames=True)
 
     @property
     def follows(self) -> bool:
@@ -58,13 +80,15 @@ class ByteStream:
 
     def read(self, count: int) -> bytes:
         """The next ``count`` bytes; fewer only where the input ends."""
-        data = self._read_some(count)
-        while len(data) < count:
-            more = self._read_some(count - len(data))
-            if more:
-                data += more
-            elif self.error or self._follow is None or not self._follow.wait():
+        parts, missing = list[bytes](), count
+        while missing:
+            part = self._read_some(missing)
+            missing -= len(part)
+            if part:
+                parts.append(part)
+            elif self.error or self._follow is None or self._is_replaced() or not self._follow.wait():
                 break
+        data = parts[0] if len(parts) == 1 else b"".join(parts)
         self.position += len(data)
         return data
 
@@ -77,22 +101,62 @@ class ByteStream:
     def seek(self, position: int) -> bool:
         """Go to ``position`` where the input allows it."""
         try:
-            self.position = self._file.seek(position)
+            self.position = (self._inflated or self._plain).seek(position)
         except (OSError, ValueError, OverflowError):  # a pipe, or a position from a damaged index
             return False
         return True
 
     def _read_some(self, count: int) -> bytes:
         try:
-            return self._file.read(count)
-        except (OSError, zstandard.ZstdError, MemoryError) as error:
+            if self._inflated is None:
+                data = self._plain.read(count)
+                self.budget.read(len(data))
+                return data
+            self.budget.check_record(self.budget.bytes_read, count)
+            part = self._inflated.read(min(count, _BLOCK))
+            self.budget.inflate(self.budget.bytes_read, len(part))
+            return part
+        except (OSError, TooMuchWork, zstandard.ZstdError, MemoryError) as error:
             self.error = str(error) or type(error).__name__
             return b""
 
+    def _is_replaced(self) -> bool:
+        """Whether the file that is followed is no longer at its path, or has become shorter."""
+        if not self._path:
+            return False
+        try:
+            now = os.stat(self._path)
+            mine = os.fstat(self._plain.fileno())
+        except OSError:
+            self.error = "it was removed while it was followed"
+            return True
+        if not os.path.samestat(now, mine):
+            self.error = "it was replaced by another file while it was followed"
+        elif stat.S_ISREG(now.st_mode) and now.st_size < self._plain.tell():
+            self.error = "it became shorter while it was followed"
+        return self.error is not None
+
+
+class _Counted(RawIOBase):
+    """The bytes of a file on their way to the decompressor."""
+
+    def __init__(self, file: IO[bytes], budget: WorkBudget) -> None:
+        self._file = file
+        self._budget = budget
+
+    def read(self, size: int = -1) -> bytes:
+        data = self._file.read(size)
+        self._budget.read(len(data))
+        return data
+
 
 @contextmanager
-def open_stream(path: str, follow: Follow | None = None) -> Iterator[ByteStream]:
+def open_stream(
+    path: str, follow: Follow | None = None, budget: WorkBudget | None = None
+) -> Iterator[ByteStream]:
     """Open a file, a FIFO or, for ``-``, standard input; whole-file zstd compression is seen through.
+
+    With a ``budget`` several streams of one recording share it.
 
     Raises
     ------
@@ -105,9 +169,9 @@ def open_stream(path: str, follow: Follow | None = None) -> Iterator[ByteStream]
         raise UnreadableRecording(error.strerror or str(error)) from error
     try:
         if follow is None and _starts_compressed(file):
-            yield ByteStream(zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True))
+            yield ByteStream(file, budget, compressed=True)
         else:
-            yield ByteStream(file, follow)
+            yield ByteStream(file, budget, follow, path if follow is not None and path != "-" else "")
     finally:
         if path != "-":
             file.close()

@@ -5,9 +5,9 @@ holds one record at a time. A damaged chunk is left out; where the framing of re
 goes on at the next chunk that the index knows, if there is one.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
-from itertools import repeat
+from itertools import chain, pairwise, repeat
 from typing import Final
 
 from mcap import records
@@ -21,7 +21,6 @@ from contact_tracker.recording.items import (
     MESSAGE_HEAD,
     PARSE_ERRORS,
     RECORD_HEAD,
-    RECORD_LIMIT,
     Channel,
     Item,
     Metadata,
@@ -33,6 +32,7 @@ from contact_tracker.recording.items import (
     payload_stream,
     runs,
 )
+from contact_tracker.recording.limits import RECORD_LIMIT
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _READ: Final = frozenset(
@@ -68,6 +68,7 @@ class RecordLoop:
     wanted : messages of other channels are skipped unread.
     summary : of the same file, where it is known: channels whose records are damaged, and chunk offsets.
     start : offset of a record to begin at instead of the first; needs ``summary`` for the channels.
+    places : offsets of records to read, and no others, in this order; needs ``summary``, too.
 
     Raises
     ------
@@ -81,12 +82,14 @@ class RecordLoop:
         wanted: Callable[[Channel], bool],
         summary: Summary | None = None,
         start: int = 0,
+        places: Sequence[int] | None = None,
     ) -> None:
         self.end: End | None = None
         self.damage = DamageReport()
         self._stream = stream
         self._wanted = wanted
         self._start = start
+        self._places = places
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel | None] = {}
         self._chunk_starts: list[int] = []
@@ -98,25 +101,43 @@ class RecordLoop:
                 self._add_channel(channel)
 
     def __iter__(self) -> Iterator[Item]:
+        return chain.from_iterable(self.groups())
+
+    def groups(self) -> Iterator[list[Item]]:
+        """The items of one record after the other; the messages of a chunk in the order of log time."""
         if self._start:
             if not self._stream.seek(self._start):
                 self._finish(End.DAMAGED, f"nothing is at byte {self._start}")
                 return
-        elif (magic := self._stream.read(len(MAGIC))) != MAGIC:
+        elif self._places is None and (magic := self._stream.read(len(MAGIC))) != MAGIC:
             reason = self._stream.error or ("it is not an MCAP file" if magic else "it is empty")
             raise UnreadableRecording(reason)
-        for opcode, payload, start in self._frames():
+        for opcode, payload, start in self._frames() if self._places is None else self._chosen(self._places):
+            group = list[Item]()
             try:
                 if opcode == Opcode.CHUNK:
-                    data = inflate(records.Chunk.read(payload_stream(payload)))
-                    for run in runs(data):
-                        yield from self._items(data, run)
+                    budget = self._stream.budget
+                    data = inflate(records.Chunk.read(payload_stream(payload)), budget)
+                    for run in runs(data, budget):
+                        group += self._items(data, run)
                 else:
-                    yield from self._items(payload, Run(opcode, 0, len(payload), 1))
+                    group += self._items(payload, Run(opcode, 0, len(payload), 1))
             except PARSE_ERRORS as error:
                 self.damage.add(f"unreadable {_name(opcode)} at byte {start} ({_line(error)})")
+            if group:
+                yield _in_log_order(group)
         if self._orphans:
             self.damage.add(f"{self._orphans} messages of channels whose description is missing")
+
+    def _chosen(self, places: Sequence[int]) -> Iterator[tuple[int, bytes, int]]:
+        """The records at some places, as ``_frames`` has them."""
+        for place in places:
+            record = next(self._frames(), None) if self._stream.seek(place) else None
+            if record is None or record[2] != place:
+                self.damage.add(f"no MCAP record at byte {place}")
+            else:
+                yield record
+        self._finish(End.EOF, None)
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
         """Opcode, payload and offset of every record to be looked at, until the input ends."""
@@ -192,6 +213,14 @@ class RecordLoop:
     def _add_channel(self, record: records.Channel) -> None:
         channel = channel_of(record, self._schemas)
         self._channels[record.id] = channel if self._wanted(channel) else None
+
+
+def _in_log_order(items: list[Item]) -> list[Item]:
+    """Messages by their log time; what else there is comes alone."""
+    times_ns = [item.log_time_ns for item in items if isinstance(item, RawMessage)]
+    if all(before <= after for before, after in pairwise(times_ns)):
+        return items
+    return sorted(items, key=lambda item: item.log_time_ns if isinstance(item, RawMessage) else 0)
 
 
 def _name(opcode: int) -> str:

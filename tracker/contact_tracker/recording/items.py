@@ -14,7 +14,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
-RECORD_LIMIT: Final = 256 * 2**20
+from contact_tracker.recording.limits import WorkBudget
+
+IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+FIRST_UNKNOWN: Final = max(Opcode) + 1
+"""Records from here on are of later versions of the format, or private: they are passed over."""
 _MOST: Final = 128
 """So many messages at a time."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
@@ -74,11 +78,10 @@ def channel_of(record: records.Channel, schemas: Mapping[int, records.Schema]) -
     return Channel(record.topic, record.message_encoding, schema.name, schema.encoding, schema.data)
 
 
-def inflate(chunk: records.Chunk) -> bytes:
-    """The records of a chunk; raises one of PARSE_ERRORS if they are not what was written."""
+def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
+    """The records of a chunk; raises one of PARSE_ERRORS if they are not what was written, or too many."""
     size = chunk.uncompressed_size
-    if size > RECORD_LIMIT:
-        raise ValueError(f"a chunk of {size} bytes")
+    budget.inflate(len(chunk.data), size)
     match chunk.compression:
         case "":
             data = chunk.data
@@ -129,16 +132,22 @@ class Run(NamedTuple):
         return [data[end - self.size + MESSAGE_HEAD.size : end] for end in ends]
 
 
-def runs(data: bytes) -> Iterator[Run]:
-    """The records of a chunk; messages of one channel and size, as poses are, come many at a time."""
+def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
+    """The records of a chunk; messages of one channel and size, as poses are, come many at a time.
+
+    Records that no chunk can hold end it: what follows is no record.
+    """
     first = 0
     while first < len(data):
         opcode, size = RECORD_HEAD.unpack_from(data, first)
         at = first + RECORD_HEAD.size
         if size > len(data) - at:
             raise ValueError("a record is longer than its chunk")
+        if opcode not in IN_CHUNKS and opcode < FIRST_UNKNOWN:
+            raise ValueError(f"a record of the kind {opcode} in a chunk")
         is_message = opcode == Opcode.MESSAGE and size >= MESSAGE_HEAD.size
         run = Run(opcode, at, size, _alike(data, first, RECORD_HEAD.size + size) if is_message else 1)
+        budget.records(run.many)
         yield run
         first = run.end
 

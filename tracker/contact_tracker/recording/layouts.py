@@ -1,6 +1,6 @@
 """Poses read at known places in CDR messages: several times faster than decoding field by field.
 
-Where frame names do not change, all messages of a channel differ in the stamp and in seven numbers only, at
+Where frame names do not change, all messages of a channel differ in stamps and in seven numbers each only, at
 the same bytes. Those places follow from the message type. What is in a message is said by its schema, though,
 and that comes from the file: a layout is used only once the library's decoder has found there what was put
 there for a test. Messages that no layout fits are left to the library.
@@ -45,11 +45,13 @@ class ObservedColumns(NamedTuple):
 
 
 class _Type(NamedTuple):
-    """``stamp_at`` which byte the stamp is; how many names follow it; how many bytes follow the numbers."""
+    """``stamp_at`` which byte the first stamp is; how many names follow it; how many bytes follow the
+    numbers; whether there may be several such blocks, whose number stands before the first."""
 
     stamp_at: int
     names: int
     tail: int
+    repeats: bool = False
 
 
 _TYPES: Final[Mapping[str, _Type]] = MappingProxyType(
@@ -58,58 +60,64 @@ _TYPES: Final[Mapping[str, _Type]] = MappingProxyType(
         "geometry_msgs/msg/PoseWithCovarianceStamped": _Type(4, 1, _COVARIANCE),
         "geometry_msgs/msg/TransformStamped": _Type(4, 2, 0),
         "nav_msgs/msg/Odometry": _Type(4, 2, _COVARIANCE + _TWIST),
-        "tf2_msgs/msg/TFMessage": _Type(8, 2, 0),  # of one transform
+        "tf2_msgs/msg/TFMessage": _Type(8, 2, 0, repeats=True),
     }
 )
 
 
-class _Layout(NamedTuple):
-    """``head`` and ``names`` are the bytes before and after the stamp that do not change."""
+class _Block(NamedTuple):
+    """Where one pose is: its stamp, and its numbers."""
 
-    head: bytes
-    names: bytes
     stamp_at: int
-    names_at: int
-    names_end: int
-    values: struct.Struct
-    frame_id: str
-    child_frame_id: str
+    numbers_at: int
 
-    def read(self, data: bytes) -> Observation | None:
-        """The pose, if these bytes are as expected; ``data`` has the size of the layout."""
-        if data[self.names_at : self.names_end] != self.names or data[: self.stamp_at] != self.head:
-            return None
-        sec, nanosec, px, py, pz, x, y, z, w = self.values.unpack(data)
-        pose = Pose(sec * 1_000_000_000 + nanosec, (px, py, pz), (x, y, z, w))
-        return Observation(self.frame_id, self.child_frame_id, pose)
+
+class _Layout(NamedTuple):
+    """``fixed`` are the bytes before, between and after stamps and numbers that do not change, with their
+    places; ``frames`` those of each pose."""
+
+    fixed: tuple[tuple[int, int, bytes], ...]
+    blocks: tuple[_Block, ...]
+    order: str
+    sec: str
+    values: struct.Struct
+    frames: tuple[tuple[str, str], ...]
+
+    def read(self, data: bytes) -> list[Observation] | None:
+        """The poses, if these bytes are as expected; ``data`` has the size of the layout."""
+        for start, end, expected in self.fixed:
+            if data[start:end] != expected:
+                return None
+        values = self.values.unpack(data)
+        found = list[Observation]()
+        for i, (frame_id, child_frame_id) in enumerate(self.frames):
+            sec, nanosec, px, py, pz, x, y, z, w = values[9 * i : 9 * i + 9]
+            pose = Pose(sec * 1_000_000_000 + nanosec, (px, py, pz), (x, y, z, w))
+            found.append(Observation(frame_id, child_frame_id, pose))
+        return found
 
     def read_all(self, messages: Sequence[bytes]) -> ObservedColumns | None:
-        """The poses of messages, if all are as expected; all have the size of the layout."""
-        rows = np.frombuffer(b"".join(messages), self.columns)
-        for name, expected in (("head", self.head), ("names", self.names)):
-            if (rows[name] != np.frombuffer(expected, np.uint8)).any():
+        """The poses of messages with one each, if all are as expected; all have the size of the layout."""
+        if len(self.blocks) != 1:
+            return None
+        rows = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
+        for start, end, expected in self.fixed:
+            if (rows[:, start:end] != np.frombuffer(expected, np.uint8)).any():
                 return None
-        stamp_ns = rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
-        numbers = rows["numbers"].astype(float)
-        return ObservedColumns(
-            self.frame_id, self.child_frame_id, Poses(stamp_ns, numbers[:, :3], numbers[:, 3:])
-        )
+        (block,) = self.blocks
+        fields = rows.reshape(-1).view(self._columns(block))
+        stamp_ns = fields["sec"].astype(np.int64) * 1_000_000_000 + fields["nanosec"]
+        numbers = fields["numbers"].astype(float)
+        return ObservedColumns(*self.frames[0], Poses(stamp_ns, numbers[:, :3], numbers[:, 3:]))
 
-    @property
-    def columns(self) -> np.dtype[np.void]:
+    def _columns(self, block: _Block) -> np.dtype[np.void]:
         """What is where, as ``values`` has it."""
-        order, sec = self.values.format[0], "i" if "i" in self.values.format else "u"
+        sec = "i" if self.sec == "i" else "u"
         return np.dtype(
             {
-                "names": ["head", "sec", "nanosec", "names", "numbers"],
-                "formats": [
-                    ("u1", (self.stamp_at,)),
-                    f"{order}{sec}4",
-                    f"{order}u4",
-                    ("u1", (len(self.names),)),
-                    (f"{order}f8", (7,)),
-                ],
-                "offsets": [0, self.stamp_at, self.stamp_at + 4, self.names_at, self.names_end],
+                "names": ["sec", "nanosec", "numbers"],
+                "formats": [f"{self.order}{sec}4", f"{self.order}u4", (f"{self.order}f8", (7,))],
+                "offsets": [block.stamp_at, block.stamp_at + 4, block.numbers_at],
                 "itemsize": self.values.size,
             }
         )
@@ -123,12 +131,12 @@ class Layouts:
         self._by_size: dict[int, list[_Layout]] = {}
         self._trials = _TRIALS
 
-    def read(self, data: bytes) -> Observation | None:
-        """The pose in a message, or None if that is for the library to say."""
+    def read(self, data: bytes) -> list[Observation] | None:
+        """The poses in a message, or None if that is for the library to say."""
         for layout in self._by_size.get(len(data), ()):
-            observation = layout.read(data)
-            if observation is not None:
-                return observation
+            observations = layout.read(data)
+            if observations is not None:
+                return observations
         return None
 
     def read_all(self, messages: Sequence[bytes]) -> ObservedColumns | None:
@@ -144,43 +152,60 @@ class Layouts:
         if self._type is None or not self._trials or len(self._by_size.get(len(data), ())) >= _PER_SIZE:
             return
         self._trials -= 1
-        for sec in "iI":
-            values = _values(data, self._type, sec)
-            if values is not None and (layout := _tried(data, self._type, values, decode)) is not None:
+        blocks = _blocks(data, self._type)
+        for sec in "iI" if blocks else "":
+            if (layout := _tried(data, self._type, blocks, sec, decode)) is not None:
                 self._by_size.setdefault(len(data), []).append(layout)
                 return
 
 
-def _values(data: bytes, kind: _Type, sec: str) -> struct.Struct | None:
-    """Where stamp and numbers are, if the message has the size that its type and its names give it."""
-    if len(data) <= kind.stamp_at:
-        return None
-    order = "<" if data[1] & 1 else ">"
-    names_at = end = kind.stamp_at + _STAMP
-    for _ in range(kind.names):
-        end += (_ENCAPSULATION - end) % 4
-        if end + 4 > len(data):
-            return None
-        end += 4 + struct.unpack_from(f"{order}I", data, end)[0]
-    start = end + (_ENCAPSULATION - end) % 8
-    if start + _NUMBERS + kind.tail != len(data):
-        return None
-    return struct.Struct(f"{order}{kind.stamp_at}x{sec}I{start - names_at}x7d{kind.tail}x")
+def _blocks(data: bytes, kind: _Type) -> tuple[_Block, ...]:
+    """Where stamps and numbers are, if the message has the size that its type and its names give it."""
+    if len(data) < max(kind.stamp_at, _ENCAPSULATION + 4):
+        return ()
+    order = _order(data)
+    count = struct.unpack_from(f"{order}I", data, _ENCAPSULATION)[0] if kind.repeats else 1
+    stamp_at, blocks = kind.stamp_at, list[_Block]()
+    while len(blocks) < count and stamp_at + _STAMP <= len(data):
+        end = stamp_at + _STAMP
+        for _ in range(kind.names):
+            end += (_ENCAPSULATION - end) % 4
+            if end + 4 > len(data):
+                return ()
+            end += 4 + struct.unpack_from(f"{order}I", data, end)[0]
+        start = end + (_ENCAPSULATION - end) % 8
+        blocks.append(_Block(stamp_at, start))
+        stamp_at = start + _NUMBERS + kind.tail
+    return tuple(blocks) if len(blocks) == count and stamp_at == len(data) else ()
+
+
+def _order(data: bytes) -> str:
+    return "<" if data[1] & 1 else ">"
 
 
 def _tried(
-    data: bytes, kind: _Type, values: struct.Struct, decode: Callable[[bytes], list[Observation]]
+    data: bytes,
+    kind: _Type,
+    blocks: tuple[_Block, ...],
+    sec: str,
+    decode: Callable[[bytes], list[Observation]],
 ) -> _Layout | None:
     """The layout, if the library finds there what was put there."""
-    numbers_at, names_at = len(data) - kind.tail - _NUMBERS, kind.stamp_at + _STAMP
-    test = bytearray(data)
-    order = values.format[0]
-    test[kind.stamp_at : names_at] = struct.pack(f"{order}II", *_TEST_STAMP)
-    test[numbers_at : numbers_at + _NUMBERS] = struct.pack(f"{order}7d", *_TEST_NUMBERS)
-    found = decode(bytes(test))
-    if len(found) != 1:
+    order, test = _order(data), bytearray(data)
+    fields, fixed, at = [order], list[tuple[int, int, bytes]](), 0
+    for i, (stamp_at, numbers_at) in enumerate(blocks):
+        names_at = stamp_at + _STAMP
+        struct.pack_into(f"{order}II", test, stamp_at, *(part + i for part in _TEST_STAMP))
+        struct.pack_into(f"{order}7d", test, numbers_at, *(number + i for number in _TEST_NUMBERS))
+        fixed += [(at, stamp_at, data[at:stamp_at]), (names_at, numbers_at, data[names_at:numbers_at])]
+        fields.append(f"{stamp_at - at}x{sec}I{numbers_at - names_at}x7d")
+        at = numbers_at + _NUMBERS + kind.tail
+    fields.append(f"{kind.tail}x")
+    if len(blocks) > 1 and kind.tail:
         return None
-    frame_id, child_frame_id, _ = found[0]
-    head, names = data[: kind.stamp_at], data[names_at:numbers_at]
-    layout = _Layout(head, names, kind.stamp_at, names_at, numbers_at, values, frame_id, child_frame_id)
-    return layout if layout.read(bytes(test)) == found[0] else None
+    found = decode(bytes(test))
+    if len(found) != len(blocks):
+        return None
+    frames = tuple((frame_id, child_frame_id) for frame_id, child_frame_id, _ in found)
+    layout = _Layout(tuple(fixed), blocks, order, sec, struct.Struct("".join(fields)), frames)
+    return layout if layout.read(bytes(test)) == found else None

@@ -20,12 +20,15 @@ from contact_tracker.recording.sources import (
     message_counts,
     not_named,
     only_one,
+    only_one_fits,
     peek,
     poses_by_source,
     take_prefix,
 )
 from contact_tracker.recording.stamping import Stamping
 
+_LATE: Final = 8
+"""So many late sources are named."""
 _FEW: Final = 50
 """The first poses always need a closer look."""
 
@@ -36,11 +39,16 @@ class PoseLog:
     Attributes
     ----------
     source : where the poses come from.
+    late_sources : what showed up after this source was taken for the only one that fits.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
-        ``undecodable`` (messages), ``other_source`` (poses of sources that were neither chosen nor known
-        when this one was), ``log_time_as_stamp`` (poses whose header has no
-        time, see ``contact_tracker.recording.stamping``).
+        ``undecodable`` (messages), ``other_source`` (poses of late sources), ``log_time_as_stamp`` (poses
+        whose header has no time, see ``contact_tracker.recording.stamping``).
     damage : one line if the recording turned out truncated or damaged; final after iteration.
+
+    Raises
+    ------
+    AmbiguousSource
+        While iterating, where another source that fits shows up; not if such poses are counted.
     """
 
     def __init__(
@@ -50,15 +58,18 @@ class PoseLog:
         items: Iterator[Item],
         decoder: RosDecoder,
         stamping: Stamping,
-        count_others: bool,
+        frame: str | None = None,
+        count_late: bool = False,
     ) -> None:
         self.source = source
+        self.late_sources: tuple[PoseSource, ...] = ()
         self._counts: Counter[str] = Counter()
         self._gate = PoseGate(self._counts)
         self._reading = reading
         self._decoder = decoder
         self._stamping = stamping
-        self._count_others = count_others
+        self._frame = frame
+        self._count_late = count_late
         self._items = items
         self._poses = self._read(items)
 
@@ -114,12 +125,9 @@ class PoseLog:
         yield from self._gate.finish()
 
     def _admit(self, items: Iterable[Item]) -> Generator[Pose]:
-        source, counts, admit, stamping = self.source, self._counts, self._gate.admit, self._stamping
+        counts, admit, stamping = self._counts, self._gate.admit, self._stamping
         for item in items:
             if not isinstance(item, RawMessage):
-                continue
-            if item.channel.topic != source.topic or item.channel.type != source.type:
-                self._other()
                 continue
             try:
                 observations = self._decoder.observe(item)
@@ -127,21 +135,44 @@ class PoseLog:
                 counts["undecodable"] += 1
                 continue
             for frame_id, child_frame_id, pose in observations:
-                if frame_id != source.frame_id or child_frame_id != source.child_frame_id:
-                    self._other()
+                if not self._is_meant(item.channel, frame_id, child_frame_id):
+                    self._meet(PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id))
                     continue
                 if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
                 yield from admit(pose)
 
-    def _other(self) -> None:
-        if self._count_others:
-            self._counts["other_source"] += 1
+    def _meet(self, other: PoseSource) -> None:
+        """A pose of another source: of one that fits as well, or of the same body in another parent frame."""
+        fits = self._frame is None or other.is_named(self._frame)
+        if not fits and (not other.child_frame_id or other.child_frame_id != self.source.child_frame_id):
+            return
+        if fits and not self._count_late:
+            raise only_one_fits(self._reading.path, [self.source, other, *self._further()])
+        self._counts["other_source"] += 1
+        if other not in self.late_sources and len(self.late_sources) < _LATE:
+            self.late_sources = (*self.late_sources, other)
+
+    def _further(self) -> set[PoseSource]:
+        """The sources of the messages that follow."""
+        found = set[PoseSource]()
+        messages = (item for item in self._items if isinstance(item, RawMessage))
+        while len(found) < _LATE and (some := list(islice(messages, BATCH))):
+            found.update(
+                source
+                for source in poses_by_source(some, self._decoder)
+                if self._frame is None or source.is_named(self._frame)
+            )
+        return found
 
 
 def open_log(
-    path: str, topic: str | None = None, frame: str | None = None, follow: Follow | None = None
+    path: str,
+    topic: str | None = None,
+    frame: str | None = None,
+    follow: Follow | None = None,
+    count_late: bool = False,
 ) -> PoseLog:
     """Open the poses of a recording.
 
@@ -152,6 +183,8 @@ def open_log(
     frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
         header's frame.
     follow : read on while the file grows, until it is finished or ``follow.stop()`` is called.
+    count_late : poses of a source that shows up later, and would have fitted, are counted; else, and without
+        ``follow``, iteration ends with AmbiguousSource.
 
     Raises
     ------
@@ -163,8 +196,8 @@ def open_log(
         Several sources fit.
     """
     wanted = ChannelFilter(topic)
-    decoder = RosDecoder()
     reading = Reading(path, wanted, follow)
+    decoder = RosDecoder(reading.budget)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     found_sources = set(known)
@@ -177,7 +210,8 @@ def open_log(
         found_sources |= known.keys()
     source = only_one(path, fitting)
     stamping = Stamping(known[source])
-    return PoseLog(source, reading, chain(head, items), decoder, stamping, count_others=frame is None)
+    count_late = count_late or follow is not None
+    return PoseLog(source, reading, chain(head, items), decoder, stamping, frame, count_late)
 
 
 def list_sources(path: str) -> list[PoseSource]:

@@ -2,20 +2,29 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from heapq import heappop, heappush
+from itertools import count, pairwise
 from typing import Final
 
 from mcap.reader import SeekingReader
 from mcap.summary import Summary
 
-from contact_tracker.errors import UnreadableRecording
-from contact_tracker.recording.bytestream import Follow, is_regular, open_stream
+from contact_tracker.errors import AmbiguousSource, UnreadableRecording
+from contact_tracker.recording.bytestream import ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.damage import DamageReport
-from contact_tracker.recording.items import PARSE_ERRORS, RECORD_LIMIT, Channel, Item
+from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item, RawMessage
+from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
 
 STDIN: Final = "-"
 _ENDINGS: Final = (".mcap", ".mcap.zstd")
+_METADATA: Final = "metadata.yaml"
+_OVERLAP_NS: Final = 1_000_000_000
+_PAUSE_NS: Final = 10_000_000_000
+"""Parts of one recording overlap by no more, and no more lies between them."""
+_PENDING_BYTES: Final = 256 * 2**20
+_NAMED: Final = 4
 
 
 def parts_of(path: str) -> list[str]:
@@ -58,6 +67,50 @@ def summary_of(part: str) -> Summary | None:
     return summary if complete else None
 
 
+def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
+    """Raise AmbiguousSource if the files of a folder are recordings of their own.
+
+    Parts of one recording stand beside a metadata.yaml, or follow each other in log time; of files without
+    an index only the names tell, which differ in their numbers then.
+    """
+    if len(parts) < 2 or os.path.exists(os.path.join(path, _METADATA)):
+        return
+    if not all(_may_follow(a, b) for a, b in pairwise([(part, _interval_ns(part)) for part in parts])):
+        names = [os.path.basename(part) for part in parts]
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        raise AmbiguousSource(
+            f"{path} holds recordings that do not follow each other: {', '.join(names[:_NAMED])}{more}; "
+            f"name one of them (parts of one recording are taken together beside a {_METADATA})"
+        )
+
+
+def _may_follow(
+    first: tuple[str, tuple[int, int] | None], second: tuple[str, tuple[int, int] | None]
+) -> bool:
+    (name, before), (next_name, after) = first, second
+    if before is None or after is None:
+        return _without_numbers(name) == _without_numbers(next_name)
+    return -_OVERLAP_NS <= after[0] - before[1] <= _PAUSE_NS and after[0] > before[0] and after[1] > before[1]
+
+
+def _without_numbers(part: str) -> str:
+    return re.sub(r"\d+", "", os.path.basename(part).removesuffix(".zstd"))
+
+
+def _interval_ns(part: str) -> tuple[int, int] | None:
+    """The log times between which its messages are, if its index knows them."""
+    summary = summary_of(part)
+    if summary is None or summary.statistics is None or not summary.statistics.message_count:
+        return None
+    return summary.statistics.message_start_time, summary.statistics.message_end_time
+
+
+def is_in_log_order(summary: Summary) -> bool:
+    """Whether no chunk of a file has messages that were logged before those of an earlier chunk."""
+    chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
+    return all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
+
+
 class Reading:
     """Iterate once for the items of all parts; then ``damage`` tells what could not be read.
 
@@ -70,14 +123,19 @@ class Reading:
     Raises
     ------
     UnreadableRecording
-        While iterating, if nothing of it is MCAP.
+        No such file, or, while iterating, if nothing of it is MCAP.
+    AmbiguousSource
+        A folder of recordings of their own.
     """
 
     def __init__(self, path: str, wanted: Callable[[Channel], bool], follow: Follow | None = None) -> None:
+        if follow is None:
+            refuse_unrelated(path, parts_of(path))
         self.path = path
         self._wanted = wanted
         self._follow = follow
         self._damage = DamageReport()
+        self.budget = WorkBudget()
 
     @property
     def damage(self) -> str | None:
@@ -99,12 +157,39 @@ class Reading:
             raise errors[0]
 
     def _part(self, part: str, single: bool) -> Iterator[Item]:
-        with open_stream(part, self._follow) as stream:
-            loop = RecordLoop(stream, self._wanted, None if self._follow else summary_of(part))
-            try:
-                yield from loop
-            finally:
-                self._damage.add_all(loop.damage, "" if single else f"{os.path.basename(part)}: ")
+        prefix = "" if single else f"{os.path.basename(part)}: "
+        summary = None if self._follow else summary_of(part)
+        with open_stream(part, self._follow, self.budget) as stream:
+            if summary is not None and _is_sortable(summary) and not is_in_log_order(summary):
+                yield from self._sorted(stream, summary, prefix)
+                return
+            yield from self._read(RecordLoop(stream, self._wanted, summary), prefix)
+
+    def _read(self, loop: RecordLoop, prefix: str) -> Iterator[Item]:
+        try:
+            yield from loop
+        finally:
+            self._damage.add_all(loop.damage, prefix)
+
+    def _sorted(self, stream: ByteStream, summary: Summary, prefix: str) -> Iterator[Item]:
+        """The items of a file whose chunks overlap in log time: attachments and metadata, then messages by
+        their log time. Chunks are held as long as others may have earlier messages."""
+        places = [a.offset for a in summary.attachment_indexes] + [m.offset for m in summary.metadata_indexes]
+        yield from self._read(RecordLoop(stream, self._wanted, summary, places=places), prefix)
+        pending, pending_bytes, number = list[tuple[int, int, RawMessage]](), 0, count()
+        chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
+        for chunk in chunks:
+            while pending and (pending[0][0] < chunk.message_start_time or pending_bytes > _PENDING_BYTES):
+                _, _, earliest = heappop(pending)
+                pending_bytes -= len(earliest.data)
+                yield earliest
+            loop = RecordLoop(stream, self._wanted, summary, places=[chunk.chunk_start_offset])
+            for item in self._read(loop, prefix):
+                if isinstance(item, RawMessage):
+                    heappush(pending, (item.log_time_ns, next(number), item))
+                    pending_bytes += len(item.data)
+        while pending:
+            yield heappop(pending)[2]
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether there is only the one; when following, those to come too."""
@@ -119,7 +204,16 @@ class Reading:
                 return
 
     def _is_finished(self) -> bool:
-        return os.path.exists(os.path.join(self.path, "metadata.yaml"))
+        return os.path.exists(os.path.join(self.path, _METADATA))
+
+
+def _is_sortable(summary: Summary) -> bool:
+    """Whether the index knows all that is in the file."""
+    known = summary.statistics
+    return known is not None and (
+        (known.chunk_count, known.attachment_count, known.metadata_count)
+        == (len(summary.chunk_indexes), len(summary.attachment_indexes), len(summary.metadata_indexes))
+    )
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

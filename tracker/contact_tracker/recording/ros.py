@@ -13,8 +13,11 @@ from contact_tracker.motion.poses import Pose
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
 from contact_tracker.recording.items import PARSE_ERRORS, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
+from contact_tracker.recording.limits import TooMuchWork, WorkBudget
 
 MESSAGE_LIMIT: Final = 2**22
+BYTES_PER_RECORD: Final = 128
+"""So many bytes of a message are as much work as a record."""
 
 
 class Undecodable(Exception):
@@ -22,9 +25,15 @@ class Undecodable(Exception):
 
 
 class RosDecoder:
-    """Decodes CDR messages by their ros2msg schema; keeps one decoder per channel."""
+    """Decodes CDR messages by their ros2msg schema; keeps one decoder per channel.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    budget : of the recording; messages that are larger than it explains are not decoded.
+    """
+
+    def __init__(self, budget: WorkBudget | None = None) -> None:
+        self._budget = budget
         self._decoders: dict[Channel, Callable[[bytes], Any] | None] = {}
         self._layouts: dict[Channel, Layouts] = {}
         self._current: Channel | None = None
@@ -42,18 +51,28 @@ class RosDecoder:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
             if data.startswith(ZSTD_MAGIC):
                 data = inflate_zstd(data, MESSAGE_LIMIT)
+            self._explain(message, len(data) // BYTES_PER_RECORD)
             return decoder(data)
         except (*PARSE_ERRORS, TypeError, AttributeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
+
+    def _explain(self, message: RawMessage, records: int) -> None:
+        """Count the work beyond that of one record; raises Undecodable where the file does not explain it."""
+        if records and self._budget is not None:
+            try:
+                self._budget.records(records)
+            except TooMuchWork as error:
+                raise Undecodable(f"{message.channel.topic}: {error}") from error
 
     def observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message of one of POSE_TYPES; raises Undecodable."""
         channel = message.channel
         if channel is not self._current:  # hashing one takes longer than reading a pose
             self._current, self._known = channel, self._layouts.setdefault(channel, Layouts(channel.type))
-        observation = self._known.read(message.data)
-        if observation is not None:
-            return [observation]
+        observations = self._known.read(message.data)
+        if observations is not None:
+            self._explain(message, len(observations) - 1)
+            return observations
         observations = self._observe(message)
         with suppress(Undecodable):
             self._known.learn(message.data, lambda data: self._observe(message._replace(data=data)))

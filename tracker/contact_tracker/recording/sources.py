@@ -3,13 +3,15 @@
 A source is a topic with its frames. Where a file has an index, its channels are known from there and their
 frames from a prefix that starts at the first chunk that holds each. Everything else (pipes, growing,
 truncated and index-less files) is judged by the prefix of the whole. A prefix is one second of log time from
-its first pose, and at most 2000 pose messages. A source that shows up only later is not taken, but counted.
+its first pose, and at most 2000 pose messages. Where another source that fits shows up only later, the user
+has to choose; a live stream goes on with the first one, and says so.
 `/tf_static` does not move and counts as a source only when its topic is asked for.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Final
 
 from mcap.summary import Summary
@@ -18,6 +20,7 @@ from contact_tracker.errors import AmbiguousSource, NoPoses
 from contact_tracker.recording.bytestream import open_stream
 from contact_tracker.recording.container import RecordLoop
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
+from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.reading import parts_of, summary_of
 from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
@@ -98,28 +101,53 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
     for part in parts_of(path):
         summary = summary_of(part)
         indexed = indexed and summary is not None
+        if summary is None:
+            continue
+        missing = dict[int, Channel]()
         for channel_id, count in message_counts(summary):
-            assert summary is not None
             channel = channel_of(summary.channels[channel_id], summary.schemas)
             if wanted(channel) and count and channel not in read_channels:
-                found = _peek_channel(part, summary, channel_id, channel, count)
-                messages += found
-                read_channels |= {channel} if found else set()
+                missing[channel_id] = channel
+        found = _peek_channels(part, summary, missing)
+        messages += found
+        read_channels.update(message.channel for message in found)
     if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
         raise wanted.nothing_found(path)
     return messages
 
 
-def _peek_channel(
-    part: str, summary: Summary, channel_id: int, channel: Channel, count: int
-) -> list[RawMessage]:
-    starts = (c.chunk_start_offset for c in summary.chunk_indexes if channel_id in c.message_index_offsets)
-    start = min(starts, default=None)
-    if start is None:
-        return []
-    with open_stream(part) as stream:
-        loop = RecordLoop(stream, lambda c: c == channel, summary, start)
-        return take_prefix(iter(loop), min(count, PREFIX_MESSAGES))
+def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
+    """The prefixes of some channels; those that begin in the same chunk are read together."""
+    beginning = dict[int, set[Channel]]()
+    starts = {chunk.chunk_start_offset: chunk.message_index_offsets.keys() for chunk in summary.chunk_indexes}
+    unplaced = dict(missing)
+    for start in sorted(starts):
+        for channel_id in unplaced.keys() & starts[start]:
+            beginning.setdefault(start, set()).add(unplaced.pop(channel_id))
+    messages, budget = list[RawMessage](), WorkBudget()
+    budget.read(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
+    for start, channels in beginning.items():
+        with open_stream(part, budget=budget) as stream:
+            loop = RecordLoop(stream, channels.__contains__, summary, start)
+            messages += _take_prefixes(iter(loop), channels)
+    return messages
+
+
+def _take_prefixes(items: Iterator[Item], channels: set[Channel]) -> list[RawMessage]:
+    """``take_prefix`` of each channel in one pass, ended with the last of them or after as many messages as
+    all prefixes may have."""
+    taken, open_channels = dict[Channel, list[RawMessage]](), set(channels)
+    messages = (item for item in items if isinstance(item, RawMessage))
+    for message in islice(messages, PREFIX_MESSAGES * max(len(channels), 1)):
+        prefix = taken.setdefault(message.channel, [])
+        if message.channel not in open_channels:
+            continue
+        prefix.append(message)
+        if _is_full(prefix):
+            open_channels.discard(message.channel)
+            if not open_channels:
+                break
+    return [message for prefix in taken.values() for message in prefix]
 
 
 def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
@@ -130,15 +158,19 @@ def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
     return [(channel_id, counts.get(channel_id, 0)) for channel_id in sorted(summary.channels)]
 
 
-def take_prefix(items: Iterator[Item], limit: int = PREFIX_MESSAGES) -> list[RawMessage]:
-    """The next messages, up to one second of log time or ``limit``; empty at the end of the input."""
+def take_prefix(items: Iterator[Item]) -> list[RawMessage]:
+    """The next messages, up to one second of log time; empty at the end of the input."""
     messages: list[RawMessage] = []
     for item in items:
         if isinstance(item, RawMessage):
             messages.append(item)
-            if len(messages) >= limit or item.log_time_ns - messages[0].log_time_ns >= PREFIX_NS:
+            if _is_full(messages):
                 break
     return messages
+
+
+def _is_full(prefix: list[RawMessage]) -> bool:
+    return len(prefix) >= PREFIX_MESSAGES or prefix[-1].log_time_ns - prefix[0].log_time_ns >= PREFIX_NS
 
 
 def poses_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dict[PoseSource, list[Logged]]:
@@ -157,11 +189,16 @@ def poses_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dict
 
 def only_one(path: str, sources: Iterable[PoseSource]) -> PoseSource:
     """The source, if it is one; raises AmbiguousSource, which lists them, if there are several."""
-    first, *others = sorted(sources)
+    first, *others = sources
     if others:
-        listing = _listing(map(str, (first, *others)), "; ")
-        raise AmbiguousSource(f"{path} holds several pose sources, choose by --topic or --frame: {listing}")
+        raise only_one_fits(path, (first, *others))
     return first
+
+
+def only_one_fits(path: str, sources: Iterable[PoseSource]) -> AmbiguousSource:
+    """The error where several sources fit."""
+    listing = _listing(map(str, sorted(set(sources))), "; ")
+    return AmbiguousSource(f"{path} holds several pose sources, choose by --topic or --frame: {listing}")
 
 
 def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> NoPoses:

@@ -1,15 +1,15 @@
 """What a recording holds, as ``contact-tracker info`` shows it."""
 
-from array import array
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from math import dist
-from statistics import median
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from contact_tracker.motion.pose_validation import PoseGate
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.items import Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
@@ -17,7 +17,13 @@ from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
 
 SOURCES_KEPT: Final = 256
+BEGINNING_S: Final = 30.0
+BEGINNING_NS: Final = round(BEGINNING_S * 1e9)
+BEGINNING_POSES: Final = 20_000
+KEPT_POSES: Final = 200_000
+"""Of all sources together."""
 _SAMPLE: Final = 50_000
+_MOST_NS: Final = 2**62
 _MAD_TO_SIGMA: Final = 1.4826
 
 
@@ -33,6 +39,7 @@ class SourceSummary:
     counts : what the gate dropped, repaired or noted, by kind (``gap`` and ``held`` among them).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
+    beginning : the first valid poses, ``BEGINNING_S`` at most.
     sigma_position_m, sigma_rotation_rad : estimated sensor noise; for the caller to fill in.
     """
 
@@ -47,6 +54,7 @@ class SourceSummary:
     log_offset_s: float
     path_m: float
     extent_m: tuple[float, float, float]
+    beginning: Poses = field(default=NO_POSES, compare=False, repr=False)
     sigma_position_m: float | None = None
     sigma_rotation_rad: float | None = None
 
@@ -64,6 +72,7 @@ class RecordingSummary:
     Parameters
     ----------
     sources : the pose sources, at most ``SOURCES_KEPT``, in the order of their names.
+    more_sources : whether there are more.
     topics : messages by (topic, type, encoding), of all topics.
     metadata : records by name. attachments : their names.
     undecodable : messages of pose topics that are not what their schema promises.
@@ -76,6 +85,7 @@ class RecordingSummary:
     attachments: tuple[str, ...]
     undecodable: int
     damage: str | None
+    more_sources: bool = False
 
 
 def summarise(path: str) -> RecordingSummary:
@@ -86,13 +96,11 @@ def summarise(path: str) -> RecordingSummary:
     UnreadableRecording
         No such file, or not MCAP.
     """
-    tallies: dict[PoseSource, _Tally] = {}
     topics: Counter[Channel] = Counter()
     metadata: dict[str, Mapping[str, str]] = {}
     attachments: list[str] = []
-    decoder = RosDecoder()
-    undecodable = 0
     reading = Reading(path, lambda channel: True)
+    tallies = _Tallies(RosDecoder(reading.budget))
     for item in reading:
         match item:
             case Metadata(name, values):
@@ -101,119 +109,198 @@ def summarise(path: str) -> RecordingSummary:
                 attachments.append(name)
             case RawMessage(channel, _, _):
                 topics[channel] += 1
-                try:
-                    _tally(tallies, decoder, item)
-                except Undecodable:
-                    undecodable += 1
-    sources = tuple(tallies[source].summary(source) for source in sorted(tallies))
+                tallies.add(item)
+    sources = tallies.finish()
     by_topic: Counter[tuple[str, str, str]] = Counter()
     for channel, count in topics.items():
         by_topic[channel.topic, channel.type, channel.encoding] += count
-    return RecordingSummary(sources, by_topic, metadata, tuple(attachments), undecodable, reading.damage)
+    return RecordingSummary(
+        sources,
+        by_topic,
+        metadata,
+        tuple(attachments),
+        tallies.undecodable,
+        reading.damage,
+        tallies.more_sources,
+    )
 
 
-def _tally(tallies: "dict[PoseSource, _Tally]", decoder: RosDecoder, message: RawMessage) -> None:
-    channel = message.channel
-    if channel.type not in POSE_TYPES or not is_ros2(channel):
-        return
-    for frame_id, child_frame_id, pose in decoder.observe(message):
-        source = PoseSource(channel.topic, channel.type, frame_id, child_frame_id)
-        tally = tallies.get(source)
-        if tally is None and len(tallies) < SOURCES_KEPT:
-            tally = tallies[source] = _Tally()
-        if tally is not None:
-            tally.add(pose, message.log_time_ns)
+class _Tallies:
+    """Running figures of all sources, from messages that wait until there are many of a channel."""
+
+    def __init__(self, decoder: RosDecoder) -> None:
+        self.undecodable = 0
+        self.more_sources = False
+        self._decoder = decoder
+        self._waiting: dict[Channel, list[RawMessage]] = {}
+        self._tallies: dict[PoseSource, _Tally] = {}
+        self._kept = 0
+
+    def add(self, message: RawMessage) -> None:
+        channel = message.channel
+        if channel.type not in POSE_TYPES or not is_ros2(channel):
+            return
+        waiting = self._waiting.setdefault(channel, [])
+        waiting.append(message)
+        if len(waiting) == BATCH:
+            self._tally(self._waiting.pop(channel))
+
+    def finish(self) -> tuple[SourceSummary, ...]:
+        for waiting in self._waiting.values():
+            self._tally(waiting)
+        return tuple(self._tallies[source].summary(source) for source in sorted(self._tallies))
+
+    def _tally(self, messages: list[RawMessage]) -> None:
+        """Take in messages of one channel."""
+        channel = messages[0].channel
+        columns = self._decoder.observe_all(messages)
+        if columns is not None:
+            source = PoseSource(channel.topic, channel.type, columns.frame_id, columns.child_frame_id)
+            log_times_ns = [message.log_time_ns for message in messages]
+            self._add(source, columns.poses, log_times_ns)
+            return
+        observed = dict[PoseSource, list[Logged]]()
+        for message in messages:
+            try:
+                observations = self._decoder.observe(message)
+            except Undecodable:
+                self.undecodable += 1
+                continue
+            for frame_id, child_frame_id, pose in observations:
+                source = PoseSource(channel.topic, channel.type, frame_id, child_frame_id)
+                observed.setdefault(source, []).append((pose, message.log_time_ns))
+        for source, logged in observed.items():
+            self._add(source, [pose for pose, _ in logged], [log_time_ns for _, log_time_ns in logged])
+
+    def _add(self, source: PoseSource, poses: Poses | list[Pose], log_times_ns: list[int]) -> None:
+        tally = self._tallies.get(source)
+        if tally is None:
+            if len(self._tallies) >= SOURCES_KEPT:
+                self.more_sources = True
+                return
+            tally = self._tallies[source] = _Tally()
+        kept = tally.kept
+        tally.add(poses, log_times_ns, keep=self._kept < KEPT_POSES)
+        self._kept += tally.kept - kept
 
 
 class _Sample:
     """An even sample of a stream of integers: when full, every second one goes, then every second comes."""
 
     def __init__(self) -> None:
-        self.values = array("q")
+        self.values = np.zeros(0, np.int64)
         self._stride = 1
         self._seen = 0
 
-    def add(self, value: int) -> None:
-        if self._seen % self._stride == 0:
-            if len(self.values) == _SAMPLE:
-                self.values = self.values[::2]
-                self._stride *= 2
-            self.values.append(max(min(value, 2**63 - 1), -(2**63)))
-        self._seen += 1
+    def add(self, values: NDArray[np.int64]) -> None:
+        """At most ``_SAMPLE`` of them."""
+        self.values = np.append(self.values, values[-self._seen % self._stride :: self._stride])
+        self._seen += len(values)
+        while len(self.values) > _SAMPLE:
+            self.values = self.values[::2]
+            self._stride *= 2
 
 
 class _Tally:
-    """Running figures of one source."""
+    """Running figures of one source; ``kept`` poses of its beginning."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
+        self.kept = 0
         self._gate = PoseGate(self.counts)
         self._observed = 0
         self._prefix: list[Logged] = []
         self._stamping: Stamping | None = None
         self._poses = 0
-        self._first: Pose | None = None
-        self._last: Pose | None = None
+        self._beginning: list[Poses] = []
+        self._first_ns = 0
+        self._last = NO_POSES
         self._steps_ns = _Sample()
         self._offsets_ns = _Sample()
         self._path_m = 0.0
-        self._low_m = [float("inf")] * 3
-        self._high_m = [float("-inf")] * 3
+        self._low_m = np.full(3, np.inf)
+        self._high_m = np.full(3, -np.inf)
 
-    def add(self, observed: Pose, log_time_ns: int) -> None:
-        """Take in a pose; the first wait until there are enough to say which stamps they get."""
-        self._observed += 1
-        self._offsets_ns.add(log_time_ns - observed.stamp_ns)
-        if self._stamping is not None:
-            self._admit(self._stamping, observed, log_time_ns)
-            return
-        self._prefix.append((observed, log_time_ns))
-        if len(self._prefix) == PREFIX_MESSAGES or log_time_ns - self._prefix[0][1] >= PREFIX_NS:
-            self._admit_prefix()
+    def add(self, observed: Poses | list[Pose], log_times_ns: list[int], keep: bool) -> None:
+        """Take in poses; the first wait until there are enough to say which stamps they get."""
+        self._observed += len(observed)
+        if isinstance(observed, Poses) and self._stamping is not None:
+            self._note_offsets(observed.stamp_ns, log_times_ns)
+            if not self._stamping.by_log_time and observed.stamp_ns.all():
+                admitted = self._gate.admit_all(observed)
+                if admitted is not None:
+                    self._note(admitted, keep)
+                    return
+        else:
+            self._note_offsets(np.array([_clipped(pose.stamp_ns) for pose in observed]), log_times_ns)
+        noted = list[Pose]()
+        for logged in zip(observed, log_times_ns, strict=True):
+            if self._stamping is not None:
+                noted += self._admit(self._stamping, *logged)
+                continue
+            self._prefix.append(logged)
+            if len(self._prefix) == PREFIX_MESSAGES or logged[1] - self._prefix[0][1] >= PREFIX_NS:
+                noted += self._admit_prefix()
+        self._note(Poses.collect(noted), keep)
 
-    def _admit_prefix(self) -> None:
+    def _note_offsets(self, stamp_ns: NDArray[np.int64], log_times_ns: list[int]) -> None:
+        log_ns = np.array([_clipped(time) for time in log_times_ns], np.int64)
+        self._offsets_ns.add(log_ns - np.clip(stamp_ns, -_MOST_NS, _MOST_NS))
+
+    def _admit_prefix(self) -> list[Pose]:
         self._stamping = Stamping(self._prefix)
-        for observed, log_time_ns in self._prefix:
-            self._admit(self._stamping, observed, log_time_ns)
+        admitted = [pose for logged in self._prefix for pose in self._admit(self._stamping, *logged)]
         self._prefix = []
+        return admitted
 
-    def _admit(self, stamping: Stamping, observed: Pose, log_time_ns: int) -> None:
+    def _admit(self, stamping: Stamping, observed: Pose, log_time_ns: int) -> Sequence[Pose]:
         if stamping.lacks_stamp(observed.stamp_ns, log_time_ns):
             self.counts["log_time_as_stamp"] += 1
             observed = observed._replace(stamp_ns=stamping.from_log_time(log_time_ns))
-        for pose in self._gate.admit(observed):
-            self._note(pose)
+        return self._gate.admit(observed)
 
-    def _note(self, pose: Pose) -> None:
-        self._poses += 1
-        if self._last is not None:
-            self._steps_ns.add(pose.stamp_ns - self._last.stamp_ns)
-            self._path_m += dist(pose.position_m, self._last.position_m)
-        self._first = self._first or pose
-        self._last = pose
-        self._low_m = [min(pair) for pair in zip(self._low_m, pose.position_m, strict=True)]
-        self._high_m = [max(pair) for pair in zip(self._high_m, pose.position_m, strict=True)]
+    def _note(self, poses: Poses, keep: bool) -> None:
+        """Take in valid poses."""
+        if not len(poses):
+            return
+        if not self._poses:
+            self._first_ns = int(poses.stamp_ns[0])
+        self._poses += len(poses)
+        joined = Poses.join([self._last, poses])
+        self._steps_ns.add(np.diff(joined.stamp_ns))
+        self._path_m += float(np.linalg.norm(np.diff(joined.position_m, axis=0), axis=1).sum())
+        self._low_m = np.minimum(self._low_m, poses.position_m.min(axis=0))
+        self._high_m = np.maximum(self._high_m, poses.position_m.max(axis=0))
+        self._last = joined[-1:]
+        early = poses[: np.searchsorted(poses.stamp_ns, self._first_ns + BEGINNING_NS)] if keep else NO_POSES
+        if len(early) and self.kept < BEGINNING_POSES:
+            self._beginning.append(early)
+            self.kept += len(early)
 
     def summary(self, source: PoseSource) -> SourceSummary:
         if self._stamping is None:
-            self._admit_prefix()
-        for pose in self._gate.finish():
-            self._note(pose)
+            self._note(Poses.collect(self._admit_prefix()), keep=True)
+        self._note(Poses.collect(self._gate.finish()), keep=True)
         nan = float("nan")
         steps = self._steps_ns.values
-        period_ns = median(steps) if steps else nan
-        jitter_ns = _MAD_TO_SIGMA * median(abs(step - period_ns) for step in steps) if steps else nan
-        x, y, z = map(float.__sub__, self._high_m, self._low_m) if self._poses else (nan, nan, nan)
+        period_ns = float(np.median(steps)) if len(steps) else nan
+        jitter_ns = _MAD_TO_SIGMA * float(np.median(np.abs(steps - period_ns))) if len(steps) else nan
+        x, y, z = (self._high_m - self._low_m).tolist() if self._poses else (nan, nan, nan)
         return SourceSummary(
             source=source,
             poses=self._poses,
             observed=self._observed,
-            first_ns=self._first.stamp_ns if self._first else None,
-            last_ns=self._last.stamp_ns if self._last else None,
+            first_ns=self._first_ns if self._poses else None,
+            last_ns=int(self._last.stamp_ns[0]) if self._poses else None,
             median_rate_hz=1e9 / period_ns,
             jitter_s=jitter_ns * 1e-9,
             counts=dict(self.counts),
-            log_offset_s=median(self._offsets_ns.values) * 1e-9,
+            log_offset_s=float(np.median(self._offsets_ns.values)) * 1e-9,
             path_m=self._path_m,
             extent_m=(x, y, z),
+            beginning=Poses.join(self._beginning),
         )
+
+
+def _clipped(time_ns: int) -> int:
+    return max(min(time_ns, _MOST_NS), -_MOST_NS)

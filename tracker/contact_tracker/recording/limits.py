@@ -1,0 +1,60 @@
+"""How much work a file may cause: bounded by the bytes that were read of it.
+
+Compression lets a few bytes claim gigabytes, or millions of records. Real poses stay far below these bounds:
+one of an object at rest takes 24 bytes of a zstd chunk, and noisy ones are halved.
+"""
+
+from typing import Final
+
+RECORD_LIMIT: Final = 256 * 2**20
+"""No record, and no chunk when it is decompressed, is longer."""
+_CHUNK_BYTES: Final = 32 * 2**20
+_CHUNK_RATIO: Final = 50
+"""A chunk may become that long, or so many times as long as it is."""
+_TOTAL_BYTES: Final = 256 * 2**20
+_TOTAL_RATIO: Final = 400
+"""The same of all chunks together."""
+_RECORDS: Final = 40_000
+_BYTES_PER_RECORD: Final = 12
+"""So many records are in chunks, and one more for so many bytes that were read."""
+_ADVICE: Final = "if it is sound, decompress the file first"
+
+
+class TooMuchWork(ValueError):
+    """A chunk holds more than its size explains."""
+
+
+class WorkBudget:
+    """What was read of a file, and what it has become so far."""
+
+    def __init__(self) -> None:
+        self._read = 0
+        self._inflated = 0
+        self._records = 0
+
+    def read(self, count: int) -> None:
+        """So many bytes more were read from the file, as they lie on the disk."""
+        self._read += count
+
+    def inflate(self, compressed: int, size: int) -> None:
+        """``compressed`` bytes are to become ``size``; raises TooMuchWork, and nothing is counted."""
+        self.check_record(compressed, size)
+        if self._inflated + size > _TOTAL_BYTES + _TOTAL_RATIO * self._read:
+            raise TooMuchWork(f"{self._read} bytes are to become {self._inflated + size}; {_ADVICE}")
+        self._inflated += size
+
+    def check_record(self, compressed: int, size: int) -> None:
+        """One record, or chunk, of ``size`` bytes comes out of so many; raises TooMuchWork."""
+        if size > min(max(_CHUNK_BYTES, _CHUNK_RATIO * compressed), RECORD_LIMIT):
+            raise TooMuchWork(f"{compressed} bytes are to become {size}; {_ADVICE}")
+
+    @property
+    def bytes_read(self) -> int:
+        """As they lie on the disk."""
+        return self._read
+
+    def records(self, many: int) -> None:
+        """So many records, or poses in them, are to be looked at; raises TooMuchWork."""
+        self._records += many
+        if self._records > _RECORDS + self._read // _BYTES_PER_RECORD:
+            raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
