@@ -27,7 +27,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.states import STATES
 from mcap_logs import START_NS as LOGS_START_NS
-from mcap_logs import Topic, poses_topic, smooth_poses, write_log
+from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = [sys.executable, "-m", "contact_tracker"]
@@ -150,9 +150,11 @@ def test_a_folder_of_recordings_of_their_own_is_not_taken_for_one_in_silence(tmp
     for name in ("one.mcap", "two.mcap"):
         write_waves(tmp_path / name, RATE_HZ)
     done = run("segment", tmp_path)
-    assert done.returncode == 0
-    assert "time runs backward" in done.stderr
-    assert "backward" not in run("segment", tmp_path / "one.mcap").stderr
+    assert done.returncode == 2
+    assert "one.mcap, two.mcap; name one of them" in done.stderr
+    assert run("segment", tmp_path / "one.mcap").returncode == 0
+    (tmp_path / "metadata.yaml").touch()
+    assert "time runs backward" in run("segment", tmp_path).stderr
 
 
 def test_version() -> None:
@@ -492,3 +494,36 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
 
     assert read(columns=True) == read(columns=False)
     assert (read(columns=True)[-1] == 0) == (start > 1.0)
+
+
+def test_live_says_that_another_source_shows_up(tmp_path: Path) -> None:
+    early, late = smooth_poses(900), smooth_poses(50, start_ns=LOGS_START_NS + 4 * 10**9)
+    rows = [*poses_topic(early, frame="a").messages, *poses_topic(late, frame="b").messages]
+    path = write_log(tmp_path / "x.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)])
+    done = run("live", path)
+    assert done.returncode == 0
+    assert "another source of poses shows up: /p b" in done.stderr
+    assert "other_source 50" in done.stderr
+    refused = run("segment", path)
+    assert refused.returncode == 2
+    assert "choose by --topic or --frame: /p a" in refused.stderr
+    assert run("segment", path, "--frame", "a").returncode == 0
+
+
+def test_info_reads_a_file_once_however_many_sources_it_has(tmp_path: Path) -> None:
+    poses = list(smooth_poses(60))
+    bodies = [f"body {i}" for i in range(300)]
+    rows = [
+        (pose.stamp_ns, {"transforms": [transform(*pose, "world", name) for name in bodies]})
+        for pose in poses
+    ]
+    path = write_log(tmp_path / "x.mcap", [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
+    done = run("info", "-", stdin=path.read_bytes())
+    assert done.returncode == 0, "even of what can be read only once"
+    assert done.stdout.count("60 of ") + done.stdout.count("poses     60") == 256
+    assert "more than 256 sources" in done.stdout
+    assert done.stdout.count("noise     about") == 256
+    one = run("info", path, "--frame", "body 7")
+    assert one.stdout.startswith("/tf world->body 7")
+    assert "tracking" in one.stdout
+    assert run("info", path, "--frame", "nothing").returncode == 1

@@ -476,3 +476,30 @@ def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path
     finally:
         tracemalloc.stop()
     assert peak < 600_000 < path.stat().st_size
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [("replaced", "replaced by another"), ("shorter", "became shorter"), ("gone", "removed")],
+)
+def test_a_file_that_changes_while_it_is_followed_ends_the_stream(
+    tmp_path: Path, change: str, text: str
+) -> None:
+    poses, path = smooth_poses(400), tmp_path / "a.mcap"
+    whole = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    log = open_log(str(path), follow=Follow(poll_s=0.005))
+    first = [next(iter(log)) for _ in range(20)]
+    assert len(first) == 20
+    if change == "replaced":
+        other = tmp_path / "b.mcap"
+        other.write_bytes(whole)
+        other.replace(path)
+    elif change == "shorter":
+        os.truncate(path, 3000)
+    else:
+        path.unlink()
+    rest = list(log)
+    assert 20 < len(first) + len(rest) < 300
+    assert log.damage is not None
+    assert text in log.damage

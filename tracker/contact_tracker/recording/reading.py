@@ -195,12 +195,12 @@ class Reading:
         """Parts in order, and whether there is only the one; when following, those to come too."""
         single = not os.path.isdir(self.path)
         done: list[str] = []
-        while True:
+        while not (single and done):
             new = [part for part in parts_of(self.path) if part not in done]
             if new:
                 yield new[0], single
                 done.append(new[0])
-            elif single or self._follow is None or self._is_finished() or not self._follow.wait():
+            elif self._follow is None or self._is_finished() or not self._follow.wait():
                 return
 
     def _is_finished(self) -> bool:
