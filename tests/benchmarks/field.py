@@ -31,7 +31,7 @@ from contact_tracker import adaptation
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.evaluation.tables import number, table
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking import offline_smoother
@@ -58,16 +58,9 @@ def measure(path: str, distortion: str, model_name: str) -> Measured:
     if truth is None:
         raise SystemExit(f"{path}: no truth")
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
-    poses, model = gated(DISTORTIONS[distortion](clean, random)), load_model(model_name)
+    poses, model = gate(DISTORTIONS[distortion](clean, random)), load_model(model_name)
     found = adaptation.segment(poses, model), offline_smoother.segment(poses, model)
     return Measured(*(evaluate(poses, truth, one) for one in found))
-
-
-def gated(poses: Poses) -> Poses:
-    """What the gate lets through."""
-    gate = PoseGate()
-    admitted = [kept for pose in poses for kept in gate.admit(pose)]
-    return Poses.collect([*admitted, *gate.finish()])
 
 
 def row(name: str, measured: Sequence[Measured]) -> list[str]:

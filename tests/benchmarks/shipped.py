@@ -18,9 +18,9 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker.evaluation.metrics import quantile
 from contact_tracker.evaluation.tables import number, table
+from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
-from field import gated
 from kept_tables import ROOT, Table
 
 COLUMNS: Final = (
@@ -33,7 +33,7 @@ def measure(path: Path) -> Evaluation:
     """Segment one recording, adapted to its stream, and judge it."""
     truth = read_truth(str(path))
     assert truth is not None, f"{path}: no truth"
-    poses = gated(Poses.collect(open_log(str(path))))
+    poses = gate(Poses.collect(open_log(str(path))))
     return evaluate(poses, truth, adaptation.segment(poses, load_model()))
 
 

@@ -6,6 +6,7 @@
     |-- InputError            the input cannot be used                    (exit code 1)
     |   |-- UnreadableRecording   not a recording, or nothing in it can be read
     |   |-- NoPoses               a recording without a pose source that we know
+    |   |-- InvalidPose           poses that did not pass the gate, from Python
     |   `-- NoTruth               evaluation was asked of a recording without truth
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
@@ -40,6 +41,10 @@ class UnreadableRecording(InputError):
 
 class NoPoses(InputError):
     """The recording has no pose source of a known type."""
+
+
+class InvalidPose(InputError):
+    """A pose that the gate (``motion.pose_validation``) would not have passed on."""
 
 
 class NoTruth(InputError):

@@ -13,6 +13,7 @@ from contact_tracker.adaptation.mixture import spread_out
 from contact_tracker.adaptation.report import Report, report
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.tracking.belief import Belief, Detail
@@ -43,8 +44,14 @@ class OfflineTracker:
         progress: Callable[[int], None] | None = None,
         detail: Detail = Detail.SHARED,
     ) -> Iterator[Segmentation]:
-        """As ``offline_smoother.pieces``; ``detail`` is that of the beliefs that are ``filtered``."""
-        looked_at, rest, early = self._choose(batches(poses), detail)
+        """As ``offline_smoother.pieces``; ``detail`` is that of the beliefs that are ``filtered``.
+
+        Raises
+        ------
+        InvalidPose
+            While iterating, where poses did not pass the gate.
+        """
+        looked_at, rest, early = self._choose(_valid(batches(poses)), detail)
         best = self._state.best
         if best is None:
             yield Segmentation()
@@ -90,6 +97,16 @@ class OfflineTracker:
         return _released(looked_at), stream, beliefs if detail >= Detail.SHARED else []
 
 
+def _valid(stream: Iterator[Poses]) -> Iterator[Poses]:
+    """Poses on their way, checked."""
+    last_ns: int | None = None
+    for poses in stream:
+        if len(poses):
+            require_valid(poses, last_ns)
+            last_ns = int(poses.stamp_ns[-1])
+        yield poses
+
+
 def _doubted(piece: Segmentation) -> Segmentation:
     """Of which nothing is sure."""
     return replace(
@@ -128,6 +145,12 @@ def segment(
     progress: Callable[[int], None] | None = None,
     knowledge: PriorMap = EMPTY_MAP,
 ) -> Segmentation:
-    """Segment a whole recording, as ``offline_smoother.segment`` does, adapted to its stream."""
+    """Segment a whole recording, as ``offline_smoother.segment`` does, adapted to its stream.
+
+    Raises
+    ------
+    InvalidPose
+        Poses that did not pass the gate: take ``gate`` of ``motion.pose_validation`` first.
+    """
     found = OfflineTracker(model, knowledge).pieces(poses, progress, Detail.GEOMETRY)
     return Segmentation.join(list(found))

@@ -21,6 +21,7 @@ from contact_tracker.inspection.stream_checks import (
     inspect,
 )
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.pose_validation import is_valid, require_valid
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
@@ -34,7 +35,7 @@ class AdaptiveState(NamedTuple):
 
     The ``trackers`` side by side, what is known of its ``conventions``, and the ``inspection`` of the poses,
     but for the last ones: those wait for it (``uninspected``, so ``many``), and after the first ``taken_in``
-    parts of them for the end of a tick.
+    parts of them for the end of a tick; ``last_ns`` is the stamp of the last pose.
     """
 
     trackers: SideBySide
@@ -44,6 +45,7 @@ class AdaptiveState(NamedTuple):
     uninspected: tuple[Pose | Poses, ...]
     many: int
     taken_in: int
+    last_ns: int | None = None
 
     @property
     def is_decided(self) -> bool:
@@ -106,6 +108,11 @@ def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None
 
     When the rate becomes known, and after a gap, one pose closes several ticks: the belief is that of the
     last; ``advance`` returns all.
+
+    Raises
+    ------
+    InvalidPose
+        It did not pass the gate.
     """
     state, beliefs = advance(state, pose)
     return state, beliefs[-1] if beliefs else None
@@ -117,9 +124,19 @@ def advance(
     """Take in one pose or several, in order; the beliefs of the ticks that they close.
 
     No label is sure while the poses are in doubt.
+
+    Raises
+    ------
+    InvalidPose
+        They did not pass the gate, or are not after those before.
     """
     if isinstance(poses, Pose):
-        return _advance(state, poses, 1, detail)
+        if not is_valid(poses, state.last_ns):
+            require_valid(Poses.collect([poses]), state.last_ns)
+        return _advance(state._replace(last_ns=poses.stamp_ns), poses, 1, detail)
+    if len(poses):
+        require_valid(poses, state.last_ns)
+        state = state._replace(last_ns=int(poses.stamp_ns[-1]))
     beliefs = list[Belief]()
     while len(poses):
         some, poses = poses[: TOGETHER - state.many], poses[TOGETHER - state.many :]

@@ -38,15 +38,78 @@ from typing import Final
 
 import numpy as np
 
+from contact_tracker.errors import InvalidPose
 from contact_tracker.motion.default_poses import DefaultPoseFilter
 from contact_tracker.motion.excursions import ExcursionFilter
 from contact_tracker.motion.pose_steps import Steps
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.motion.stamp_order import Ordered, StampOrder
+from contact_tracker.motion.stamp_order import RANGE_NS, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
 NORM_TOLERANCE: Final = 0.05
 RANGE_M: Final = 1e6
+
+
+_ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validation first"
+
+
+def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
+    """What the gate passes on of a whole recording; ``counts`` is told what it dropped or repaired."""
+    passed = PoseGate(counts)
+    admitted = [kept for pose in poses for kept in passed.admit(pose)]
+    return Poses.collect([*admitted, *passed.finish()])
+
+
+def is_valid(pose: Pose, after_ns: int | None) -> bool:
+    """Whether a pose may have come from the gate, after the stamp of the one before; as ``require_valid``."""
+    stamp_ns, (px, py, pz), (x, y, z, w) = pose
+    return (
+        isinstance(stamp_ns, int)
+        and (after_ns is None or after_ns < stamp_ns)
+        and abs(stamp_ns) <= RANGE_NS
+        and max(abs(px), abs(py), abs(pz)) <= RANGE_M
+        and px == px
+        and py == py
+        and pz == pz
+        and abs(sqrt(x * x + y * y + z * z + w * w) - 1.0) <= ROUNDING
+    )
+
+
+def require_valid(poses: Poses, after_ns: int | None) -> None:
+    """Refuse columns of poses that did not pass the gate.
+
+    Parameters
+    ----------
+    after_ns : the stamp of the pose before them, if there is one.
+
+    Raises
+    ------
+    InvalidPose
+        A number that is not finite or out of range, a quaternion that is no unit quaternion, or stamps that
+        are no integers or do not increase.
+    """
+    stamp_ns, count = np.asarray(poses.stamp_ns), len(poses)
+    if stamp_ns.dtype.kind not in "iu":
+        raise InvalidPose(
+            f"stamps are integers in nanoseconds, not {stamp_ns.dtype}: multiply seconds by 1e9"
+        )
+    if poses.position_m.shape != (count, 3) or poses.quat_xyzw.shape != (count, 4):
+        raise InvalidPose("a pose has three coordinates and a quaternion xyzw")
+    steps_ns = np.diff(stamp_ns, prepend=stamp_ns[:1] - 1 if after_ns is None else after_ns)
+    with np.errstate(all="ignore"):
+        norm = np.sqrt(np.square(poses.quat_xyzw).sum(axis=1))
+        faults = {
+            "a position that is not finite or out of range": ~(np.abs(poses.position_m) <= RANGE_M).all(
+                axis=1
+            ),
+            "a quaternion that is not of length 1": ~(np.abs(norm - 1.0) <= ROUNDING),
+            "a stamp that is not after the one before": steps_ns <= 0,
+            "a stamp more than 146 years from zero": np.abs(stamp_ns) > RANGE_NS,
+        }
+    for text, wrong in faults.items():
+        if wrong.any():
+            first = int(wrong.argmax())
+            raise InvalidPose(f"pose {first} of {count} has {text} (stamp {stamp_ns[first]} ns): {_ADVICE}")
 
 
 class PoseGate:

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.errors import InvalidPose
 from contact_tracker.geometry.rotation import matrices
 
 Array = NDArray[np.float64]
@@ -37,11 +38,15 @@ class Poses:
 
     @classmethod
     def collect(cls, poses: Iterable[Pose]) -> "Poses":
+        """Poses in columns; raises InvalidPose where stamps are no integers."""
         rows = list(poses)
         if not rows:
             return NO_POSES
         stamp_ns, position_m, quat_xyzw = zip(*rows, strict=True)
-        return cls(np.array(stamp_ns, np.int64), np.array(position_m, float), np.array(quat_xyzw, float))
+        stamps = np.array(stamp_ns)
+        if stamps.dtype.kind == "f":
+            raise InvalidPose("stamps are integers in nanoseconds: multiply seconds by 1e9 and round")
+        return cls(stamps.astype(np.int64), np.array(position_m, float), np.array(quat_xyzw, float))
 
     @classmethod
     def join(cls, parts: Sequence["Poses | Pose"]) -> "Poses":

@@ -5,6 +5,7 @@
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <stdexcept>
 #include <vector>
@@ -27,6 +28,13 @@ template <class Numbers>
 void require_shape(const Numbers& array, const std::vector<py::ssize_t>& shape, const char* what) {
     require(array.ndim() == static_cast<py::ssize_t>(shape.size()) &&
                 std::equal(shape.begin(), shape.end(), array.shape()),
+            what);
+}
+
+// An array of a shape whose numbers are finite.
+inline void require_finite(const Floats& array, const std::vector<py::ssize_t>& shape, const char* what) {
+    require_shape(array, shape, what);
+    require(std::all_of(array.data(), array.data() + array.size(), [](double x) { return std::isfinite(x); }),
             what);
 }
 

@@ -69,11 +69,11 @@ struct TickArrays {
         require(number.ndim() == 1 && number.shape(0) > 0, "there are no ticks");
         const py::ssize_t count = number.shape(0);
         for (const Floats& one : {pose, inverse})
-            require_shape(one, {count, Ticks::entries}, "a tick has one lifted pose");
+            require_finite(one, {count, Ticks::entries}, "a tick has one lifted pose, of finite numbers");
         for (const Floats& two : {variance, excess, unheld})
-            require_shape(two, {count, 2}, "a tick has two variances of each sort");
-        if (uneven) require_shape(*uneven, {count, 3, 3}, "a tick has one covariance");
-        if (before) require_shape(*before, {2, Ticks::entries}, "a pose comes before, and its inverse");
+            require_finite(two, {count, 2}, "a tick has two finite variances of each sort");
+        if (uneven) require_finite(*uneven, {count, 3, 3}, "a tick has one finite covariance");
+        if (before) require_finite(*before, {2, Ticks::entries}, "a finite pose is before, and its inverse");
     }
 
     // What a contact sees of them, with its noise `beyond` theirs.
@@ -93,7 +93,7 @@ struct TickArrays {
 inline Directions directions_of(const Model& model, const Floats& x, const Floats& turn) {
     const int size = visit(model, [](auto family) { return decltype(family)::S; });
     require(x.ndim() == 2 && x.shape(1) == size, "directions are not geometry of this contact");
-    require_shape(turn, {3, 3}, "a turn is a matrix");
+    require_finite(turn, {3, 3}, "a turn is a matrix of finite numbers");
     return {x.data(), turn.data(), static_cast<int>(x.shape(0))};
 }
 

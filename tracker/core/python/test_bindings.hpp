@@ -46,8 +46,7 @@ struct Problems {
     }
 };
 
-// With negative `steps` nothing moves but the coordinates that follow from the directions (`complete`); there
-// is no hessian then.
+// With negative `steps` only the coordinates follow the directions (`complete`), and there is no hessian.
 inline py::tuple minimise(const Model& model, const Floats& words, const Floats& onsets,
                           const Floats& precision, const Floats& information, const Floats& constant,
                           const Floats& anchors, int steps, const Floats& start) {

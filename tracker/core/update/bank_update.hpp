@@ -176,7 +176,7 @@ inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vec
                                double margin) {
     const std::size_t contacts = models.size();
     const auto states = static_cast<py::ssize_t>(contacts) + 1;
-    require_shape(moment.turn, {3, 3}, "a turn is a matrix");
+    require_finite(moment.turn, {3, 3}, "a turn is a matrix of finite numbers");
     require_shape(moment.log_stay, {states}, "states do not have one chance to stay each");
     std::vector<ContactTask> all;
     for (std::size_t i = 0; i < contacts; ++i) {

@@ -1,0 +1,80 @@
+"""Poses from Python that did not pass the gate are refused with the package's own error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contact_tracker import adaptation
+from contact_tracker.errors import ContactTrackerError, InvalidPose
+from contact_tracker.hypotheses import compiled
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Pose
+from mcap_logs import smooth_poses
+from short_recordings import MODEL
+
+SOUND = smooth_poses(40)
+FIRST = next(iter(SOUND))
+FAULTS = {
+    "nan": FIRST._replace(position_m=(float("nan"), 0.0, 0.0)),
+    "infinite": FIRST._replace(position_m=(0.0, float("inf"), 0.0)),
+    "far": FIRST._replace(position_m=(0.0, 0.0, 2e6)),
+    "nan turn": FIRST._replace(quat_xyzw=(float("nan"), 0.0, 0.0, 1.0)),
+    "no rotation": FIRST._replace(quat_xyzw=(0.0, 0.0, 0.0, 0.0)),
+    "seconds": FIRST._replace(stamp_ns=12.5),  # type: ignore[arg-type]
+    "again": list(SOUND)[29],
+    "backward": list(SOUND)[3],
+    "endless": FIRST._replace(stamp_ns=2**62 + 1),
+}
+
+
+def later(pose: Pose, name: str) -> Pose:
+    at = pose.stamp_ns if name in ("again", "backward", "seconds", "endless") else list(SOUND)[30].stamp_ns
+    return pose._replace(stamp_ns=at)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_one_pose_that_did_not_pass_the_gate_is_refused(name: str) -> None:
+    state, _ = adaptation.advance(adaptation.start(MODEL), SOUND[:30])
+    with pytest.raises(InvalidPose) as caught:
+        adaptation.step(state, later(FAULTS[name], name))
+    assert isinstance(caught.value, ContactTrackerError)
+    assert "gate" in str(caught.value) or "1e9" in str(caught.value)
+    adaptation.step(state, list(SOUND)[30])
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_recordings_with_such_a_pose_are_refused(name: str) -> None:
+    poses = [*list(SOUND)[:30], later(FAULTS[name], name), *list(SOUND)[31:]]
+    with pytest.raises(InvalidPose):
+        adaptation.segment(poses, MODEL)
+
+
+def test_columns_of_seconds_are_refused() -> None:
+    seconds = replace(SOUND, stamp_ns=SOUND.stamp_ns * 1e-9)  # type: ignore[arg-type]
+    for refused in (
+        adaptation.segment,
+        lambda poses, model: adaptation.advance(adaptation.start(model), poses),
+    ):
+        with pytest.raises(InvalidPose, match="nanoseconds"):
+            refused(seconds, MODEL)
+
+
+def test_the_gate_makes_them_valid() -> None:
+    poses = [*list(SOUND)[:30], FAULTS["nan"], FAULTS["no rotation"], *list(SOUND)[30:]]
+    sound = gate(poses)
+    assert len(sound) == len(SOUND)
+    adaptation.segment(sound, MODEL)
+
+
+@pytest.mark.skipif(not compiled.in_use(), reason="no kernels")
+@pytest.mark.parametrize("at", range(1, 6))
+def test_kernels_check_values_as_well_as_shapes(at: int) -> None:
+    from contact_tracker.hypotheses.compiled import kernels
+
+    lifts, two = np.ones((1, 25)), np.ones((1, 2))
+    arrays = [np.zeros(1, np.int64), lifts, lifts, two, two, two, None, None]
+    kernels.Ticks(*arrays)
+    arrays[at] = np.full_like(arrays[at], np.nan)
+    with pytest.raises(ValueError, match="finite"):
+        kernels.Ticks(*arrays)
