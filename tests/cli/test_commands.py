@@ -527,3 +527,60 @@ def test_info_reads_a_file_once_however_many_sources_it_has(tmp_path: Path) -> N
     assert one.stdout.startswith("/tf world->body 7")
     assert "tracking" in one.stdout
     assert run("info", path, "--frame", "nothing").returncode == 1
+
+
+# --- a stream that carries on ----------------------------------------------------------------------------
+
+RECORDING = ROOT / "recordings" / "vision_30hz.mcap"
+
+
+@pytest.mark.parametrize("json_lines", [False, True])
+def test_a_live_stream_carries_on_after_a_restart_byte_for_byte(tmp_path: Path, json_lines: bool) -> None:
+    part, log, state = tmp_path / "part.mcap", tmp_path / "log.mcap", tmp_path / "s.state"
+    poses = Poses.collect(open_log(str(RECORDING)))
+    whole = write_log(log, [poses_topic(poses)], chunk_size=4096).read_bytes()
+    options = ["--json"] if json_lines else []
+    said = ""
+    for share in (0.2, 0.201, 0.6):
+        part.write_bytes(whole[: int(share * len(whole))])
+        done = run("live", part, "--state", state, *options)
+        assert done.returncode == 3, "it is truncated"
+        said += done.stdout
+    done = run("live", log, "--state", state, *options)
+    assert done.returncode == 0
+    said += done.stdout
+    alone = run("live", log, *options).stdout.splitlines(keepends=True)
+    count = len(said.splitlines())
+    assert said == "".join(alone[:count])
+    assert len(alone) - count <= 1, "the last, partial tick waits"
+    again = run("live", log, "--state", state, *options)
+    assert (again.stdout, again.returncode) == ("", 0)
+
+
+def test_a_terminated_live_stream_carries_on(tmp_path: Path) -> None:
+    state = tmp_path / "s.state"
+    command = [*PROGRAM, "live", str(RECORDING), "--json", "--rate", "5", "--state", str(state)]
+    said = b""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen(command, env=ENVIRONMENT, **pipes) as live:
+            assert live.stdout is not None
+            said += live.stdout.readline() + live.stdout.readline()
+            live.send_signal(number)
+            said += live.stdout.read()
+            assert live.wait(timeout=60) == 128 + number
+    rest_of_it = run("live", RECORDING, "--json", "--state", state)
+    alone = run("live", RECORDING, "--json").stdout.splitlines()
+    found = (said.decode() + rest_of_it.stdout).splitlines()
+    assert found == alone[: len(found)]
+    assert len(alone) - len(found) <= 1
+
+
+def test_a_state_that_does_not_fit_is_refused_in_one_line(tmp_path: Path) -> None:
+    state = tmp_path / "s.state"
+    run("live", RECORDING, "--state", state)
+    assert_one_line_error(run("live", RECORDING, "--state", state, "--lag", "1"), 2, "another model, --lag")
+    assert_one_line_error(run("live", RECORDING, "--state", state, "--start", "1"), 2, "--state")
+    state.write_bytes(state.read_bytes()[:-2000])
+    assert_one_line_error(run("live", RECORDING, "--state", state), 1, "no saved state")
+    assert_one_line_error(run("live", RECORDING, "--state", tmp_path), 1, "no regular file")

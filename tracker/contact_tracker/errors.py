@@ -7,6 +7,7 @@
     |   |-- UnreadableRecording   not a recording, or nothing in it can be read
     |   |-- NoPoses               a recording without a pose source that we know
     |   |-- InvalidPose           poses that did not pass the gate, from Python
+    |   |-- StateError            a saved state that cannot be carried on
     |   `-- NoTruth               evaluation was asked of a recording without truth
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
@@ -45,6 +46,10 @@ class NoPoses(InputError):
 
 class InvalidPose(InputError):
     """A pose that the gate (``motion.pose_validation``) would not have passed on."""
+
+
+class StateError(InputError):
+    """A saved state that is damaged, of another version, or of another stream."""
 
 
 class NoTruth(InputError):

@@ -1,7 +1,7 @@
 """``contact-tracker live``: what holds now, from the data up to now."""
 
 import argparse
-from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, model_of, positive, seconds
@@ -12,6 +12,7 @@ from contact_tracker.errors import UsageError
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
+    from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.viewer.null_viewer import LiveView
 
@@ -37,11 +38,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="speak of S seconds ago, and know better (default: 0, of now)",
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
+    parser.add_argument(
+        "--state",
+        type=Path,
+        metavar="FILE",
+        help="carry on from FILE, if it is there, and keep the state in it: every 10 s, and when the stream "
+        "ends or is interrupted; the last, partial tick waits there for what follows",
+    )
     parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
 
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker import adaptation
+    from contact_tracker.cli.saved_stream import SavedStream
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
 
@@ -50,16 +59,23 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
         )
+    if args.state is not None and (args.start or args.duration is not None):
+        raise UsageError("--state carries on with all that comes: without --start and --duration")
     state = adaptation.start(model, args.lag, knowledge)
-    log = open_log(args.log, args.topic, args.frame, Follow() if args.follow else None, count_late=True)
+    follow = Follow() if args.follow else None
+    log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
     source = Source(log, args)
     interrupted = False
     with _viewer(args) as viewer, StatusLine() as status:
-        show = _shower(args.json, source, status)
+        printer = _Printer(args.json, source, status)
+        saved = None
+        if args.state is not None:
+            saved = SavedStream(args.state, state, log, source, printer, follow)
+            state = saved.state
 
         def say(beliefs: "list[Belief]") -> None:
             for belief in beliefs:
-                show(belief)
+                printer.show(belief)
                 viewer.belief(belief)
 
         try:
@@ -67,12 +83,19 @@ def run(args: argparse.Namespace) -> int:
                 viewer.pose(pose)
                 state, beliefs = adaptation.advance(state, pose)
                 say(beliefs)
+                if saved is not None and saved.keep(state):
+                    break
         except KeyboardInterrupt:
             interrupted = True
-        state, beliefs = adaptation.finish(state)
-        say(beliefs)
+        if saved is None:
+            state, beliefs = adaptation.finish(state)
+            say(beliefs)
+        else:
+            saved.save(state)
     source.outliers = state.outliers
     code = source.finish(adaptation.report(state))
+    if saved is not None and saved.signal:
+        return 128 + saved.signal
     return INTERRUPTED if interrupted else code
 
 
@@ -88,23 +111,26 @@ def _viewer(args: argparse.Namespace) -> "LiveView":
     return LiveViewer(vertices_from_metadata(read_metadata(args.log)))
 
 
-def _shower(as_json: bool, source: "Source", status: StatusLine) -> "Callable[[Belief], None]":
-    """What to do with each belief: a JSON line, or a line where the contact changed or became settled."""
-    from contact_tracker.outputs.tables import json_line
-    from contact_tracker.outputs.text import CHANGES_HEADER, change_line, is_settled, status_text
+class _Printer:
+    """What is done with each belief: a JSON line, or a line where the contact changed or became settled."""
 
-    previous, settled = None, False
+    def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
+        self.label: Contact | None = None
+        self.settled = False
+        self._as_json = as_json
+        self._source = source
+        self._status = status
 
-    def show(belief: "Belief") -> None:
-        nonlocal previous, settled
-        changed, settles = belief.contact is not previous, is_settled(belief)
-        if as_json:
-            status.print(json_line(belief))
-        elif changed or (settles and not settled):
-            if previous is None:
-                status.print(CHANGES_HEADER)
-            status.print(change_line(belief, source.origin_ns))
-        previous, settled = belief.contact, settles or (settled and not changed)
-        status.show(lambda: status_text(belief, source.origin_ns))
+    def show(self, belief: "Belief") -> None:
+        from contact_tracker.outputs.tables import json_line
+        from contact_tracker.outputs.text import CHANGES_HEADER, change_line, is_settled, status_text
 
-    return show
+        changed, settles = belief.contact is not self.label, is_settled(belief)
+        if self._as_json:
+            self._status.print(json_line(belief))
+        elif changed or (settles and not self.settled):
+            if self.label is None:
+                self._status.print(CHANGES_HEADER)
+            self._status.print(change_line(belief, self._source.origin_ns))
+        self.label, self.settled = belief.contact, settles or (self.settled and not changed)
+        self._status.show(lambda: status_text(belief, self._source.origin_ns))

@@ -41,7 +41,7 @@ class Source:
 
     def __iter__(self) -> Iterator[Pose]:
         """The poses of the interval; raises NoPoses at the end where there were none."""
-        any_pose, late = False, 0
+        any_pose, late = self.used > 0, 0
         for pose in self._log:
             if not any_pose:
                 any_pose, self.origin_ns = True, pose.stamp_ns
@@ -59,6 +59,15 @@ class Source:
             yield pose
         self._warn_of_late(late)
         self._used_some(any_pose)
+
+    @property
+    def is_stdin(self) -> bool:
+        """Whether what was read cannot be read again."""
+        return self._name == "-"
+
+    def carry_on(self, origin_ns: int, first_ns: int, last_ns: int, used: int) -> None:
+        """Go on where another reading has stopped."""
+        self.origin_ns, self.first_ns, self.last_ns, self.used = origin_ns, first_ns, last_ns, used
 
     def _warn_of_late(self, said: int) -> int:
         """Name the sources that have shown up since so many; how many there are now."""

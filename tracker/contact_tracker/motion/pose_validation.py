@@ -133,6 +133,11 @@ class PoseGate:
         """Counts by kind so far; a live view."""
         return MappingProxyType(self._counts)
 
+    @property
+    def own_counts(self) -> Counter[str]:
+        """The same, to be added to."""
+        return self._counts
+
     def admit(self, pose: Pose) -> Sequence[Pose]:
         """The poses to go on with now: this one, none, or several that were held until it came.
 

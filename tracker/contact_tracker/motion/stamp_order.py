@@ -52,7 +52,7 @@ class StampOrder:
         self._offset_ns = 0
         self._backward: tuple[int, int, int] | None = None
         self._held: list[Pose] = []
-        self._periods = _Periods()
+        self._periods = Periods()
 
     def admit(self, pose: Pose) -> Sequence[Ordered]:
         """The poses to go on with now: this one, none, or several that were held."""
@@ -193,7 +193,7 @@ def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
     return indices[::-1]
 
 
-class _Periods:
+class Periods:
     """The last times between poses, and their median."""
 
     def __init__(self) -> None:

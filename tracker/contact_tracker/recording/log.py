@@ -1,7 +1,7 @@
 """A recording as a stream of validated poses of one source."""
 
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from types import MappingProxyType
@@ -25,7 +25,7 @@ from contact_tracker.recording.sources import (
     poses_by_source,
     take_prefix,
 )
-from contact_tracker.recording.stamping import Stamping
+from contact_tracker.recording.stamping import Logged, Stamping
 
 _LATE: Final = 8
 """So many late sources are named."""
@@ -39,6 +39,8 @@ class PoseLog:
     Attributes
     ----------
     source : where the poses come from.
+    taken : so many poses of the source were read, valid or not; the first was logged at
+        ``first_log_time_ns``.
     late_sources : what showed up after this source was taken for the only one that fits.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
         ``undecodable`` (messages), ``other_source`` (poses of late sources), ``log_time_as_stamp`` (poses
@@ -57,17 +59,20 @@ class PoseLog:
         reading: Reading,
         items: Iterator[Item],
         decoder: RosDecoder,
-        stamping: Stamping,
+        prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
     ) -> None:
         self.source = source
         self.late_sources: tuple[PoseSource, ...] = ()
+        self.taken = 0
+        self.first_log_time_ns = prefix[0][1]
+        self._skipped = 0
         self._counts: Counter[str] = Counter()
         self._gate = PoseGate(self._counts)
         self._reading = reading
         self._decoder = decoder
-        self._stamping = stamping
+        self._stamping = Stamping(prefix)
         self._frame = frame
         self._count_late = count_late
         self._items = items
@@ -83,6 +88,25 @@ class PoseLog:
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses
+
+    @property
+    def gate(self) -> PoseGate:
+        """Where its poses are validated."""
+        return self._gate
+
+    @property
+    def stamping(self) -> Stamping:
+        """Which time they get."""
+        return self._stamping
+
+    def carry_on(self, gate: PoseGate, stamping: Stamping, taken: int, is_same_log: bool) -> None:
+        """Go on, before the first pose, where another reading of the source has stopped.
+
+        ``taken`` poses went through the ``gate`` with that ``stamping``: in the same log they are skipped.
+        """
+        self._gate, self._counts = gate, gate.own_counts
+        if is_same_log:
+            self._stamping, self._skipped = stamping, taken
 
     def close(self) -> None:
         """Let go of the file before the end is reached."""
@@ -111,9 +135,11 @@ class PoseLog:
         observed = self._decoder.observe_all(messages)
         if observed is None or not self._is_meant(channel, *observed[:2]):
             return None
-        if not observed.poses.stamp_ns.all():  # a stamp that is zero may be missing
+        if self._skipped or not observed.poses.stamp_ns.all():  # a stamp that is zero may be missing
             return None
-        return self._gate.admit_all(observed.poses)
+        admitted = self._gate.admit_all(observed.poses)
+        self.taken += 0 if admitted is None else len(messages)
+        return admitted
 
     def _is_meant(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
         source = self.source
@@ -137,6 +163,9 @@ class PoseLog:
             for frame_id, child_frame_id, pose in observations:
                 if not self._is_meant(item.channel, frame_id, child_frame_id):
                     self._meet(PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id))
+                    continue
+                self.taken += 1
+                if self.taken <= self._skipped:
                     continue
                 if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
@@ -209,9 +238,8 @@ def open_log(
         known = poses_by_source(head, decoder)
         found_sources |= known.keys()
     source = only_one(path, fitting)
-    stamping = Stamping(known[source])
     count_late = count_late or follow is not None
-    return PoseLog(source, reading, chain(head, items), decoder, stamping, frame, count_late)
+    return PoseLog(source, reading, chain(head, items), decoder, known[source], frame, count_late)
 
 
 def list_sources(path: str) -> list[PoseSource]:

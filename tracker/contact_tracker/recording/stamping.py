@@ -39,6 +39,18 @@ class Stamping:
         # A clock may run faster than log time: so far from zero the stamps of the prefix may take it.
         self._near_zero_ns = max(PREFIX_NS, max(good)[0] - min(good)[0]) if good else PREFIX_NS
 
+    @property
+    def values(self) -> tuple[bool, int | None, int]:
+        """All that it has taken from the prefix."""
+        return self.by_log_time, self._offset_ns, self._near_zero_ns
+
+    @classmethod
+    def of(cls, values: tuple[bool, int | None, int]) -> "Stamping":
+        """The same again."""
+        stamping = cls(())
+        stamping.by_log_time, stamping._offset_ns, stamping._near_zero_ns = values
+        return stamping
+
     def lacks_stamp(self, stamp_ns: int, log_time_ns: int) -> bool:
         """Whether the log time says more of when a pose was than its stamp does.
 

@@ -1,0 +1,227 @@
+"""What was saved carries on to the last bit; what is no state is refused, and nothing in it is run."""
+
+import json
+import pickle
+import zipfile
+from collections import Counter
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from contact_tracker import adaptation
+from contact_tracker.adaptation.online import AdaptiveState
+from contact_tracker.config.loading import load_model
+from contact_tracker.errors import StateError
+from contact_tracker.hypotheses import compiled
+from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.outputs.tables import json_line
+from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.recording import open_log
+from contact_tracker.saved_state import is_same, load, save
+from contact_tracker.saved_state.encoding import schema
+from mcap_logs import smooth_poses
+from short_recordings import MODEL
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+TABLE = {
+    "plane": [{"normal": [0, 0, 1], "offset_m": 0.0}],
+    "line": [{"direction": [0, 1, 0], "point_m": [0, 0, 0]}],
+}
+KNOWN = knowledge_from(
+    {"up": {"direction": [0, 0, 1]}, "object": {"box": {"size_m": [0.1, 0.1, 0.1]}}, "environment": TABLE}
+)
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+
+
+@cache
+def recorded(name: str, count: int) -> Poses:
+    return Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap")))[:count]
+
+
+def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: bool = False) -> list[str]:
+    """All beliefs of a stream that is saved and restored before the poses ``cuts``."""
+    state, said = adaptation.start(MODEL, lag_s, KNOWN if known else EMPTY_MAP), list[str]()
+    for i, pose in enumerate(poses):
+        if i in cuts:
+            save(path, state)
+            state = load(path)
+        state, beliefs = adaptation.advance(state, pose)
+        said += map(json_line, beliefs)
+    return [*said, *map(json_line, adaptation.finish(state)[1])]
+
+
+@needs_kernels
+@pytest.mark.parametrize("lag_s", [0.0, 1.0])
+@pytest.mark.parametrize(("name", "count"), [("vision_30hz", 700), ("all_states", 2500)])
+def test_a_restored_stream_goes_on_to_the_last_bit(
+    tmp_path: Path, name: str, count: int, lag_s: float
+) -> None:
+    poses = recorded(name, count)
+    cuts = {1, 5, 11, 12, 13, 59, 60, 61, *range(100, count, 397)}
+    assert lines(poses, cuts, tmp_path / "s", lag_s) == lines(poses, set(), tmp_path / "s", lag_s)
+
+
+@needs_kernels
+def test_knowledge_is_part_of_the_state(tmp_path: Path) -> None:
+    poses = recorded("vision_30hz", 200)
+    with_cuts = lines(poses, {3, 70, 150}, tmp_path / "s", known=True)
+    assert with_cuts == lines(poses, set(), tmp_path / "s", known=True)
+
+
+ROUGH = st.lists(
+    st.tuples(
+        st.sampled_from([0, 1, 1, 1, 1, 3, 40, -5]), st.sampled_from([0.0, 0.0, 0.0, 0.5, float("nan")])
+    ),
+    min_size=5,
+    max_size=120,
+)
+
+
+@given(rows=ROUGH, cut=st.integers(0, 120))
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_the_gate_goes_on_as_if_nothing_had_been(
+    tmp_path: Path, rows: list[tuple[int, float]], cut: int
+) -> None:
+    clean, stamp, poses = list(smooth_poses(len(rows))), 0, list[Pose]()
+    for pose, (step, shift) in zip(clean, rows, strict=True):
+        stamp += step * 5_000_000
+        x, y, z = pose.position_m
+        poses.append(Pose(stamp, (x + shift, y, z), pose.quat_xyzw))
+
+    def admitted(restore: bool) -> tuple[list[Pose], Counter[str]]:
+        counts = Counter[str]()
+        gate, found = PoseGate(counts), list[Pose]()
+        for i, pose in enumerate(poses):
+            if restore and i == cut:
+                save(tmp_path / "gate", gate)
+                gate = load(tmp_path / "gate")
+            found += gate.admit(pose)
+        return [*found, *gate.finish()], gate.own_counts
+
+    assert admitted(restore=True) == admitted(restore=False)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: Any) -> tuple[Path, AdaptiveState]:
+    path = tmp_path_factory.mktemp("state") / "a.state"
+    state, _ = adaptation.advance(adaptation.start(MODEL), smooth_poses(300))
+    save(path, state)
+    return path, state
+
+
+def test_the_same_state_has_the_same_bytes(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
+    path, state = saved
+    save(tmp_path / "again", load(path))
+    assert (tmp_path / "again").read_bytes() == path.read_bytes()
+    assert is_same(load(path), state)
+    assert not is_same(state, adaptation.start(load_model("robot_1khz")))
+
+
+@given(
+    changes=st.lists(
+        st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=4
+    )
+)
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_state_is_refused_or_is_the_same(
+    tmp_path: Path, saved: tuple[Path, AdaptiveState], changes: list[tuple[float, int]]
+) -> None:
+    data = bytearray(saved[0].read_bytes())
+    for at, byte in changes:
+        data[int(at * len(data))] = byte
+    path = tmp_path / "damaged"
+    path.write_bytes(data)
+    try:
+        found = load(path)
+    except StateError:
+        return
+    assert is_same(found, saved[1])
+
+
+def rewritten(path: Path, target: Path, change: Any) -> Path:
+    """A state with a sound checksum, but another tree."""
+    from contact_tracker.saved_state.state_file import _head
+
+    with zipfile.ZipFile(path) as file:
+        parts = {name: file.read(name) for name in file.namelist() if name != "head.json"}
+    parts["tree.json"] = json.dumps(change(json.loads(parts["tree.json"]))).encode()
+    with zipfile.ZipFile(target, "w") as file:
+        file.writestr("head.json", json.dumps(_head(parts)))
+        for name, data in parts.items():
+            file.writestr(name, data)
+    return target
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        ["object", "Popen", "true"],
+        ["object", "PoseGate"],
+        ["object", "AdaptiveState", None],
+        ["member", "Contact", "XX"],
+        ["member", "PoseGate", "x"],
+        ["array", 10**6],
+        ["array", -1],
+        ["same", 0],
+        ["layout", "Bank x"],
+        ["dict", [["array", 0], 1]],
+        ["unknown"],
+        {},
+        [],
+        [["tuple"]],
+    ],
+)
+def test_nothing_but_values_of_a_state_is_built(
+    tmp_path: Path, saved: tuple[Path, AdaptiveState], tree: Any
+) -> None:
+    with pytest.raises(StateError):
+        load(rewritten(saved[0], tmp_path / "x", lambda _: tree))
+
+
+def test_deep_trees_end(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
+    tree: Any = 1
+    for _ in range(500):
+        tree = ["tuple", tree]
+    with pytest.raises(StateError):
+        load(rewritten(saved[0], tmp_path / "x", lambda _: tree))
+
+
+def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(pickle.dumps({"a": 1}))
+    with pytest.raises(StateError, match="no saved state"):
+        load(path)
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("head.json", "{}")
+    with pytest.raises(StateError, match="no saved state"):
+        load(path)
+    with pytest.raises(StateError, match="no regular file"):
+        load(Path("/dev/zero"))
+    np.savez(path.with_suffix(".npz"), a=np.array([{}], object))
+    with pytest.raises(StateError, match="no saved state"):
+        load(path.with_suffix(".npz"))
+
+
+def test_a_state_of_another_version_is_named(
+    tmp_path: Path, saved: tuple[Path, AdaptiveState], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from contact_tracker.saved_state import state_file
+
+    changed = {**schema(), "Tick": ["other"]}
+    monkeypatch.setattr(state_file, "schema", lambda: changed)
+    with pytest.raises(StateError, match="another version"):
+        load(saved[0])
+
+
+def test_what_is_no_part_of_a_state_is_not_saved(tmp_path: Path) -> None:
+    for value in (object(), {"a": Path()}, np.array(["text"]), lambda: None):
+        with pytest.raises(TypeError, match="no part of a state"):
+            save(tmp_path / "x", value)
+    assert list(tmp_path.iterdir()) == []

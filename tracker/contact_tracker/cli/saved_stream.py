@@ -1,0 +1,120 @@
+"""The stream of ``live --state``: carried on from a file, and kept in it."""
+
+import signal
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Final, Protocol
+
+from contact_tracker.adaptation.online import AdaptiveState
+from contact_tracker.cli.source import Source
+from contact_tracker.errors import StateError, UsageError
+from contact_tracker.recording import Follow, PoseLog
+from contact_tracker.recording.stamping import Stamping
+from contact_tracker.saved_state import Progress, is_same, load, save
+from contact_tracker.states import Contact
+
+EVERY_S: Final = 10.0
+_SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+class Shown(Protocol):
+    """What was shown last."""
+
+    label: Contact | None
+    settled: bool
+
+
+class SavedStream:
+    """Saves between two poses only: a signal ends the stream after the pose under way, a second one at once.
+
+    Parameters
+    ----------
+    path : of the file; the stream begins anew where there is none.
+    initial : the state before the first pose.
+    log, source, shown : which are to carry on.
+
+    Raises
+    ------
+    StateError
+        The file is no state, or of another source.
+    UsageError
+        It was saved with another model, lag or knowledge.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        initial: AdaptiveState,
+        log: PoseLog,
+        source: Source,
+        shown: Shown,
+        follow: Follow | None,
+    ) -> None:
+        self.signal = 0
+        self.state = initial
+        self._path, self._initial, self._log, self._source = path, initial, log, source
+        self._shown, self._follow = shown, follow
+        self._saved_s = time.monotonic()
+        if path.exists():
+            self._carry_on(load(path))
+        for number in (getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, self._stop)
+
+    def keep(self, state: AdaptiveState) -> bool:
+        """After each pose: save from time to time; whether to end."""
+        now_s = time.monotonic()
+        if not self.signal and now_s - self._saved_s >= EVERY_S:
+            self.save(state)
+            self._saved_s = now_s
+        return bool(self.signal)
+
+    def save(self, state: AdaptiveState) -> None:
+        """Write the file."""
+        log, source = self._log, self._source
+        progress = Progress(
+            self._initial,
+            state,
+            self._named(),
+            log.taken,
+            log.gate,
+            log.stamping.values,
+            source.origin_ns,
+            source.first_ns,
+            source.last_ns,
+            source.used,
+            self._shown.label,
+            self._shown.settled,
+        )
+        save(self._path, progress)
+
+    def _named(self) -> tuple[str, str, str, str, int]:
+        source = self._log.source
+        frames = source.frame_id, source.child_frame_id
+        return source.topic, source.type, *frames, self._log.first_log_time_ns
+
+    def _carry_on(self, saved: object) -> None:
+        if not isinstance(saved, Progress):
+            raise StateError(f"{self._path}: it is no state of a stream")
+        if not is_same(saved.initial, self._initial):
+            raise UsageError(
+                f"{self._path} was saved with another model, --lag or known geometry: give the same, or "
+                "another file"
+            )
+        if saved.log[:4] != self._named()[:4]:
+            raise StateError(
+                f"{self._path} is of {' '.join(saved.log[:4])}, not of {self._log.source}: name another file"
+            )
+        is_same_log = saved.log == self._named() and not self._source.is_stdin
+        self._log.carry_on(saved.gate, Stamping.of(saved.stamping), saved.taken, is_same_log)
+        self._source.carry_on(saved.origin_ns, saved.first_ns, saved.last_ns, saved.used)
+        self._shown.label, self._shown.settled = saved.label, saved.settled
+        self.state = saved.now
+
+    def _stop(self, number: int, _: FrameType | None) -> None:
+        if self.signal:
+            raise SystemExit(128 + number)
+        self.signal = number
+        if self._follow is not None:
+            self._follow.stop()

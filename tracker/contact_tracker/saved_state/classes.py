@@ -1,0 +1,89 @@
+"""The classes of which a state consists: values, made from their fields, and objects that change."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, Final
+
+from contact_tracker.adaptation import clearance, comparison, conventions, online, side_by_side
+from contact_tracker.config import parameters
+from contact_tracker.geometry import elements
+from contact_tracker.hypotheses import bank, birth, birth_proposals, tick_update
+from contact_tracker.inspection import stream_checks, turning_point, whiteness
+from contact_tracker.landmarks import landmark_memory, prior_map
+from contact_tracker.motion import (
+    default_poses,
+    excursions,
+    free_motion,
+    pose_steps,
+    pose_validation,
+    poses,
+    sensor_noise,
+    stamp_order,
+    tick_averaging,
+    tick_grid,
+    window,
+)
+from contact_tracker.saved_state.progress import Progress
+from contact_tracker.states import Contact
+from contact_tracker.tracking import belief, state
+
+VALUES: Final[tuple[type, ...]] = (
+    Contact,
+    clearance.Clearance,
+    comparison.TickEvidence,
+    conventions.Conventions,
+    online.AdaptiveState,
+    side_by_side.SideBySide,
+    side_by_side.TrackedTick,
+    parameters.Certainty,
+    parameters.Geometry,
+    parameters.Model,
+    parameters.Motion,
+    parameters.Noise,
+    parameters.Search,
+    parameters.TransitionCounts,
+    parameters.Transitions,
+    elements.ContactGeometry,
+    elements.Line,
+    elements.Plane,
+    elements.Point,
+    elements.Unobserved,
+    bank.Bank,
+    bank.Onsets,
+    birth.BirthProposals,
+    birth_proposals.CachedProposals,
+    birth_proposals.Frame,
+    tick_update.LiveHypotheses,
+    stream_checks.Inspection,
+    turning_point.TurningPoints,
+    whiteness.Whiteness,
+    landmark_memory.Landmark,
+    landmark_memory.LandmarkMemory,
+    prior_map.NamedElement,
+    prior_map.PriorMap,
+    prior_map.Up,
+    free_motion.FreeMotion,
+    free_motion.InnovationExcess,
+    pose_steps.Step,
+    poses.Pose,
+    poses.Poses,
+    sensor_noise.NoiseBuffer,
+    sensor_noise.NoiseEstimate,
+    stamp_order.Ordered,
+    tick_averaging.StreamState,
+    tick_averaging.Tick,
+    tick_grid.TickState,
+    window.SlidingWindow,
+    window.Window,
+    belief.Belief,
+    state.TrackerState,
+    Progress,
+)
+EMPTY_OBJECTS: Final[tuple[Callable[[], Any], ...]] = (
+    pose_validation.PoseGate,
+    lambda: stamp_order.StampOrder(Counter()),
+    stamp_order.Periods,
+    lambda: default_poses.DefaultPoseFilter(Counter()),
+    lambda: excursions.ExcursionFilter(Counter()),
+)
+"""Each makes an object whose fields are those of one that was in use."""

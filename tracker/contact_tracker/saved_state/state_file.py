@@ -1,0 +1,116 @@
+"""One file: a tree of values and the arrays in it, of one version of the package, with a checksum."""
+
+import hashlib
+import json
+import zipfile
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from contact_tracker import __version__
+from contact_tracker.atomic_file import whole_file
+from contact_tracker.errors import StateError
+from contact_tracker.saved_state.encoding import KINDS, Decoder, Encoder, schema
+
+FORMAT: Final = 1
+LARGEST_BYTES: Final = 512 * 2**20
+_TREE: Final = "tree.json"
+_HEAD: Final = "head.json"
+
+
+def save(path: Path, value: Any) -> None:
+    """Write a value of the classes in ``classes``, whole or not at all.
+
+    Raises
+    ------
+    TypeError
+        It has a part of another class.
+    OSError
+        The file cannot be written.
+    """
+    encoder = Encoder()
+    tree = json.dumps(encoder.encode(value)).encode()
+    parts = {_TREE: tree, **{f"{i}.npy": _bytes_of(array) for i, array in enumerate(encoder.arrays)}}
+    with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as file:
+        file.writestr(zipfile.ZipInfo(_HEAD), json.dumps(_head(parts)))
+        for name, data in parts.items():
+            file.writestr(zipfile.ZipInfo(name), data)
+
+
+def load(path: Path) -> Any:
+    """The value that was saved; nothing in the file is ever run.
+
+    Raises
+    ------
+    StateError
+        It is no state, is damaged, or was saved by another version.
+    OSError
+        It cannot be read.
+    """
+    try:
+        parts = _parts(path)
+        head = json.loads(parts.pop(_HEAD, b"null"))
+        expected = _head(parts)
+        if not isinstance(head, dict) or head.get("kind") != expected["kind"]:
+            raise StateError("it is no saved state")
+        if head.get("schema") != expected["schema"] or head.get("format") != FORMAT:
+            raise StateError(
+                f"it was saved by another version ({head.get('version')}, this is {__version__})"
+            )
+        if head.get("sha256") != expected["sha256"]:
+            raise StateError("it is damaged: its checksum is wrong")
+        tree = json.loads(parts[_TREE])
+        arrays = [_array_of(parts[f"{i}.npy"]) for i in range(len(parts) - 1)]
+        return Decoder(arrays).decode(tree)
+    except StateError as error:
+        raise StateError(f"{path}: {error}") from error
+    except (zipfile.BadZipFile, ValueError, LookupError, TypeError, RecursionError, EOFError) as error:
+        raise StateError(f"{path}: it is no saved state") from error
+
+
+def _head(parts: dict[str, bytes]) -> dict[str, Any]:
+    checksum = hashlib.sha256()
+    for name in sorted(parts):
+        checksum.update(f"{name} {len(parts[name])}\n".encode())
+        checksum.update(parts[name])
+    fields = hashlib.sha256(json.dumps(schema()).encode()).hexdigest()
+    return {
+        "kind": "contact-tracker state",
+        "format": FORMAT,
+        "version": __version__,
+        "schema": fields,
+        "sha256": checksum.hexdigest(),
+    }
+
+
+def _parts(path: Path) -> dict[str, bytes]:
+    if not path.is_file():
+        raise (
+            StateError("it is no regular file")
+            if path.exists()
+            else FileNotFoundError(2, "No such file", path)
+        )
+    if path.stat().st_size > LARGEST_BYTES:
+        raise StateError("it is too large for a state")
+    with zipfile.ZipFile(path) as file:
+        infos = file.infolist()
+        if any(info.compress_type != zipfile.ZIP_STORED for info in infos):
+            raise StateError("it is no saved state")
+        if sum(info.file_size for info in infos) > LARGEST_BYTES:
+            raise StateError("it is too large for a state")
+        return {info.filename: file.read(info) for info in infos}
+
+
+def _bytes_of(array: np.ndarray[Any, Any]) -> bytes:
+    buffer = BytesIO()
+    np.save(buffer, array, allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _array_of(data: bytes) -> np.ndarray[Any, Any]:
+    array: np.ndarray[Any, Any] = np.load(BytesIO(data), allow_pickle=False)
+    if array.dtype.kind not in KINDS:
+        raise StateError("it is no saved state")
+    return array
