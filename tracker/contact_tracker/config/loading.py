@@ -59,15 +59,18 @@ def limits(key: str) -> tuple[float, float]:
     return _RANGES.get(key.rpartition(".")[2], _POSITIVE)
 
 
+def model_file(name_or_path: str) -> Path:
+    """The file of a model that is given as to ``load_model``."""
+    return shipped() / f"{name_or_path}.toml" if name_or_path in preset_names() else Path(name_or_path)
+
+
 def _read(name_or_path: str) -> str:
-    presets = preset_names()
-    source = shipped() / f"{name_or_path}.toml" if name_or_path in presets else Path(name_or_path)
     try:
-        text: str = source.read_text(encoding="utf-8")
+        text: str = model_file(name_or_path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
     except (OSError, ValueError) as error:
-        reason = f"{name_or_path!r} is neither one of {', '.join(presets)} nor a file that can be read"
+        reason = f"{name_or_path!r} is neither one of {', '.join(preset_names())} nor a file that can be read"
         raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}") from error
     return text
 

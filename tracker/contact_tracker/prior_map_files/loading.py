@@ -49,6 +49,20 @@ def read_table(path: str) -> dict[str, Any]:
         raise KnowledgeError("", f"{path} is not TOML: {error}") from error
 
 
+def files_named(path: str) -> list[Path]:
+    """A file that says what is known, and the meshes that it names.
+
+    Raises
+    ------
+    KnowledgeError : the file cannot be read.
+    """
+    tables = [table for table in read_table(path).values() if isinstance(table, dict)]
+    meshes = [table["mesh"] for table in tables if "mesh" in table]
+    rows = [row for mesh in meshes for row in (mesh if isinstance(mesh, list) else [mesh])]
+    names = [row.get("path") for row in rows if isinstance(row, dict)]
+    return [Path(path), *(Path(path).parent / name for name in names if isinstance(name, str))]
+
+
 def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> PriorMap:
     """Knowledge from the keys of a file; paths of meshes are relative to ``folder``."""
     keys = Keys(dict(table), "")
