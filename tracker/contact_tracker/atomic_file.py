@@ -10,6 +10,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from contact_tracker.regular_file import why_not_regular
+
 _MOST_SHOWN: Final = 60
 """Bytes of the target's name in that of a temporary file, which has 255 at most, on some disks 143."""
 _NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
@@ -23,9 +25,7 @@ def why_not_replaceable(path: Path) -> str | None:
         return None
     except OSError as error:
         return error.strerror or str(error)
-    if stat.S_ISREG(mode):
-        return None
-    return "it is a folder" if stat.S_ISDIR(mode) else "it is not a regular file"
+    return why_not_regular(mode)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from typing import Any, Final
 from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
 from contact_tracker.config.shipped import preset_names, shipped
 from contact_tracker.errors import ModelError
+from contact_tracker.regular_file import read_regular
 from contact_tracker.states import STATES, Contact
 
 _RANGES: Final = {
@@ -29,6 +30,8 @@ _RANGES: Final = {
 _POSITIVE: Final = (1e-12, 1e9)
 MAY_BE_ZERO: Final = frozenset({"noise.wander_position_m", "noise.wander_rotation_rad"})
 _LEAST_WINDOW_TICKS: Final = 10
+MOST_BYTES: Final = 1_000_000
+"""No TOML file that somebody means to give is larger."""
 
 
 def load_model(name_or_path: str = "default") -> Model:
@@ -66,7 +69,7 @@ def model_file(name_or_path: str) -> Path:
 
 def _read(name_or_path: str) -> str:
     try:
-        text: str = model_file(name_or_path).read_text(encoding="utf-8")
+        text = read_regular(model_file(name_or_path), MOST_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
     except (OSError, ValueError) as error:
