@@ -15,7 +15,8 @@ PACKAGE = ROOT / "tracker" / "contact_tracker"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("states", "errors", "atomic_file"),
+    ("states", "errors", "regular_file"),
+    ("atomic_file",),
     ("geometry", "config", "hmm"),
     ("motion", "ground_truth"),
     ("contacts", "inspection"),
@@ -30,9 +31,10 @@ LAYERS = (
 )
 FIRST_EDGE_LAYER = LAYERS.index(("adaptation",)) + 1
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
-# Of what comes before the edge: TOML files of models, whether kernels are built from the sources beside them.
+# Of what comes before the edge: files that users name, and whether kernels are built from the sources
+# beside them.
 READS_FILES = {"config/loading.py", "config/shipped.py", "hypotheses/compiled/__init__.py"}
-READS_FILES |= {"hypotheses/compiled/sources.py", "atomic_file.py"}
+READS_FILES |= {"hypotheses/compiled/sources.py", "atomic_file.py", "regular_file.py"}
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",
@@ -41,7 +43,6 @@ SINGLE_IMPORTER = {
     "filterpy": "motion/free_motion.py",
     "tqdm": "cli",
     "argparse": "cli",
-    "trimesh": "prior_map_files",
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}

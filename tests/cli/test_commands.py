@@ -137,11 +137,11 @@ def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch
 
 def test_what_fails_beside_a_file_is_told_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "out.csv"
-    with pytest.raises(FileNotFoundError) as error, whole_file(path) as temporary:
+    with pytest.raises(NotADirectoryError) as error, whole_file(path) as temporary:
         (temporary / "no folder").touch()
     assert error.value.filename == str(temporary / "no folder")  # of something else as it is
-    with pytest.raises(FileNotFoundError) as error, whole_file(path):
-        pass  # nothing was written
+    with pytest.raises(FileNotFoundError) as error, whole_file(path) as temporary:
+        temporary.unlink()
     assert error.value.filename == str(path)
     assert list(tmp_path.iterdir()) == []
 

@@ -43,6 +43,7 @@ point_m = [0, 0, 1]
 [object.box]
 size_m = [0.1, 0.2, 0.3]
 """
+CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 EXTENT_M = np.array([0.1, 0.2, 0.3])
 
 
@@ -215,7 +216,17 @@ def test_a_mesh_that_is_not_convex_is_told_and_not_complete(tmp_path):
         (b"\xff" * 500, "noise.stl", "path", "noise.stl"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "flat.obj", "path", "no solid"),
         (b"v a b c\nf 1 2 3\n", "words.obj", "path", "words.obj"),
-        (b"f 1 2 3\n", "corners.obj", "path", "corners.obj"),
+        (b"f 1 2 3\n", "corners.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 9999999999\n", "far.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 0\n", "none.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 -5\n", "before.obj", "path", "not there"),
+        (CORNERS + b"f 1 2 " + b"9" * 99 + b"\n", "huge.obj", "path", "number"),
+        (CORNERS + b"f 1 2 " + b"x" * 9999 + b"\n", "text.obj", "path", "number"),
+        (CORNERS + b"v 1 2\nf 1 2 3\n", "short.obj", "path", "three numbers"),
+        (b"v 1e300 0 0\nv -1e300 0 0\nv 0 1e300 0\nf 1 2 3\n", "endless.obj", "path", "endless"),
+        (b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "nan.obj", "path", "endless"),
+        (b"solid x\nvertex 0 0 0\nvertex 0 0 1\n", "two.stl", "path", "three corners"),
+        (b"\0" * 80 + b"\xff" * 4 + b"\0" * 500, "count.stl", "path", "size"),
         (b"", "mesh.step", "path", "neither"),
         (None, "gone.stl", "path", "gone.stl"),
     ],

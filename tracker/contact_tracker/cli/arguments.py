@@ -106,15 +106,16 @@ def _number(text: str) -> float:
 
 
 def output_file(*suffixes: str) -> Callable[[str], Path]:
-    """The type of an output file with one of ``suffixes``, in a folder that exists; devices are refused."""
+    """The type of an output file with one of ``suffixes`` (or in capitals), in a folder that exists; devices
+    are refused."""
 
     def check(text: str) -> Path:
         path = Path(text)
-        if path.suffix not in suffixes:
+        if path.suffix.lower() not in suffixes:
             raise UsageError(f"cannot write {text}: its name must end in {' or '.join(suffixes)}")
         refusal = why_not_replaceable(path)
         folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
-        if not folder.is_dir():
+        if not os.path.isdir(folder):
             refusal = f"there is no folder {folder}"
         elif refusal is None and not os.access(folder, os.W_OK | os.X_OK):
             refusal = f"the folder {folder} is not writable"

@@ -11,6 +11,7 @@ from contact_tracker import __version__
 from contact_tracker.cli.arguments import add_source, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
+from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, warn
 from contact_tracker.config.shipped import preset_names
@@ -43,6 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write FILE.toml, whole or not at all",
     )
+    add_overwrite(parser)
     parser.add_argument(
         "--start",
         default="default",
@@ -93,6 +95,11 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.calibration.report import to_text
     from contact_tracker.config.loading import load_model
 
+    check_output(
+        args.output,
+        args.overwrite,
+        files_read(recordings(args.logs, "calibrate"), args.start, args.known),
+    )
     wanted = select(args.only)
     start = load_model(args.start)
     sources = _sources(args)

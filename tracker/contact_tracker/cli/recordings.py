@@ -14,7 +14,7 @@ def recordings(logs: list[str], command: str) -> list[str]:
         if not Path(log).is_dir():
             names[log] = None
             continue
-        inside = sorted(map(str, Path(log).rglob("*.mcap")))
+        inside = sorted(str(path) for path in Path(log).rglob("*") if path.suffix.lower() == ".mcap")
         if not inside:
             raise UnreadableRecording(f"{log}: this folder holds no .mcap file")
         names.update(dict.fromkeys(inside))

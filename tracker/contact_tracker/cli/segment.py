@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
+from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
 from contact_tracker.cli.terminal import progress
 from contact_tracker.cli.workers import add_processes, workers
 
@@ -34,6 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write FILE.csv or FILE.jsonl, whole or not at all; - is a table on stdout (the default)",
     )
+    add_overwrite(parser)
     add_processes(parser)
 
 
@@ -47,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.recording import open_log
     from contact_tracker.tracking.belief import Detail
 
+    check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
     model, knowledge = model_of(args), knowledge_of(args)
     source = Source(open_log(args.log, args.topic, args.frame), args)
     with progress("segment", "poses") as set_done, workers(args.processes) as executor:
@@ -75,7 +78,7 @@ def _write(found: "Iterable[Segmentation]", path: Path) -> None:
     from contact_tracker.outputs.tables import write_csv, write_jsonl
 
     with whole_file(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
-        if path.suffix == ".csv":
+        if path.suffix.lower() == ".csv":
             write_csv((one for piece in found for one in piece.segments), file)
         else:
             write_jsonl((one for piece in found for one in piece.beliefs), file)

@@ -4,6 +4,7 @@ import argparse
 from typing import Final
 
 from contact_tracker.cli.arguments import output_file
+from contact_tracker.cli.replacement import add_overwrite, check_output
 from contact_tracker.cli.status import DONE
 from contact_tracker.cli.terminal import say
 from contact_tracker.errors import UsageError
@@ -22,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seed", type=_seed, default=0, metavar="N", help="seed of all that is random (default: %(default)s)"
     )
     parser.add_argument("-o", "--output", type=output_file(".mcap"), metavar="FILE", help="write FILE.mcap")
+    add_overwrite(parser)
 
 
 def _seed(text: str) -> int:
@@ -35,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
         return _list(args.seed)
     if args.scenario is None or args.output is None:
         raise UsageError("simulate needs a SCENARIO and -o FILE.mcap, or --list")
+    check_output(args.output, args.overwrite)
 
     from contact_tracker.recording import write_recording
     from contact_tracker.simulate import simulate

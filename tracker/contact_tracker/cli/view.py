@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
+from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
 from contact_tracker.cli.terminal import progress
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write FILE.rrd, which rerun opens later, instead of opening the viewer",
     )
+    add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.offline import open_viewer, write_rrd
 
+    check_output(args.save, args.overwrite, files_read([args.log], args.model, args.known))
     tracker = OfflineTracker(model_of(args), knowledge_of(args))
     source = Source(open_log(args.log, args.topic, args.frame), args)
     truth, vertices_m = read_truth(args.log), vertices_from_metadata(read_metadata(args.log))

@@ -11,6 +11,7 @@ from typing import Any, Final
 from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
 from contact_tracker.config.shipped import preset_names, shipped
 from contact_tracker.errors import ModelError
+from contact_tracker.regular_file import read_regular
 from contact_tracker.states import STATES, Contact
 
 _RANGES: Final = {
@@ -29,6 +30,8 @@ _RANGES: Final = {
 _POSITIVE: Final = (1e-12, 1e9)
 MAY_BE_ZERO: Final = frozenset({"noise.wander_position_m", "noise.wander_rotation_rad"})
 _LEAST_WINDOW_TICKS: Final = 10
+MOST_BYTES: Final = 1_000_000
+"""No TOML file that somebody means to give is larger."""
 
 
 def load_model(name_or_path: str = "default") -> Model:
@@ -59,15 +62,18 @@ def limits(key: str) -> tuple[float, float]:
     return _RANGES.get(key.rpartition(".")[2], _POSITIVE)
 
 
+def model_file(name_or_path: str) -> Path:
+    """The file of a model that is given as to ``load_model``."""
+    return shipped() / f"{name_or_path}.toml" if name_or_path in preset_names() else Path(name_or_path)
+
+
 def _read(name_or_path: str) -> str:
-    presets = preset_names()
-    source = shipped() / f"{name_or_path}.toml" if name_or_path in presets else Path(name_or_path)
     try:
-        text: str = source.read_text(encoding="utf-8")
+        text = read_regular(model_file(name_or_path), MOST_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
     except (OSError, ValueError) as error:
-        reason = f"{name_or_path!r} is neither one of {', '.join(presets)} nor a file that can be read"
+        reason = f"{name_or_path!r} is neither one of {', '.join(preset_names())} nor a file that can be read"
         raise ModelError("", f"{reason}: {getattr(error, 'strerror', None) or error}") from error
     return text
 

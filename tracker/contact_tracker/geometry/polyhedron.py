@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import pairwise
 from typing import Final
 
@@ -13,6 +14,10 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 
 Array = NDArray[np.float64]
 KINDS: Final = "vef"
+_DIGITS: Final = 6
+"""Triangles whose planes agree to so many digits are of one face."""
+_ENOUGH_VERTICES: Final = 2000
+"""The hull of 60 faces, in any number of triangles, is found with 100 vertices; of a ball there is no end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +114,8 @@ class Polyhedron:
         faces = self.of_kind("f")
         normals = np.array([face.normals[0] for face in faces])
         offsets = np.array([face.normals[0] @ face.points[0] for face in faces])
-        return np.asarray((offsets - points @ normals.T).min(axis=1), float)
+        depths = (offset - points @ normal for normal, offset in zip(normals, offsets, strict=True))
+        return reduce(np.minimum, depths)  # one face at a time: a mesh may have many triangles
 
     @property
     def radius(self) -> float:
@@ -123,22 +129,32 @@ class Polyhedron:
         return tuple(f for f in self.features if f.indices <= top.indices)
 
 
-def convex(points: Array, tolerance_m: float = 0.0) -> Polyhedron:
+class TooManyFaces(ValueError):
+    """A hull has more faces than are wanted."""
+
+
+def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = None) -> Polyhedron:
     """The convex hull of ``points`` (n, 3); what leaves a face by less than ``tolerance_m`` lies in it.
+
+    With ``most_faces`` the work is bounded, however round the points lie.
 
     Raises
     ------
     ValueError : the points span no solid.
+    TooManyFaces : there are more than ``most_faces``.
     """
+    stop = f" TA{_ENOUGH_VERTICES}" if most_faces is not None else ""
     try:
-        hull = ConvexHull(points, qhull_options=f"Qt C-{tolerance_m:.9f}")
+        hull = ConvexHull(points, qhull_options=f"Qt C-{tolerance_m:.9f}{stop}")
     except QhullError as error:
         raise ValueError("these points span no solid") from error
+    if most_faces is not None and not _is_complete(hull, points, tolerance_m, most_faces):
+        raise TooManyFaces(f"more than {most_faces} faces")
     outer = np.sort(hull.vertices)
     vertices = points[outer]
     planes: dict[tuple[float, ...], set[int]] = {}
     for simplex, equation in zip(np.searchsorted(outer, hull.simplices), hull.equations, strict=True):
-        planes.setdefault(tuple(np.round(equation, 6) + 0.0), set()).update(map(int, simplex))
+        planes.setdefault(tuple(np.round(equation, _DIGITS) + 0.0), set()).update(map(int, simplex))
     loops = [_ordered(vertices, members, np.array(key[:3])) for key, members in sorted(planes.items())]
     normals = [_loop_normal(vertices[loop]) for loop in loops]
     faces = [
@@ -151,8 +167,19 @@ def convex(points: Array, tolerance_m: float = 0.0) -> Polyhedron:
     return Polyhedron(vertices, (*faces, *edges, *corners))
 
 
+def _is_complete(hull: ConvexHull, points: Array, tolerance_m: float, most_faces: int) -> bool:
+    """Whether a hull has at most so many faces, and was not stopped before it held all ``points``."""
+    faces = np.unique(np.round(hull.equations, _DIGITS), axis=0)
+    return len(faces) <= most_faces and all(
+        (points @ face[:3]).max() + face[3] <= 10.0 * tolerance_m + 10.0**-_DIGITS for face in faces
+    )
+
+
 def _edge(vertices: Array, pair: list[int], faces: Sequence[Feature]) -> Feature:
-    first, second = (f.normals[0] for f in faces if f.indices >= set(pair))
+    normals = [f.normals[0] for f in faces if f.indices >= set(pair)]
+    if len(normals) != 2:
+        raise ValueError("faces of these points do not meet in edges")
+    first, second = normals
     walls = unit(np.array([second - (first @ second) * first, first - (first @ second) * second]))
     return Feature(frozenset(pair), vertices[pair], np.array([first, second]), walls)
 

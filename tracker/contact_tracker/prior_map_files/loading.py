@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from contact_tracker.config.loading import MOST_BYTES
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
@@ -24,6 +25,7 @@ from contact_tracker.landmarks.prior_map import (
 )
 from contact_tracker.prior_map_files.keys import FARTHEST_M, Keys
 from contact_tracker.prior_map_files.mesh import read_mesh
+from contact_tracker.regular_file import read_regular
 
 Note = Callable[[str], None]
 MOST_ELEMENTS: Final = 200
@@ -42,11 +44,25 @@ def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
 def read_table(path: str) -> dict[str, Any]:
     """The keys of a TOML file, not yet checked."""
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return tomllib.loads(read_regular(Path(path), MOST_BYTES).decode("utf-8"))
     except OSError as error:
         raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:  # what is not UTF-8 or not TOML, and names with a zero byte
         raise KnowledgeError("", f"{path} is not TOML: {error}") from error
+
+
+def files_named(path: str) -> list[Path]:
+    """A file that says what is known, and the meshes that it names.
+
+    Raises
+    ------
+    KnowledgeError : the file cannot be read.
+    """
+    tables = [table for table in read_table(path).values() if isinstance(table, dict)]
+    meshes = [table["mesh"] for table in tables if "mesh" in table]
+    rows = [row for mesh in meshes for row in (mesh if isinstance(mesh, list) else [mesh])]
+    names = [row.get("path") for row in rows if isinstance(row, dict)]
+    return [Path(path), *(Path(path).parent / name for name in names if isinstance(name, str))]
 
 
 def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> PriorMap:
@@ -82,18 +98,23 @@ def _elements(
         elements, convex_mesh = _mesh(row, folder, note)
         solids.append(elements)
         complete = convex_mesh
+        _refuse_many(sum(map(len, solids)), keys)
     found += [element for elements in solids for element in elements]
     complete = keys.flag("complete", complete and len(solids) == 1 and solid_is_all)
     if complete and not found:
         raise keys.wrong("complete", "true, but nothing is listed: it could touch nothing")
     keys.finish()
-    _refuse_many(found, keys)
+    _refuse_many(len(found), keys)
+    _refuse_same(found, keys)
     return tuple(found), complete
 
 
-def _refuse_many(found: list[NamedElement], keys: Keys) -> None:
-    if len(found) > MOST_ELEMENTS:
-        raise keys.wrong("mesh", f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
+def _refuse_many(found: int, keys: Keys) -> None:
+    if found > MOST_ELEMENTS:
+        raise keys.wrong("mesh", f"{found} elements are too many; {MOST_ELEMENTS} are allowed")
+
+
+def _refuse_same(found: list[NamedElement], keys: Keys) -> None:
     for name in (known.name for known in found):
         if sum(known.name == name for known in found) > 1:
             raise keys.wrong("name", f"{name!r} is there twice")

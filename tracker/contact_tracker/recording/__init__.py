@@ -3,6 +3,7 @@
 from contact_tracker.recording.annotations import need_truth, read_metadata, read_truth
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.log import PoseLog, list_sources, open_log
+from contact_tracker.recording.reading import may_be_recording, parts_of
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise
 from contact_tracker.recording.writing import write_recording
@@ -14,8 +15,10 @@ __all__ = [
     "RecordingSummary",
     "SourceSummary",
     "list_sources",
+    "may_be_recording",
     "need_truth",
     "open_log",
+    "parts_of",
     "read_metadata",
     "read_truth",
     "summarise",

@@ -11,14 +11,15 @@ from mcap.reader import SeekingReader
 from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, UnreadableRecording
-from contact_tracker.recording.bytestream import ByteStream, Follow, is_regular, open_stream
-from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
+from contact_tracker.recording.container import MAGIC, RecordLoop
 from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item, RawMessage
 from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
 
 STDIN: Final = "-"
-_ENDINGS: Final = (".mcap", ".mcap.zstd")
+_COMPRESSED: Final = ".zstd"
+_ENDINGS: Final = (".mcap", f".mcap{_COMPRESSED}")
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
@@ -43,13 +44,29 @@ def parts_of(path: str) -> list[str]:
             raise UnreadableRecording(f"{path}: no such file")
         return [path]
     try:
-        names = sorted((n for n in os.listdir(path) if n.endswith(_ENDINGS)), key=_natural)
+        names = sorted((n for n in os.listdir(path) if n.lower().endswith(_ENDINGS)), key=_natural)
     except OSError as error:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
     if not names:
         raise UnreadableRecording(f"{path}: this folder holds no .mcap file")
-    plain = set(names)
-    return [os.path.join(path, n) for n in names if n.removesuffix(".zstd") not in plain - {n}]
+    return [os.path.join(path, n) for n in names if (plain := _plain(n)) == n or plain not in names]
+
+
+def may_be_recording(path: str) -> bool:
+    """Whether a file begins as an MCAP file does, or is compressed and what is in it cannot be told.
+
+    Raises
+    ------
+    OSError, UnreadableRecording
+        If it cannot be read.
+    """
+    with open(path, "rb") as file:
+        begin = file.read(len(MAGIC))
+    if begin.startswith(ZSTD_MAGIC):
+        with open_stream(path) as stream:
+            begin = stream.read(len(MAGIC))
+        return begin == MAGIC or len(begin) < len(MAGIC)
+    return begin == MAGIC
 
 
 def summary_of(part: str) -> Summary | None:
@@ -214,6 +231,11 @@ def _is_sortable(summary: Summary) -> bool:
         (known.chunk_count, known.attachment_count, known.metadata_count)
         == (len(summary.chunk_indexes), len(summary.attachment_indexes), len(summary.metadata_indexes))
     )
+
+
+def _plain(name: str) -> str:
+    """The name of a part without the ending of compressed files, in whatever case."""
+    return name[: -len(_COMPRESSED)] if name.lower().endswith(_COMPRESSED) else name
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -1,0 +1,229 @@
+"""No command writes onto what it reads, nor onto a recording unless it is told to."""
+
+import io
+import os
+import sys
+from pathlib import Path
+
+import pytest
+import zstandard
+
+from contact_tracker.cli.main import run
+from contact_tracker.config.shipped import shipped
+from contact_tracker.ground_truth import Truth
+from contact_tracker.recording import write_recording
+from mcap_logs import START_NS, smooth_poses
+
+MESH = """v 0 0 0
+v 1 0 0
+v 0 1 0
+v 0 0 1
+f 1 3 2
+f 1 2 4
+f 2 3 4
+f 1 4 3
+"""
+KNOWN = '[object.mesh]\npath = "meshes/part.obj"\n[[environment.mesh]]\nname = "block"\npath = "block.obj"\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording, a folder of parts, a model and what is known, with meshes."""
+    poses = smooth_poses()
+    truth = Truth.from_changes([START_NS], ["free"], int(poses.stamp_ns[-1]))
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "meshes").mkdir()
+    for name in ("log.mcap", "parts/log_0.mcap", "parts/log_1.mcap"):
+        write_recording(str(tmp_path / name), poses, truth, {})
+    (tmp_path / "model.toml").write_bytes((shipped() / "default.toml").read_bytes())
+    (tmp_path / "known.toml").write_text(KNOWN)
+    for name in ("meshes/part.obj", "block.obj"):
+        (tmp_path / name).write_text(MESH)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line with which a command refuses, having changed no file."""
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    assert run(arguments) == 2
+    done = capsys.readouterr()
+    assert done.out == ""
+    (line,) = done.err.splitlines()
+    assert line.startswith("contact-tracker: error: cannot write ")
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+    return line
+
+
+def linked(kind: str, name: str, output: str) -> None:
+    """``output`` is the same file as ``name``."""
+    if kind == "symbolic":
+        Path(output).symlink_to(Path(name).absolute())
+    else:
+        os.link(name, output)
+
+
+READ = [
+    ("log.mcap", "segment log.mcap -o", "out.jsonl"),
+    ("log.mcap", "segment log.mcap -o", "out.csv"),
+    ("log.mcap", "view log.mcap --save", "out.rrd"),
+    ("log.mcap", "calibrate log.mcap -o", "out.toml"),
+    ("parts/log_1.mcap", "segment parts -o", "out.jsonl"),
+    ("parts/log_1.mcap", "view parts --save", "out.rrd"),
+    ("parts/log_1.mcap", "calibrate log.mcap parts -o", "out.toml"),
+    ("model.toml", "segment log.mcap --model model.toml -o", "out.csv"),
+    ("model.toml", "view log.mcap --model model.toml --save", "out.rrd"),
+    ("model.toml", "calibrate log.mcap --start model.toml -o", "out.toml"),
+    ("known.toml", "segment log.mcap --known known.toml -o", "out.csv"),
+    ("meshes/part.obj", "segment log.mcap --known known.toml -o", "out.csv"),
+    ("block.obj", "view log.mcap --known known.toml --save", "out.rrd"),
+    ("known.toml", "calibrate log.mcap --known known.toml -o", "out.toml"),
+    ("meshes/part.obj", "calibrate log.mcap --known known.toml -o", "out.toml"),
+]
+
+
+@pytest.mark.parametrize("overwrite", [False, True], ids=["", "--overwrite"])
+@pytest.mark.parametrize("kind", ["symbolic", "hard"])
+@pytest.mark.parametrize(("read", "command", "output"), READ)
+def test_what_is_read_is_not_written(
+    read: str,
+    command: str,
+    output: str,
+    kind: str,
+    overwrite: bool,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    linked(kind, read, output)
+    line = refusal(capsys, *command.split(), output, *(["--overwrite"] if overwrite else []))
+    assert output in line
+    assert read in line
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("in.jsonl", "segment in.jsonl -o in.jsonl"),
+        ("in.jsonl", "segment ./in.jsonl -o parts/../in.jsonl"),
+        ("in.rrd", "view in.rrd --save in.rrd"),
+        ("in.toml", "calibrate in.toml -o in.toml"),
+        ("model.toml", "calibrate log.mcap --start model.toml -o model.toml"),
+        ("known.toml", "calibrate log.mcap --known known.toml -o known.toml"),
+    ],
+)
+def test_nor_by_its_own_name(
+    name: str, command: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if not Path(name).exists():
+        os.rename("log.mcap", name)
+    assert name in refusal(capsys, *command.split())
+
+
+def test_nor_what_standard_input_comes_from(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.rename("log.mcap", "in.jsonl")
+    with open("in.jsonl", "rb") as file:
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(file))
+        assert "standard input" in refusal(capsys, *["segment", "-", "-o", "in.jsonl", "--overwrite"])
+
+
+def test_nor_a_shipped_model_that_is_asked_for_by_name(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.rename("model.toml", "mocap_200hz.toml")
+    monkeypatch.setattr("contact_tracker.config.loading.shipped", lambda: folder)
+    refusal(capsys, *["calibrate", "log.mcap", "--start", "mocap_200hz", "-o", "mocap_200hz.toml"])
+
+
+WRITES = [
+    ("segment log.mcap -o", "out.csv"),
+    ("segment log.mcap -o", "out.jsonl"),
+    ("view log.mcap --save", "out.rrd"),
+    ("calibrate log.mcap --only transitions --folds 0 --processes 1 -o", "out.toml"),
+    ("simulate vision_30hz -o", "out.mcap"),
+]
+
+
+def compressed(data: bytes) -> bytes:
+    return zstandard.ZstdCompressor().compress(data)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        lambda log: log,
+        lambda log: log[: len(log) // 2],
+        lambda log: log[:8],
+        compressed,
+        lambda log: compressed(log)[:-9],
+        lambda log: compressed(b"") + compressed(log),
+        lambda log: compressed(log)[:6],
+    ],
+    ids=["whole", "half", "magic", "compressed", "cut compressed", "second frame", "who knows"],
+)
+@pytest.mark.parametrize(("command", "output"), WRITES)
+def test_a_recording_is_replaced_only_when_told_to(
+    command: str, output: str, content, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever its name is, and whether all of it is there."""
+    Path("other").write_bytes(content(Path("log.mcap").read_bytes()))
+    for at in (lambda: os.rename("other", output), lambda: Path("link" + output).symlink_to(output)):
+        at()
+    for name in (output, "link" + output):
+        line = refusal(capsys, *command.split(), name)
+        assert name in line
+        assert "a recording" in line
+        assert "--overwrite" in line
+
+
+@pytest.mark.parametrize(("command", "output"), WRITES)
+def test_a_recording_is_replaced_when_told_to_and_other_results_always(
+    command: str, output: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = Path("log.mcap").read_bytes()
+    Path(output).write_bytes(before)
+    assert run([*command.split(), output, "--overwrite"]) == 0
+    made = Path(output).read_bytes()
+    assert made != before
+    if output != "out.mcap":
+        assert run([*command.split(), output]) == 0
+    for old in (b"", b"old", b"\x28\xb5", compressed(b"old" * 9)):
+        Path(output).write_bytes(old)
+        assert run([*command.split(), output]) == 0
+        assert Path(output).stat().st_size > 50
+
+
+def test_a_recording_that_cannot_be_read_may_be_one(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("out.csv").write_text("secret")
+    real = open
+
+    def refuse(path, *arguments, **options):
+        if Path(path).name == "out.csv":
+            raise PermissionError(13, "Permission denied", path)
+        return real(path, *arguments, **options)
+
+    monkeypatch.setattr("contact_tracker.recording.reading.open", refuse, raising=False)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", lambda path: b"")
+        assert "--overwrite" in refusal(capsys, *["segment", "log.mcap", "-o", "out.csv"])
+
+
+@pytest.mark.parametrize(("command", "output"), WRITES)
+def test_suffixes_may_be_in_capitals(
+    command: str, output: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = output.upper()
+    assert run([*command.split(), name]) == 0
+    assert run([*command.split(), output]) == 0
+    assert capsys.readouterr().out == "" or output == "out.toml"
+    if output != "out.rrd":  # which has the time in it
+        ours, other = Path(name).read_bytes(), Path(output).read_bytes()
+        assert ours.replace(b"OUT", b"out").replace(b".TOML", b".toml") == other
+    if output == "out.mcap":
+        os.mkdir("capitals")
+        os.rename(name, "capitals/" + name)
+        assert run(["evaluate", "capitals", "--json"]) == 0
+        assert run(["info", "capitals"]) == 0

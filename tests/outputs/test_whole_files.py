@@ -1,0 +1,191 @@
+"""Temporary files of results: nobody plants one, the mode of what they replace stays, none stays behind."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from contact_tracker import atomic_file
+from contact_tracker.atomic_file import whole_file
+
+ROOT = Path(__file__).resolve().parents[2]
+WRITER = """
+import sys
+from pathlib import Path
+from contact_tracker.atomic_file import whole_file
+with whole_file(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half")
+    print(temporary, flush=True)
+    sys.stdin.read()
+"""
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="modes, links and signals as POSIX has them")
+
+
+def begin(target: Path) -> "subprocess.Popen[str]":
+    """Another process that is in the middle of writing ``target``."""
+    command = [sys.executable, "-c", WRITER, str(target)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, text=True)
+
+
+def leave_behind(target: Path) -> Path:
+    """The temporary file of a process that was killed while it wrote ``target``."""
+    with begin(target) as process:
+        assert process.stdout is not None
+        temporary = Path(process.stdout.readline().rstrip("\n"))
+        process.send_signal(signal.SIGKILL)
+    assert temporary.read_text() == "half"
+    assert temporary.parent == target.parent
+    return temporary
+
+
+def write(target: Path, text: str = "new") -> None:
+    with whole_file(target) as temporary:
+        temporary.write_text(text)
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_nobody_knows_the_name_beforehand(tmp_path: Path) -> None:
+    names = set()
+    for _ in range(3):
+        with whole_file(tmp_path / "out.csv") as temporary:
+            names.add(temporary.name)
+    assert len(names) == 3
+
+
+def test_a_planted_link_is_not_written_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even where the name is known after all."""
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    monkeypatch.setattr(atomic_file.os, "urandom", lambda count: bytes(count))
+    with whole_file(tmp_path / "out.csv") as temporary:
+        pass
+    for planted in (temporary.symlink_to, temporary.hardlink_to):
+        planted(victim)
+        with pytest.raises(FileExistsError) as error, whole_file(tmp_path / "out.csv"):
+            pytest.fail("there is something in the way")
+        assert error.value.filename == str(tmp_path / "out.csv")
+        assert victim.read_text() == "precious"
+        temporary.unlink()  # what others have put there is left to them
+
+
+def test_what_takes_the_place_of_the_temporary_file_does_not_become_the_result(tmp_path: Path) -> None:
+    target, victim = tmp_path / "out.csv", tmp_path / "victim"
+    target.write_text("old")
+    victim.write_text("precious")
+
+    def write_and_swap() -> None:
+        with whole_file(target) as temporary:
+            temporary.unlink()
+            temporary.symlink_to(victim)
+
+    with pytest.raises(OSError, match="another file"):
+        write_and_swap()
+    assert (target.read_text(), victim.read_text()) == ("old", "precious")
+    assert not target.is_symlink()
+
+
+@pytest.mark.parametrize("before", [0o640, 0o600, 0o444, 0o755])
+def test_the_mode_of_what_is_replaced_is_kept(tmp_path: Path, before: int) -> None:
+    target = tmp_path / "out.csv"
+    target.write_text("old")
+    target.chmod(before)
+    with whole_file(target) as temporary:
+        assert mode(temporary) & 0o077 == 0, "others read nothing of it before that is decided"
+        temporary.write_text("new")
+    assert (target.read_text(), mode(target)) == ("new", before)
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o027, 0o002])
+def test_a_new_file_has_the_mode_that_the_user_asks_for(tmp_path: Path, mask: int) -> None:
+    before = os.umask(mask)
+    try:
+        write(tmp_path / "out.csv")
+    finally:
+        os.umask(before)
+    assert mode(tmp_path / "out.csv") == 0o666 & ~mask
+
+
+def test_what_a_killed_process_leaves_is_swept_with_the_next_of_the_same_name(tmp_path: Path) -> None:
+    target, other = tmp_path / "out.csv", tmp_path / "other.csv"
+    left, of_other = leave_behind(target), leave_behind(other)
+    write(target)
+    assert not left.exists()
+    assert of_other.exists()
+    write(other)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["other.csv", "out.csv"]
+
+
+def test_what_a_living_process_writes_is_not_swept(tmp_path: Path) -> None:
+    target = tmp_path / "out.csv"
+    with begin(target) as process:
+        assert process.stdout is not None
+        temporary = Path(process.stdout.readline().rstrip("\n"))
+        write(target)
+        assert temporary.exists()
+        process.communicate("", timeout=30)
+    assert process.returncode == 0
+    assert target.read_text() == "half"
+    assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
+
+
+def test_of_a_process_that_cannot_be_seen_the_lock_tells_that_it_lives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in another container of the same host."""
+    monkeypatch.setattr(atomic_file, "_lives", lambda pid: False)
+    with whole_file(tmp_path / "out.csv") as temporary:
+        write(tmp_path / "out.csv")
+        assert temporary.exists()
+
+
+def test_what_another_host_left_is_not_swept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "out.csv"
+    left = leave_behind(target)
+    monkeypatch.setattr("platform.node", lambda: "elsewhere")
+    write(target)
+    assert left.exists()
+    monkeypatch.undo()
+    write(target)
+    assert not left.exists()
+
+
+def test_sweeping_follows_no_links_and_waits_for_no_pipe(tmp_path: Path) -> None:
+    target, victim = tmp_path / "out.csv", tmp_path / "victim"
+    victim.write_text("precious")
+    left = leave_behind(target)
+    left.unlink()
+    left.symlink_to(victim)
+    write(target)
+    assert victim.read_text() == "precious"
+    left.unlink()
+    os.mkfifo(left)
+    write(target)
+    left.unlink()
+    left.mkdir()
+    write(target)
+    assert target.read_text() == "new"
+
+
+@pytest.mark.parametrize("name", ["x" * 251 + ".csv", "é" * 125 + ".csv", "\udcff" * 251 + ".csv", "\n.csv"])
+def test_any_name_that_a_file_may_have_can_be_written(tmp_path: Path, name: str) -> None:
+    target = tmp_path / name
+    left = leave_behind(target) if name.isascii() and name.isprintable() else None
+    write(target)
+    assert target.read_text() == "new"
+    assert left is None or not left.exists()
+    assert os.listdir(tmp_path) == [name]
+
+
+def test_a_name_that_no_file_may_have_is_refused_before_any_work(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="too long"), whole_file(tmp_path / ("x" * 300 + ".csv")):
+        pytest.fail("nothing can come of it")

@@ -1,0 +1,45 @@
+"""Files of the user that are read whole: regular ones, of a size that is known beforehand."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+
+def read_regular(path: Path, most_bytes: int) -> bytes:
+    """The content of a file; devices would have no end, and pipes would wait for somebody to write.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, is something else than a file, or has more than ``most_bytes``.
+    """
+    _check(os.stat(path), most_bytes)
+    with open(path, "rb", opener=_open_at_once) as file:
+        _check(os.fstat(file.fileno()), most_bytes)  # what is there by now
+        content = file.read(most_bytes + 1)
+    _check_size(len(content), most_bytes)  # some files have a content and no size
+    return content
+
+
+def why_not_regular(mode: int) -> str | None:
+    """Why what has this ``st_mode`` is no file, or None."""
+    if stat.S_ISREG(mode):
+        return None
+    return "it is a folder" if stat.S_ISDIR(mode) else "it is not a regular file"
+
+
+def _check(status: os.stat_result, most_bytes: int) -> None:
+    reason = why_not_regular(status.st_mode)
+    if reason is not None:
+        raise OSError(errno.EINVAL, reason)
+    _check_size(status.st_size, most_bytes)
+
+
+def _check_size(size: int, most_bytes: int) -> None:
+    if size > most_bytes:
+        raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB")
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
