@@ -23,7 +23,7 @@ LAYERS = (
     ("hypotheses",),
     ("tracking",),
     ("adaptation",),
-    ("recording", "simulate", "evaluation", "prior_map_files"),
+    ("recording", "simulate", "evaluation", "prior_map_files", "interrupts"),
     ("calibration", "outputs"),
     ("viewer",),
     ("cli",),

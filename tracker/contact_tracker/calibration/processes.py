@@ -9,6 +9,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 from contact_tracker.errors import ContactTrackerError
+from contact_tracker.interrupts import kept_from_children
 
 T = TypeVar("T")
 
@@ -58,13 +59,14 @@ def _workers(count: int) -> Iterator[list[Connection]]:
     context = get_context("spawn")
     pipes, processes = [], []
     try:
-        for _ in range(count):
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_work, args=(theirs,), daemon=True)
-            process.start()
-            theirs.close()  # or nobody would notice its end
-            pipes.append(ours)
-            processes.append(process)
+        with kept_from_children():
+            for _ in range(count):
+                ours, theirs = context.Pipe()
+                process = context.Process(target=_work, args=(theirs,), daemon=True)
+                process.start()
+                theirs.close()  # or nobody would notice its end
+                pipes.append(ours)
+                processes.append(process)
         yield pipes
     finally:
         for process in processes:

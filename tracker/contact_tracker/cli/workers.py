@@ -1,12 +1,12 @@
 """Processes that help one command: they start when it begins and end with it."""
 
 import argparse
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from contact_tracker.errors import ContactTrackerError
+from contact_tracker.interrupts import kept_from_children
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -41,11 +41,10 @@ def workers(processes: int) -> "Iterator[Executor | None]":
     from multiprocessing import get_context
 
     executor = ProcessPoolExecutor(processes - 1, get_context("spawn"))
-    interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children leave that to this process
-    for _ in range(processes - 1):
-        executor.submit(int)  # starts one
-    signal.signal(signal.SIGINT, interrupt)
     try:
+        with kept_from_children():
+            for _ in range(processes - 1):
+                executor.submit(int)  # starts one
         yield executor
     except BrokenProcessPool:
         reason = "it may have taken too much memory; try --processes 1"
