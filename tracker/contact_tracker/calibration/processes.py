@@ -3,7 +3,7 @@
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
@@ -40,7 +40,7 @@ class Runner:
             while len(results) < len(jobs):
                 for pipe, number in zip(idle, waiting, strict=False):
                     at_work[pipe] = number
-                    pipe.send((function, jobs[number]))
+                    _ask(pipe, (function, jobs[number]))
                 idle = [pipe for pipe in wait(list(at_work)) if isinstance(pipe, Connection)]
                 for pipe in idle:
                     results[at_work.pop(pipe)] = self._told(_answer(pipe))
@@ -79,20 +79,33 @@ def _workers(count: int) -> Iterator[list[Connection]]:
 def _work(pipe: Connection) -> None:
     """In a process of its own: jobs in, results or exceptions out, for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent, which ends its children
-    while True:
-        function, arguments = pipe.recv()
-        try:
-            pipe.send((function(*arguments), None))
-        except Exception as error:
-            pipe.send((None, error))
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # whoever wants to know has ended
+        while True:
+            function, arguments = pipe.recv()
+            try:
+                answer: tuple[Any, Exception | None] = function(*arguments), None
+            except Exception as error:
+                answer = None, error
+            pipe.send(answer)
+
+
+def _ask(pipe: Connection, job: tuple[Callable[..., Any], tuple[Any, ...]]) -> None:
+    with _both_alive():
+        pipe.send(job)
 
 
 def _answer(pipe: Connection) -> Any:
-    try:
+    with _both_alive():
         result, error = pipe.recv()
-    except EOFError:
-        reason = "it may have taken too much memory; try fewer --processes"
-        raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
     if error is not None:
         raise error
     return result
+
+
+@contextmanager
+def _both_alive() -> Iterator[None]:
+    try:
+        yield
+    except (EOFError, OSError):  # nothing of an answer, or a part of it
+        reason = "it may have taken too much memory; try fewer --processes"
+        raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None

@@ -40,7 +40,7 @@ def workers(processes: int) -> "Iterator[Executor | None]":
     from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
 
-    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"))
+    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"), _end_with_parent)
     try:
         with kept_from_children():
             for _ in range(processes - 1):
@@ -51,6 +51,21 @@ def workers(processes: int) -> "Iterator[Executor | None]":
         raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
     finally:
         executor.shutdown(cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """In a process of its own: it would wait for more to do for ever once nobody is left to ask it."""
+    from multiprocessing import parent_process
+    from os import _exit
+    from threading import Thread
+
+    def watch() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+            _exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _count(text: str) -> int:
