@@ -24,7 +24,7 @@ LAYERS = (
     ("hypotheses",),
     ("tracking",),
     ("adaptation",),
-    ("recording", "simulate", "evaluation", "prior_map_files", "saved_state"),
+    ("recording", "simulate", "evaluation", "prior_map_files", "saved_state", "interrupts"),
     ("calibration", "outputs"),
     ("viewer",),
     ("cli",),

@@ -3,6 +3,8 @@
 import os
 import re
 import shutil
+import threading
+import time
 from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
@@ -261,6 +263,22 @@ def test_processes_answer_in_order_and_one_that_dies_is_told() -> None:
     assert len(told) == 5
     with pytest.raises(ContactTrackerError, match="--processes"):
         Runner(2)(os._exit, [(1,), (1,)])
+    assert not active_children()
+
+
+def test_a_process_that_dies_before_it_has_taken_its_job_is_told() -> None:
+    """Of more than a pipe holds, the rest waits to be taken."""
+
+    def kill_one() -> None:
+        while not (children := active_children()):
+            time.sleep(0.001)
+        children[0].kill()
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    with pytest.raises(ContactTrackerError, match="--processes"):
+        Runner(2)(len, [(bytes(10_000_000),)] * 2)
+    killer.join()
     assert not active_children()
 
 

@@ -1,7 +1,6 @@
 """The viewer's recordings read back: what is in them, when it appears and when it goes."""
 
 import json
-import socket
 import subprocess
 import sys
 from collections import deque
@@ -18,7 +17,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rerun.chunk import Chunk, RrdReader
 
-from contact_tracker.errors import ViewerError
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose, Poses
@@ -33,7 +31,7 @@ from contact_tracker.viewer.null_viewer import LiveView, NoViewer
 from contact_tracker.viewer.offline import write_rrd
 from contact_tracker.viewer.palette import COLOUR
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Ground, draw, viewpoint
-from contact_tracker.viewer.sinks import to_file, to_viewer
+from contact_tracker.viewer.sinks import to_file
 
 ORIGIN_NS = 1_700_000_000_000_000_000
 TICK_NS = 100_000_000
@@ -347,21 +345,6 @@ def test_no_viewer_takes_all_and_needs_no_rerun(poses: Poses, segmentation: Segm
     path = [p for p in sys.path if p.endswith("tracker")]
     environment = {"PYTHONPATH": ":".join(path)}
     assert subprocess.run([sys.executable, "-c", check], env=environment, check=False).returncode == 0
-
-
-def test_a_port_taken_by_another_program_is_said() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        with pytest.raises(ViewerError, match="not by a rerun viewer"):
-            LiveViewer(sink=to_viewer(port))
-
-
-def test_a_viewer_that_cannot_start_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RERUN_CLI_PATH", str(Path(sys.executable).with_name("no such viewer")))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with pytest.raises(ViewerError, match="did not start"):
-        LiveViewer(sink=to_viewer(port))
 
 
 def unit(values: list[float]) -> np.ndarray:

@@ -1,7 +1,29 @@
-"""``python -m contact_tracker`` is the command ``contact-tracker``."""
+"""The command, as the program ``contact-tracker`` and as ``python -m contact_tracker``.
+
+An interrupt ends it in order as soon as this file runs: all else is imported inside.
+"""
 
 import sys
 
-from contact_tracker.cli.main import run
+INTERRUPTED = 130
+"""As in ``cli/status.py``, which would have to be imported first."""
 
-sys.exit(run())
+
+def main() -> int:
+    """Run the command line and return its exit code."""
+    try:
+        from contact_tracker import interrupts
+
+        interrupts.wait_for_imports()
+        try:
+            from contact_tracker.cli.main import run
+
+            return run()
+        finally:
+            interrupts.ignore()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

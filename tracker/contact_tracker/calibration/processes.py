@@ -3,12 +3,13 @@
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 from contact_tracker.errors import ContactTrackerError
+from contact_tracker.interrupts import kept_from_children
 
 T = TypeVar("T")
 
@@ -39,7 +40,7 @@ class Runner:
             while len(results) < len(jobs):
                 for pipe, number in zip(idle, waiting, strict=False):
                     at_work[pipe] = number
-                    pipe.send((function, jobs[number]))
+                    _ask(pipe, (function, jobs[number]))
                 idle = [pipe for pipe in wait(list(at_work)) if isinstance(pipe, Connection)]
                 for pipe in idle:
                     results[at_work.pop(pipe)] = self._told(_answer(pipe))
@@ -58,13 +59,14 @@ def _workers(count: int) -> Iterator[list[Connection]]:
     context = get_context("spawn")
     pipes, processes = [], []
     try:
-        for _ in range(count):
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_work, args=(theirs,), daemon=True)
-            process.start()
-            theirs.close()  # or nobody would notice its end
-            pipes.append(ours)
-            processes.append(process)
+        with kept_from_children():
+            for _ in range(count):
+                ours, theirs = context.Pipe()
+                process = context.Process(target=_work, args=(theirs,), daemon=True)
+                process.start()
+                theirs.close()  # or nobody would notice its end
+                pipes.append(ours)
+                processes.append(process)
         yield pipes
     finally:
         for process in processes:
@@ -77,20 +79,33 @@ def _workers(count: int) -> Iterator[list[Connection]]:
 def _work(pipe: Connection) -> None:
     """In a process of its own: jobs in, results or exceptions out, for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent, which ends its children
-    while True:
-        function, arguments = pipe.recv()
-        try:
-            pipe.send((function(*arguments), None))
-        except Exception as error:
-            pipe.send((None, error))
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # whoever wants to know has ended
+        while True:
+            function, arguments = pipe.recv()
+            try:
+                answer: tuple[Any, Exception | None] = function(*arguments), None
+            except Exception as error:
+                answer = None, error
+            pipe.send(answer)
+
+
+def _ask(pipe: Connection, job: tuple[Callable[..., Any], tuple[Any, ...]]) -> None:
+    with _both_alive():
+        pipe.send(job)
 
 
 def _answer(pipe: Connection) -> Any:
-    try:
+    with _both_alive():
         result, error = pipe.recv()
-    except EOFError:
-        reason = "it may have taken too much memory; try fewer --processes"
-        raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
     if error is not None:
         raise error
     return result
+
+
+@contextmanager
+def _both_alive() -> Iterator[None]:
+    try:
+        yield
+    except (EOFError, OSError):  # nothing of an answer, or a part of it
+        reason = "it may have taken too much memory; try fewer --processes"
+        raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None

@@ -1,12 +1,12 @@
 """Processes that help one command: they start when it begins and end with it."""
 
 import argparse
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from contact_tracker.errors import ContactTrackerError
+from contact_tracker.interrupts import kept_from_children
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -40,18 +40,32 @@ def workers(processes: int) -> "Iterator[Executor | None]":
     from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
 
-    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"))
-    interrupt = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children leave that to this process
-    for _ in range(processes - 1):
-        executor.submit(int)  # starts one
-    signal.signal(signal.SIGINT, interrupt)
+    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"), _end_with_parent)
     try:
+        with kept_from_children():
+            for _ in range(processes - 1):
+                executor.submit(int)  # starts one
         yield executor
     except BrokenProcessPool:
         reason = "it may have taken too much memory; try --processes 1"
         raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
     finally:
         executor.shutdown(cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """In a process of its own: it would wait for more to do for ever once nobody is left to ask it."""
+    from multiprocessing import parent_process
+    from os import _exit
+    from threading import Thread
+
+    def watch() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+            _exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _count(text: str) -> int:

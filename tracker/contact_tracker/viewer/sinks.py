@@ -1,5 +1,6 @@
 """Where a recording goes: into a file, or into a viewer on this machine."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -70,6 +71,7 @@ def _start(port: int) -> None:
     """Start a viewer that outlives this process and is reached from this machine only."""
     command = [
         sys.executable,
+        "-P",  # not what happens to lie in the current folder
         "-m",
         "rerun_cli",
         "--bind",
@@ -79,12 +81,23 @@ def _start(port: int) -> None:
         "--hide-welcome-screen",
     ]
     quiet = subprocess.DEVNULL
-    viewer = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+    viewer = subprocess.Popen(
+        command, stdin=quiet, stdout=quiet, stderr=quiet, env=_environment(), start_new_session=True
+    )
     give_up = time.monotonic() + _START_S
     while not _answers(port):
         if viewer.poll() is not None or time.monotonic() > give_up:
             raise ViewerError("the rerun viewer did not start: is there a screen? view --save writes a file")
         time.sleep(_POLL_S)
+
+
+def _environment() -> dict[str, str]:
+    """The environment for a viewer that reports nothing of its use.
+
+    rerun does so unless told otherwise, and notes that as a choice in its settings the first time it runs, so
+    these do not say what the user wants. It heeds ``CI``, and before that ``FORCE_RERUN_ANALYTICS``.
+    """
+    return {"CI": "true", **os.environ}
 
 
 def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:

@@ -1,0 +1,130 @@
+"""Ctrl-C at any moment: exit code 130 and no traceback."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from contact_tracker.__main__ import INTERRUPTED
+from contact_tracker.cli import status
+
+ROOT = Path(__file__).resolve().parents[2]
+LOG = str(ROOT / "recordings" / "paper_experiment.mcap")
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
+AS_A_MODULE = "import runpy; runpy.run_module('contact_tracker', run_name='__main__')"
+AS_A_PROGRAM = "import sys; from contact_tracker.__main__ import main; sys.exit(main())"  # what pip writes
+# An interrupt as the N-th module is looked for.
+AT_AN_IMPORT = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+left = int(os.environ["IMPORTS"])
+def count(event, _):
+    global left
+    left -= event == "import"
+    if left == 0 and event == "import":
+        os.kill(os.getpid(), signal.SIGINT)
+import runpy
+import contact_tracker  # nothing in it; from here on it is ours
+sys.addaudithook(count)
+"""
+# Interrupts come through as soon as the first line of ours runs; until then it is Python that starts.
+ONCE_STARTED = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def let_through(event, arguments):
+    if event == "import" and arguments[0] == "contact_tracker.interrupts":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+sys.addaudithook(let_through)
+print(flush=True)
+"""
+
+
+def assert_ended_in_order(code: int, said: str) -> None:
+    assert "Traceback" not in said
+    assert "KeyboardInterrupt" not in said
+    assert "Error" not in said
+    assert code == 130, said
+
+
+def test_there_is_one_code_for_it() -> None:
+    assert INTERRUPTED == status.INTERRUPTED
+
+
+@pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])
+def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
+    """Also where numpy and scipy would make other errors of it."""
+    for number in range(4, 1000, 61) if start is AS_A_MODULE else (4, 30, 112, 790):
+        command = [sys.executable, "-c", AT_AN_IMPORT + start, "live", LOG, "--rate", "1"]
+        environment = ENVIRONMENT | {"IMPORTS": str(number)}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+        assert_ended_in_order(done.returncode, done.stderr)
+
+
+@pytest.mark.parametrize(
+    ("start", "arguments"),
+    [
+        (AS_A_MODULE, ["live", LOG, "--rate", "1"]),
+        (AS_A_PROGRAM, ["segment", LOG, "--processes", "2", "-o", "out.csv"]),
+    ],
+    ids=["live", "segment"],
+)
+def test_an_interrupt_at_any_time_ends_in_order(start: str, arguments: list[str], tmp_path: Path) -> None:
+    """All processes of the command get it, as from a terminal."""
+    for delay_s in [i / 30 for i in range(start is AS_A_PROGRAM, 30, 2)]:
+        with subprocess.Popen(
+            [sys.executable, "-c", ONCE_STARTED + start, *arguments],
+            env=ENVIRONMENT,
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        ) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(delay_s)
+            os.killpg(process.pid, signal.SIGINT)
+            _, said = process.communicate(timeout=60)
+        assert_ended_in_order(process.returncode, said)
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_background_jobs_that_ignore_interrupts_go_on_ignoring_them() -> None:
+    program = "import signal; from contact_tracker.interrupts import wait_for_imports; wait_for_imports(); "
+    program += "signal.raise_signal(signal.SIGINT)"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=ENVIRONMENT,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )
+    assert done.returncode == 0
+
+
+def test_an_interrupt_that_python_cannot_raise_comes_again() -> None:
+    program = """
+import signal, time
+from contact_tracker.interrupts import wait_for_imports
+wait_for_imports()
+class Held:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+try:
+    Held()
+    time.sleep(10)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=9,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")

@@ -1,0 +1,97 @@
+"""A process that helps a command is killed, as when memory runs out: one line, exit code 1."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LOG = str(ROOT / "recordings" / "paper_experiment.mcap")
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
+SEGMENT = ["segment", LOG, "--processes", "3", "-o", "out.csv"]
+CALIBRATE = [
+    "calibrate",
+    str(ROOT / "recordings"),
+    "--only",
+    "transitions",
+    "--processes",
+    "2",
+    "-o",
+    "out.toml",
+]
+PROC = Path("/proc")
+
+pytestmark = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
+
+
+def helpers_of(pid: int) -> list[int]:
+    """The processes of ``multiprocessing`` that any thread of a process has started."""
+    found = []
+    for thread in (PROC / str(pid) / "task").iterdir():
+        try:
+            children = (thread / "children").read_text().split()
+            found += [int(c) for c in children if b"spawn_main" in (PROC / c / "cmdline").read_bytes()]
+        except OSError:  # it has ended meanwhile
+            continue
+    return found
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.2, 0.8])
+@pytest.mark.parametrize("arguments", [SEGMENT, CALIBRATE], ids=["segment", "calibrate"])
+def test_a_helper_that_is_killed_is_one_line_and_1(
+    arguments: list[str], delay_s: float, tmp_path: Path
+) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-m", "contact_tracker", *arguments],
+        env=ENVIRONMENT,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        while not (helpers := helpers_of(process.pid)):
+            assert process.poll() is None
+            time.sleep(0.002)
+        time.sleep(delay_s)
+        os.kill(helpers[0], signal.SIGKILL)
+        output, said = process.communicate(timeout=60)
+    assert (process.returncode, output) == (1, ""), said
+    (line,) = said.splitlines()
+    assert line.startswith("contact-tracker: error: a process has ended before its work was done")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [SEGMENT, CALIBRATE], ids=["segment", "calibrate"])
+def test_helpers_end_with_the_process_that_started_them(arguments: list[str], tmp_path: Path) -> None:
+    with (
+        open(tmp_path / "said", "w") as said,
+        subprocess.Popen(
+            [sys.executable, "-m", "contact_tracker", *arguments],
+            env=ENVIRONMENT,
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+        ) as process,
+    ):
+        while len(helpers := helpers_of(process.pid)) < 2:
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.kill()
+        process.wait()
+    give_up = time.monotonic() + 60
+    while any((PROC / str(helper)).exists() and is_running(helper) for helper in helpers):
+        assert time.monotonic() < give_up
+        time.sleep(0.05)
+    assert "Traceback" not in (tmp_path / "said").read_text()
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is more than an entry that nobody has asked for."""
+    try:
+        return (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

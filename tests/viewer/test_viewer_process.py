@@ -1,0 +1,109 @@
+"""How the viewer is started: on this machine, for this machine only, and without reports of its use."""
+
+import os
+import shlex
+import signal
+import socket
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import rerun_cli
+
+from contact_tracker.errors import ViewerError
+from contact_tracker.viewer.live import LiveViewer
+from contact_tracker.viewer.sinks import to_viewer
+
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere files and addresses are others")
+
+
+def test_a_port_taken_by_another_program_is_said() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ViewerError, match="not by a rerun viewer"):
+            LiveViewer(sink=to_viewer(port))
+
+
+@pytest.fixture
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty home folder, and nothing in the environment that says how rerun should behave."""
+    for name in ("CI", "FORCE_RERUN_ANALYTICS", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    return home
+
+
+def stand_in(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    """Have ``script`` run where the viewer would."""
+    path = folder / "viewer"
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    monkeypatch.setenv("RERUN_CLI_PATH", str(path))
+
+
+@pytest.fixture
+def windowless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path) -> Iterator[None]:
+    """The real viewer, without its window."""
+    program, note = Path(rerun_cli.__path__[0]) / "rerun", tmp_path / "pid"
+    words = shlex.join([str(program), "--serve-grpc"])
+    stand_in(tmp_path, monkeypatch, f'echo $$ > {shlex.quote(str(note))}; exec {words} "$@"')
+    yield
+    os.kill(int(note.read_text()), signal.SIGKILL)
+
+
+def test_a_viewer_that_cannot_start_is_said(monkeypatch: pytest.MonkeyPatch, free_port: int) -> None:
+    monkeypatch.setenv("RERUN_CLI_PATH", str(Path(sys.executable).with_name("no such viewer")))
+    with pytest.raises(ViewerError, match="did not start"):
+        LiveViewer(sink=to_viewer(free_port))
+
+
+@LINUX
+def test_a_viewer_notes_and_sends_nothing_of_its_use(windowless: None, at_home: Path, free_port: int) -> None:
+    LiveViewer(sink=to_viewer(free_port)).close()
+    assert list(at_home.rglob("*analytics*")) == []
+
+
+@pytest.mark.parametrize("asked", [{}, {"FORCE_RERUN_ANALYTICS": "1"}, {"CI": "1"}])
+def test_a_viewer_is_started_on_this_machine_with_what_the_user_says_of_statistics(
+    asked: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path, free_port: int
+) -> None:
+    for name, value in asked.items():
+        monkeypatch.setenv(name, value)
+    note = shlex.quote(str(tmp_path / "note"))
+    stand_in(tmp_path, monkeypatch, f'echo "$*" > {note}; env >> {note}')
+    with pytest.raises(ViewerError):
+        LiveViewer(sink=to_viewer(free_port))
+    arguments, *environment = (tmp_path / "note").read_text().splitlines()
+    assert f"--bind 127.0.0.1 --port {free_port}" in arguments
+    kept = {line for line in environment if line.startswith(("CI=", "FORCE_RERUN_ANALYTICS="))}
+    assert kept == {f"{name}={value}" for name, value in ({"CI": "true"} | asked).items()}
+
+
+@LINUX
+def test_a_viewer_is_not_reached_from_elsewhere(windowless: None, free_port: int) -> None:
+    """Of the addresses of this machine alone, one is asked for, and only that one answers."""
+    LiveViewer(sink=to_viewer(free_port)).close()
+    socket.create_connection(("127.0.0.1", free_port), timeout=5).close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.2", free_port), timeout=5)
+
+
+def test_a_viewer_is_not_what_lies_in_the_folder_at_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
+) -> None:
+    """Recordings are opened where they lie, and so may other files that came with them."""
+    (tmp_path / "rerun_cli.py").write_text("open('taken', 'w')")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RERUN_CLI_PATH", "no such viewer")
+    with pytest.raises(ViewerError):
+        LiveViewer(sink=to_viewer(free_port))
+    assert not Path("taken").exists()

@@ -1,0 +1,80 @@
+"""Interrupts (Ctrl-C) where they would do harm: they wait for imports, and children leave them to parents."""
+
+import _thread
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+_AGAIN_S: Final = 0.02
+_IMPORTS: Final = "<frozen importlib."
+
+
+def wait_for_imports() -> None:
+    """From now on an interrupt is a ``KeyboardInterrupt`` that waits until no module is being imported.
+
+    Extension modules that meet one half way make errors of their own of it, or leave a module that lacks a
+    part. Where Python cannot raise one, as in a destructor, it comes again.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # jobs in the background ignore it
+        signal.signal(signal.SIGINT, _interrupt)
+        sys.unraisablehook = _unraisable
+
+
+def ignore() -> None:
+    """Nothing is left to interrupt but the end itself."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def kept_from_children() -> Iterator[None]:
+    """Processes that are started meanwhile are never interrupted; an interrupt of this one waits for the end.
+
+    A terminal interrupts all processes of a command, but one of them has to say what becomes of the others.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # starting it would let interrupts through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _interrupt(_: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith(_IMPORTS):
+            _interrupt_again()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def _interrupt_again() -> None:
+    main = _thread.get_ident()  # only there are signals handled
+
+    def after_a_while() -> None:
+        time.sleep(_AGAIN_S)
+        if hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(main, signal.SIGINT)  # wakes it up if it waits for something
+        else:
+            _thread.interrupt_main()
+
+    _thread.start_new_thread(after_a_while, ())  # threading itself may be what is being imported
+
+
+def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
+    if issubclass(raised.exc_type, KeyboardInterrupt):
+        _interrupt_again()
+    else:
+        sys.__unraisablehook__(raised)
