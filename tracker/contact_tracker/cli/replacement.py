@@ -46,7 +46,7 @@ def check_output(path: Path | None, overwrite: bool, read: Iterable[str] = ()) -
         with suppress(OSError, ValueError):  # who reads it says why it cannot be read
             if os.path.samestat(there, os.fstat(sys.stdin.fileno()) if name == "-" else os.stat(name)):
                 shown = "standard input" if name == "-" else name
-                raise UsageError(f"cannot write {path}: {shown} is read and is the same file; name another")
+                raise UsageError(f"cannot write {path}: it is the input {shown}; name another file")
     if not overwrite and (reason := _why_kept(path)):
         raise UsageError(f"cannot write {path}: {reason}; --overwrite replaces it")
 
