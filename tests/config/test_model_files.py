@@ -1,6 +1,7 @@
 """Models are read whole or refused with the key and the reason; nothing of a file is guessed."""
 
 import os
+import time
 import tomllib
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
@@ -342,3 +343,15 @@ def test_what_may_be_left_out_has_its_usual_value(tmp_path):
     assert refused(tmp_path, toml(changed("noise", "estimated", 1.0))).key == "noise.estimated"
     path.write_text(model_text(given))
     assert load_model(str(path)) == given
+
+
+@pytest.mark.parametrize(
+    "key", ["a" + ".a" * 20_000, "['a'" + " . a" * 20_000 + "]", "x = {a" + '."a"' * 20_000]
+)
+def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path, key: str) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(f"{key} = 1\n")
+    begin_s = time.process_time()
+    with pytest.raises(ModelError, match="parts"):
+        load_model(str(path))
+    assert time.process_time() - begin_s < 2.0, "the parser would take minutes"

@@ -1,7 +1,6 @@
 """Models from TOML files, every key checked: shipped presets by name, others by path (docs/models.md)."""
 
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import MISSING, fields
 from functools import partial
@@ -10,6 +9,7 @@ from typing import Any, Final
 
 from contact_tracker.config.parameters import ZERO, ByChange, ByState, Model
 from contact_tracker.config.shipped import preset_names, shipped
+from contact_tracker.config.toml_text import parse_toml
 from contact_tracker.errors import ModelError
 from contact_tracker.regular_file import read_regular
 from contact_tracker.states import STATES, Contact
@@ -43,7 +43,7 @@ def load_model(name_or_path: str = "default") -> Model:
     """
     text = _read(name_or_path)
     try:
-        table = tomllib.loads(text)
+        table = parse_toml(text)
     except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
         raise ModelError("", f"{name_or_path} is not TOML: {error}") from error
     model: Model = _build(Model, table, "")

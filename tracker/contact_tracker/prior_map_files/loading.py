@@ -1,7 +1,6 @@
 """What the user knows, from a TOML file or a table of the same keys, each checked (docs/knowledge.md)."""
 
 import math
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from itertools import product
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from contact_tracker.config.loading import MOST_BYTES
+from contact_tracker.config.toml_text import parse_toml
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
@@ -44,7 +44,7 @@ def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
 def read_table(path: str) -> dict[str, Any]:
     """The keys of a TOML file, not yet checked."""
     try:
-        return tomllib.loads(read_regular(Path(path), MOST_BYTES).decode("utf-8"))
+        return parse_toml(read_regular(Path(path), MOST_BYTES).decode("utf-8"))
     except OSError as error:
         raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:  # what is not UTF-8 or not TOML, and names with a zero byte

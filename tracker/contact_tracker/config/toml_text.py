@@ -1,0 +1,24 @@
+"""TOML with bounded work: the standard library's parser takes quadratic time for keys of many parts."""
+
+import re
+import tomllib
+from typing import Any, Final
+
+MOST_PARTS: Final = 64
+_KEY_PART: Final = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_LONG_KEY: Final = re.compile(
+    rf"(?:^|[{{,])\s*\[{{0,2}}\s*{_KEY_PART}(?:\s*\.\s*{_KEY_PART}){{{MOST_PARTS},}}", re.MULTILINE
+)
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The table that a text describes.
+
+    Raises
+    ------
+    ValueError, RecursionError
+        It is no TOML, or nests too deeply.
+    """
+    if text.count(".") > MOST_PARTS and _LONG_KEY.search(text):
+        raise ValueError(f"a key has more than {MOST_PARTS} parts")
+    return tomllib.loads(text)
