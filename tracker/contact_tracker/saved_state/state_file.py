@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import struct
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -12,10 +13,16 @@ import numpy as np
 from contact_tracker import __version__
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.errors import StateError
+from contact_tracker.regular_file import read_regular
 from contact_tracker.saved_state.encoding import KINDS, Decoder, Encoder, schema
 
 FORMAT: Final = 1
 LARGEST_BYTES: Final = 512 * 2**20
+_PARSE_ERRORS: Final = (
+    zipfile.BadZipFile,
+    *(ValueError, LookupError, TypeError, RuntimeError, EOFError, MemoryError, OverflowError, struct.error),
+)
+"""What zip files, JSON and arrays that are not as they should be lead the libraries to."""
 _TREE: Final = "tree.json"
 _HEAD: Final = "head.json"
 
@@ -66,7 +73,11 @@ def load(path: Path) -> Any:
         return Decoder(arrays).decode(tree)
     except StateError as error:
         raise StateError(f"{path}: {error}") from error
-    except (zipfile.BadZipFile, ValueError, LookupError, TypeError, RecursionError, EOFError) as error:
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise StateError(f"{path}: {error.strerror or error}") from error
+    except _PARSE_ERRORS as error:
         raise StateError(f"{path}: it is no saved state") from error
 
 
@@ -86,15 +97,7 @@ def _head(parts: dict[str, bytes]) -> dict[str, Any]:
 
 
 def _parts(path: Path) -> dict[str, bytes]:
-    if not path.is_file():
-        raise (
-            StateError("it is no regular file")
-            if path.exists()
-            else FileNotFoundError(2, "No such file", path)
-        )
-    if path.stat().st_size > LARGEST_BYTES:
-        raise StateError("it is too large for a state")
-    with zipfile.ZipFile(path) as file:
+    with zipfile.ZipFile(BytesIO(read_regular(path, LARGEST_BYTES))) as file:
         infos = file.infolist()
         if any(info.compress_type != zipfile.ZIP_STORED for info in infos):
             raise StateError("it is no saved state")

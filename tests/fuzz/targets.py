@@ -1,0 +1,148 @@
+"""What is attacked: each takes one input, and raises ``Violation`` where a promise is broken."""
+
+import io
+import json
+import random
+import re
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import NamedTuple
+
+import corpus
+import mutations
+import numpy as np
+
+from contact_tracker import adaptation
+from contact_tracker.cli.main import run
+from contact_tracker.config.loading import load_model
+from contact_tracker.errors import ContactTrackerError
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.prior_map_files.loading import load_knowledge
+from contact_tracker.saved_state import load
+
+CODES = {0, 1, 2, 3}
+RECORDING = corpus.ROOT / "recordings" / "vision_30hz.mcap"
+
+
+class Violation(Exception):
+    """A promise is broken."""
+
+
+class Target(NamedTuple):
+    """``make`` an input of some file name, and ``attack`` with the file."""
+
+    suffix: str
+    make: Callable[[random.Random], bytes]
+    attack: Callable[[Path, random.Random], None]
+
+
+def _command(*arguments: object) -> tuple[int, str]:
+    """Run a command: its code and its output; what goes to stderr are lines of ours."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = run([str(argument) for argument in arguments])
+    text = err.getvalue()
+    if code not in CODES:
+        raise Violation(f"exit code {code}")
+    for line in text.splitlines():
+        if not line.startswith("contact-tracker: "):
+            raise Violation(f"a line of somebody else on stderr: {line!r}")
+    if code in (1, 2) and (out.getvalue() and arguments[0] != "info"):
+        raise Violation("output in spite of an error")
+    if code in (1, 2) and not re.search("^contact-tracker: error: ", text, re.MULTILINE):
+        raise Violation(f"an error without a word: {text!r}")
+    for line in (text + out.getvalue()).split("\n"):
+        if not line.isprintable():
+            raise Violation(f"what steers a terminal: {line!r}")
+    return code, out.getvalue()
+
+
+def _recording(path: Path, rng: random.Random) -> None:
+    command = rng.choice(["info", "info", "segment", "live", "evaluate"])
+    if command == "evaluate":
+        _command("evaluate", path)
+    elif command == "live":
+        _, text = _command("live", path, "--json")
+        _check_beliefs(text)
+    elif command == "segment":
+        _command("segment", path)
+    else:
+        _, text = _command("info", path, "--json")
+        if text:
+            json.loads(text)
+
+
+def _check_beliefs(text: str) -> None:
+    for line in text.splitlines():
+        probability = np.array(list(json.loads(line)["probability"].values()))
+        if not (probability >= 0.0).all() or not abs(probability.sum() - 1.0) < 1e-9:
+            raise Violation(f"not a distribution: {probability}")
+
+
+def _model(path: Path, _: random.Random) -> None:
+    _quietly(lambda: load_model(str(path)))
+
+
+def _known(path: Path, rng: random.Random) -> None:
+    path.with_name("part.stl").write_bytes(rng.choice(corpus.meshes()))
+    _quietly(lambda: load_knowledge(str(path)))
+
+
+def _mesh(path: Path, rng: random.Random) -> None:
+    mesh = path.rename(path.with_name("part.stl" if rng.random() < 0.6 else "part.obj"))
+    known = path.with_name("known.toml")
+    known.write_text(f'[object.mesh]\npath = "{mesh.name}"\n')
+    _quietly(lambda: load_knowledge(str(known)))
+
+
+def _state(path: Path, _: random.Random) -> None:
+    _quietly(lambda: load(path))
+
+
+def _quietly(call: Callable[[], object]) -> None:
+    """Call, which may be refused in one line, and says nothing else."""
+    said = io.StringIO()
+    try:
+        with redirect_stdout(said), redirect_stderr(said):
+            call()
+    except ContactTrackerError as error:
+        if not str(error).isprintable():
+            raise Violation(f"an error of several lines: {error}") from error
+    if said.getvalue():
+        raise Violation(f"said {said.getvalue()!r}")
+
+
+def _stream(path: Path, rng: random.Random) -> None:
+    """Poses as they come go through the gate; as they are they are refused or are sound."""
+    seed = int.from_bytes(path.read_bytes(), "little")
+    poses = mutations.poses_of(rng.choice(corpus.streams()), random.Random(seed))
+    model = load_model()
+    try:
+        adaptation.advance(adaptation.start(model), poses)
+    except ContactTrackerError as error:
+        if not str(error).isprintable():
+            raise Violation(f"an error of several lines: {error}") from error
+    state, beliefs = adaptation.advance(adaptation.start(model), gate(poses))
+    for belief in [*beliefs, *adaptation.finish(state)[1]]:
+        total = belief.probability.sum()
+        if not (belief.probability >= 0.0).all() or not abs(total - 1.0) < 1e-9:
+            raise Violation(f"not a distribution: {belief.probability}")
+
+
+def _of(seeds: Callable[[], tuple[bytes, ...]], *ways: Callable[[bytes, random.Random], bytes]):
+    return lambda rng: rng.choice(ways)(rng.choice(seeds()), rng)
+
+
+TARGETS = {
+    "recording": Target(
+        ".mcap",
+        _of(corpus.recordings, mutations.bytes_of, mutations.records_of, mutations.records_of),
+        _recording,
+    ),
+    "model": Target(".toml", _of(corpus.models, mutations.text_of), _model),
+    "known": Target(".toml", _of(corpus.known_files, mutations.text_of), _known),
+    "mesh": Target(".mesh", _of(corpus.meshes, mutations.bytes_of, mutations.text_of), _mesh),
+    "state": Target(".state", _of(corpus.states, mutations.bytes_of), _state),
+    "stream": Target(".seed", lambda rng: rng.randbytes(8), _stream),
+}
