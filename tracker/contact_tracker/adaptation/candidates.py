@@ -70,7 +70,7 @@ def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
     ratio = (
         float(np.clip(sigma[1] / sigma[0], *ROTATION_PER_POSITION)) if known else USUAL_ROTATION_PER_POSITION
     )
-    span_s = float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9
+    span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9
     count = max(len(poses) * model.tick_s / max(span_s, model.tick_s), 1.0)
     white = tick_variances(begin(*sigma) if known else begin(0.0, 0.0), np.array(count), model)
     least = float(white.prod()) ** 0.25
