@@ -5,7 +5,7 @@ import json
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
-from contact_tracker.cli.terminal import warn
+from contact_tracker.cli.terminal import show, warn
 from contact_tracker.errors import NoPoses
 
 if TYPE_CHECKING:
@@ -38,9 +38,10 @@ def run(args: argparse.Namespace) -> int:
         summary = replace(summary, sources=tuple(source for source, _ in sources))
         reports = {source.source: adapted for source, adapted in sources}
     if args.json:
-        print(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
+        show(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
     else:
-        print("\n".join(summary_lines(summary, reports)))
+        for line in summary_lines(summary, reports):
+            show(line)
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not any(source.poses for source in summary.sources):
