@@ -46,6 +46,7 @@ SINGLE_IMPORTER = {
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}
+PRINTS = "cli/terminal.py"
 MAX_LINES = 500
 
 
@@ -135,6 +136,17 @@ def test_the_core_does_no_io(path: Path) -> None:
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             assert node.func.id not in IO_CALLS, f"line {node.lineno}: the core calls {node.func.id}"
+
+
+@pytest.mark.parametrize("path", [p for p in PARTS if ids(p) not in READS_FILES | {PRINTS}], ids=ids)
+def test_only_one_file_prints(path: Path) -> None:
+    """It makes printable what it is given."""
+    for node in ast.walk(tree(path)):
+        match node:
+            case ast.Call(func=ast.Name("print")):
+                pytest.fail(f"line {node.lineno}: only {PRINTS} prints")
+            case ast.Attribute(ast.Attribute(ast.Name("sys"), "stdout" | "stderr"), "write" | "writelines"):
+                pytest.fail(f"line {node.lineno}: only {PRINTS} prints")
 
 
 @pytest.mark.parametrize("path", sources(), ids=ids)

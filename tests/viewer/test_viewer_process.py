@@ -4,6 +4,7 @@ import os
 import shlex
 import signal
 import socket
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 import rerun_cli
 
 from contact_tracker.errors import ViewerError
+from contact_tracker.viewer import SILENT
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.sinks import to_viewer
 
@@ -107,3 +109,33 @@ def test_a_viewer_is_not_what_lies_in_the_folder_at_hand(
     with pytest.raises(ViewerError):
         LiveViewer(sink=to_viewer(free_port))
     assert not Path("taken").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [(None, None), (SILENT, None), ("debug", "RUST_LOG=debug")],
+    ids=["no", "ours", "theirs"],
+)
+def test_a_viewer_logs_as_the_user_says(
+    given: str | None, kept: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
+) -> None:
+    monkeypatch.delenv("RUST_LOG", raising=False)
+    if given is not None:
+        monkeypatch.setenv("RUST_LOG", given)
+    stand_in(tmp_path, monkeypatch, f"env > {shlex.quote(str(tmp_path / 'note'))}")
+    with pytest.raises(ViewerError):
+        LiveViewer(sink=to_viewer(free_port))
+    lines = (tmp_path / "note").read_text().splitlines()
+    assert [line for line in lines if line.startswith("RUST_LOG=")] == ([kept] if kept else [])
+
+
+@pytest.mark.parametrize("level", [SILENT, "debug"])
+def test_rerun_keeps_its_log_to_itself(level: str) -> None:
+    """It would write lines, and colours, of its own; this is the quickest way to some."""
+    program = "import rerun as rr; rr.RecordingStream('test').memory_recording()"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(
+        command, env=os.environ | {"RUST_LOG": level}, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0
+    assert (done.stderr == "") == (level == SILENT)

@@ -15,11 +15,20 @@ T = TypeVar("T")
 
 
 class Runner:
-    """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is told after each."""
+    """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is told after each.
 
-    def __init__(self, processes: int, done: Callable[[], None] | None = None) -> None:
+    ``prepare`` is what other processes than this one do first.
+    """
+
+    def __init__(
+        self,
+        processes: int,
+        done: Callable[[], None] | None = None,
+        prepare: Callable[[], None] | None = None,
+    ) -> None:
         self._processes = processes
         self._done = done or (lambda: None)
+        self._prepare = prepare
 
     def __call__(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
         """Results in the order of ``jobs``; the first exception ends the others.
@@ -35,7 +44,7 @@ class Runner:
         results: dict[int, T] = {}
         waiting = iter(range(len(jobs)))
         at_work: dict[Connection, int] = {}
-        with _workers(processes) as pipes:
+        with _workers(processes, self._prepare) as pipes:
             idle = list(pipes)
             while len(results) < len(jobs):
                 for pipe, number in zip(idle, waiting, strict=False):
@@ -52,7 +61,7 @@ class Runner:
 
 
 @contextmanager
-def _workers(count: int) -> Iterator[list[Connection]]:
+def _workers(count: int, prepare: Callable[[], None] | None) -> Iterator[list[Connection]]:
     """Our ends of the pipes to so many processes, which end with this context."""
     for library in ("OMP", "OPENBLAS", "MKL"):  # as many processes as cores: each takes one
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
@@ -62,7 +71,7 @@ def _workers(count: int) -> Iterator[list[Connection]]:
         with kept_from_children():
             for _ in range(count):
                 ours, theirs = context.Pipe()
-                process = context.Process(target=_work, args=(theirs,), daemon=True)
+                process = context.Process(target=_work, args=(theirs, prepare), daemon=True)
                 process.start()
                 theirs.close()  # or nobody would notice its end
                 pipes.append(ours)
@@ -76,9 +85,11 @@ def _workers(count: int) -> Iterator[list[Connection]]:
             pipe.close()
 
 
-def _work(pipe: Connection) -> None:
+def _work(pipe: Connection, prepare: Callable[[], None] | None) -> None:
     """In a process of its own: jobs in, results or exceptions out, for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent, which ends its children
+    if prepare is not None:
+        prepare()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # whoever wants to know has ended
         while True:
             function, arguments = pipe.recv()

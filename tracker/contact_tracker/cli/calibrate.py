@@ -13,7 +13,7 @@ from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
 from contact_tracker.cli.status import DAMAGED, DONE
-from contact_tracker.cli.terminal import progress, say, warn
+from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
 
@@ -112,9 +112,9 @@ def run(args: argparse.Namespace) -> int:
             done += 1
             set_done(done)
 
-        found = calibrate(plan, Runner(args.processes, count))
+        found = calibrate(plan, Runner(args.processes, count, take_over_warnings))
     _write(found, args)
-    print(to_text(found))
+    show(to_text(found))
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
         loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
         warn(f"worse on recordings held out: log-loss {loss}; --only leaves out what does harm")

@@ -7,7 +7,7 @@ from contact_tracker.cli.arguments import add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
-from contact_tracker.cli.terminal import fail, progress, warn
+from contact_tracker.cli.terminal import fail, progress, show, warn
 from contact_tracker.errors import AmbiguousSource, InputError, NoPoses
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
             code = code or DAMAGED
     if evaluations:
         report = Report(evaluations)
-        print(report.to_json() if args.json else report.to_text())
+        show(report.to_json() if args.json else report.to_text())
     return code
 
 

@@ -5,7 +5,7 @@ import json
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
-from contact_tracker.cli.terminal import warn
+from contact_tracker.cli.terminal import show, warn
 from contact_tracker.errors import NoPoses
 
 if TYPE_CHECKING:
@@ -42,9 +42,10 @@ def run(args: argparse.Namespace) -> int:
     tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
     reports = {source.source: _adapted(source) for source in tracked}
     if args.json:
-        print(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
+        show(json.dumps(summary_json(summary, reports), indent=1, allow_nan=False))
     else:
-        print("\n".join(summary_lines(summary, reports)))
+        for line in summary_lines(summary, reports):
+            show(line)
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not any(source.poses for source in summary.sources):

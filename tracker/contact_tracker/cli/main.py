@@ -9,15 +9,14 @@ import os
 import signal
 import sys
 import threading
-import warnings
 from collections.abc import Sequence
 from typing import Any, Final, NoReturn
 
-from contact_tracker import __version__
+from contact_tracker import __version__, viewer
 from contact_tracker.cli import calibrate, evaluate, info, live, segment, simulate, view
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
-from contact_tracker.cli.terminal import fail, warn
-from contact_tracker.errors import ContactTrackerError, SlowUpdate, UsageError
+from contact_tracker.cli.terminal import fail, show, take_over_warnings
+from contact_tracker.errors import ContactTrackerError, UsageError
 
 COMMANDS: Final = (live, segment, view, info, simulate, evaluate, calibrate)
 
@@ -25,8 +24,6 @@ DESCRIPTION: Final = """\
 Tell from the poses of one rigid object how it touches its world: which principal contact holds
 (f-f e-f f-e v-f f-v e-e, the object's face, edge or vertex first; or free), how sure that is,
 and where the touching plane, line or point lies. Shapes and surroundings need not be known."""
-
-_usual_warning: Final = warnings.showwarning
 
 EPILOG: Final = f"""\
 example:
@@ -52,7 +49,7 @@ class Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         from contact_tracker.hypotheses import compiled
 
-        print(f"contact-tracker {__version__} ({compiled.described()})")
+        show(f"contact-tracker {__version__} ({compiled.described()})")
         parser.exit()
 
 
@@ -80,7 +77,8 @@ def run(argv: Sequence[str] | None = None) -> int:
     # matrices are small here: more threads only wait for each other
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    os.environ.setdefault("RUST_LOG", viewer.SILENT)
+    take_over_warnings()
     if threading.current_thread() is threading.main_thread():
         _end_in_order("SIGTERM", "SIGHUP")
     code = _run(argv)
@@ -93,14 +91,6 @@ def run(argv: Sequence[str] | None = None) -> int:
             fail(f"cannot write to stdout: {error.strerror}")
             return INPUT
     return code
-
-
-def _show_warning(message: Warning | str, category: type[Warning], *where: Any) -> None:
-    """Ours in one line, without where in the code it was raised; others as usual."""
-    if issubclass(category, SlowUpdate):
-        warn(str(message))
-    else:
-        _usual_warning(message, category, *where)
 
 
 def _run(argv: Sequence[str] | None) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
-from contact_tracker.cli.terminal import progress
+from contact_tracker.cli.terminal import progress, show
 from contact_tracker.cli.workers import add_processes, workers
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:
     from contact_tracker.outputs.text import table
 
     for line in table(segments, origin_ns):
-        print(line)
+        show(line)
     sys.stdout.flush()
 
 

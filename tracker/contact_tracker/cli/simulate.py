@@ -6,7 +6,7 @@ from typing import Final
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.replacement import add_overwrite, check_output
 from contact_tracker.cli.status import DONE
-from contact_tracker.cli.terminal import say
+from contact_tracker.cli.terminal import say, show
 from contact_tracker.errors import UsageError
 
 HELP: Final = "make a labelled recording"
@@ -56,5 +56,5 @@ def _list(seed: int) -> int:
         contacts = " ".join(phase.contact.value for phase in made.phases)
         seconds = sum(phase.duration_s for phase in made.phases)
         size = f"{made.rate_hz:5.0f} Hz {seconds:5.0f} s"
-        print(f"{name:<18}{size}  {made.object} on {made.surroundings}: {contacts}")
+        show(f"{name:<18}{size}  {made.object} on {made.surroundings}: {contacts}")
     return DONE

@@ -1,11 +1,22 @@
-"""What goes to stderr: messages always, progress and status only where somebody watches."""
+"""All that a command prints. Whatever names are in it, they do not steer the terminal.
 
+Data go to stdout, messages to stderr; progress and status only where somebody watches.
+"""
+
+import logging
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from contact_tracker.errors import printable
+from contact_tracker.errors import SlowUpdate, printable
+
+
+def show(text: str) -> None:
+    """Lines of data."""
+    for line in text.split("\n"):
+        print(printable(line))
 
 
 def say(message: str) -> None:
@@ -21,10 +32,27 @@ def fail(message: str) -> None:
     say(f"error: {message}")
 
 
+def take_over_warnings() -> None:
+    """Have what Python and libraries warn of, and what these log, come out as our own warnings do."""
+    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    logging.lastResort = _LogLine(logging.WARNING)
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *_: Any) -> None:
+    """In one line, without where in the code it was raised."""
+    text = " ".join(str(message).split())
+    warn(text if issubclass(category, SlowUpdate) else f"{category.__name__}: {text}")
+
+
+class _LogLine(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        warn(f"{record.name}: {' '.join(record.getMessage().split())}")
+
+
 @contextmanager
 def progress(label: str, unit: str) -> Iterator[Callable[[int], None]]:
     """A counter on a terminal's stderr; gives the function that sets how many units are done."""
-    with _bar(desc=label, unit=f" {unit}") as bar:
+    with _bar(desc=printable(label), unit=f" {unit}") as bar:
 
         def set_done(done: int) -> None:
             bar.update(done - bar.n)
@@ -47,12 +75,12 @@ class StatusLine:
     def show(self, text: Callable[[], str]) -> None:
         """Rewrite the status, at most ten times a second; ``text`` is called only then."""
         if not self._bar.disable and self._bar.update():
-            self._bar.set_description_str(text())
+            self._bar.set_description_str(printable(text()))
 
     def print(self, line: str) -> None:
         """Write a line of data to stdout at once, above the status."""
         with self._bar.external_write_mode(sys.stdout):
-            print(line, flush=True)
+            print(printable(line), flush=True)
 
 
 def _bar(**options: Any) -> Any:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from contact_tracker.cli.terminal import take_over_warnings
 from contact_tracker.errors import ContactTrackerError
 from contact_tracker.interrupts import kept_from_children
 
@@ -40,7 +41,7 @@ def workers(processes: int) -> "Iterator[Executor | None]":
     from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import get_context
 
-    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"), _end_with_parent)
+    executor = ProcessPoolExecutor(processes - 1, get_context("spawn"), _begin)
     try:
         with kept_from_children():
             for _ in range(processes - 1):
@@ -53,8 +54,14 @@ def workers(processes: int) -> "Iterator[Executor | None]":
         executor.shutdown(cancel_futures=True)
 
 
+def _begin() -> None:
+    """In a process of its own."""
+    take_over_warnings()
+    _end_with_parent()
+
+
 def _end_with_parent() -> None:
-    """In a process of its own: it would wait for more to do for ever once nobody is left to ask it."""
+    """Once nobody is left to ask for more, it would wait for ever."""
     from multiprocessing import parent_process
     from os import _exit
     from threading import Thread

@@ -8,6 +8,7 @@ from functools import reduce
 from operator import add
 from typing import Any, Final
 
+from contact_tracker.errors import printable
 from contact_tracker.evaluation.evaluate import Evaluation
 from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.metrics import Array, Tally, quantile
@@ -87,6 +88,7 @@ _GEOMETRY: Final = ("recording", "found", "angle deg", "90 %", "distance mm", "9
 
 
 def _short(name: str) -> str:
+    name = printable(name)
     return name if len(name) <= WIDEST_NAME else "…" + name[1 - WIDEST_NAME :]
 
 

@@ -13,6 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from contact_tracker.errors import ViewerError
+from contact_tracker.viewer import SILENT
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 9876
@@ -97,7 +98,10 @@ def _environment() -> dict[str, str]:
     rerun does so unless told otherwise, and notes that as a choice in its settings the first time it runs, so
     these do not say what the user wants. It heeds ``CI``, and before that ``FORCE_RERUN_ANALYTICS``.
     """
-    return {"CI": "true", **os.environ}
+    environment = {"CI": "true", **os.environ}
+    if environment.get("RUST_LOG") == SILENT:
+        del environment["RUST_LOG"]  # meant for this process; the viewer shows its log in its window
+    return environment
 
 
 def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:
