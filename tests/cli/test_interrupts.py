@@ -105,6 +105,17 @@ def test_background_jobs_that_ignore_interrupts_go_on_ignoring_them() -> None:
     assert done.returncode == 0
 
 
+def run_interruptible(program: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=9,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+
+
 def test_an_interrupt_that_python_cannot_raise_comes_again() -> None:
     program = """
 import signal, time
@@ -119,12 +130,25 @@ try:
 except KeyboardInterrupt:
     print("interrupted")
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=9,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    done = run_interruptible(program)
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
+def test_what_an_interrupt_has_left_half_made_goes_in_silence() -> None:
+    program = """
+import signal
+from contact_tracker.interrupts import wait_for_imports
+wait_for_imports()
+class Half:
+    def __init__(self):
+        signal.raise_signal(signal.SIGINT)
+        self.whole = True
+    def __del__(self):
+        self.whole
+try:
+    Half()
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    done = run_interruptible(program)
     assert (done.stdout, done.stderr) == ("interrupted\n", "")

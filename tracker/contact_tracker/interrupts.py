@@ -57,6 +57,7 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
             _interrupt_again()
             return
         frame = frame.f_back
+    sys.unraisablehook = _unraisable_after
     raise KeyboardInterrupt
 
 
@@ -78,3 +79,9 @@ def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
         _interrupt_again()
     else:
         sys.__unraisablehook__(raised)
+
+
+def _unraisable_after(raised: "UnraisableHookArgs", /) -> Any:
+    """Objects that an interrupt has left half made fail once more when they go: that tells nobody anything."""
+    if issubclass(raised.exc_type, KeyboardInterrupt):
+        _interrupt_again()
