@@ -82,6 +82,6 @@ def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
 
 
 def _unraisable_after(raised: "UnraisableHookArgs", /) -> Any:
-    """Objects that an interrupt has left half made fail once more when they go: that tells nobody anything."""
+    """Objects that an interrupt has left half made fail once more when they go: that tells nobody much."""
     if issubclass(raised.exc_type, KeyboardInterrupt):
         _interrupt_again()
