@@ -152,3 +152,24 @@ except KeyboardInterrupt:
 """
     done = run_interruptible(program)
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
+def test_an_interrupt_waits_until_children_have_started() -> None:
+    """Also one that reaches the process by way of another thread, which blocks nothing."""
+    program = """
+import os, signal, threading, time
+from contact_tracker.interrupts import kept_from_children, wait_for_imports
+wait_for_imports()
+def interrupt():
+    time.sleep(0.1)
+    signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+threading.Thread(target=interrupt).start()
+try:
+    with kept_from_children():
+        time.sleep(0.3)
+        started = True
+except KeyboardInterrupt:
+    print(started)
+"""
+    done = run_interruptible(program)
+    assert (done.stdout, done.stderr) == ("True\n", "")

@@ -3,6 +3,7 @@
 import _thread
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,6 +39,22 @@ def kept_from_children() -> Iterator[None]:
 
     A terminal interrupts all processes of a command, but one of them has to say what becomes of the others.
     """
+    waiting = []
+    ours = threading.current_thread() is threading.main_thread()  # only there can handlers be set
+    handler = signal.signal(signal.SIGINT, lambda *_: waiting.append(True)) if ours else None
+    try:
+        with _blocked():
+            yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, handler)
+            if waiting:
+                signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def _blocked() -> Iterator[None]:
+    """Children inherit that it is blocked in this thread; to us it may still come by way of another one."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -71,7 +88,7 @@ def _interrupt_again() -> None:
         else:
             _thread.interrupt_main()
 
-    _thread.start_new_thread(after_a_while, ())  # threading itself may be what is being imported
+    _thread.start_new_thread(after_a_while, ())
 
 
 def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
@@ -82,6 +99,6 @@ def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
 
 
 def _unraisable_after(raised: "UnraisableHookArgs", /) -> Any:
-    """Objects that an interrupt has left half made fail once more when they go: that tells nobody much."""
+    """Objects that an interrupt has left half made fail once more as they go: that tells nobody anything."""
     if issubclass(raised.exc_type, KeyboardInterrupt):
         _interrupt_again()
