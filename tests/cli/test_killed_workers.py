@@ -80,6 +80,7 @@ def test_helpers_end_with_the_process_that_started_them(arguments: list[str], tm
         while len(helpers := helpers_of(process.pid)) < 2:
             assert process.poll() is None
             time.sleep(0.01)
+        time.sleep(0.3)  # until then it is multiprocessing that starts them
         process.kill()
         process.wait()
     give_up = time.monotonic() + 60
