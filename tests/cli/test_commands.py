@@ -583,4 +583,4 @@ def test_a_state_that_does_not_fit_is_refused_in_one_line(tmp_path: Path) -> Non
     assert_one_line_error(run("live", RECORDING, "--state", state, "--start", "1"), 2, "--state")
     state.write_bytes(state.read_bytes()[:-2000])
     assert_one_line_error(run("live", RECORDING, "--state", state), 1, "no saved state")
-    assert_one_line_error(run("live", RECORDING, "--state", tmp_path), 1, "no regular file")
+    assert_one_line_error(run("live", RECORDING, "--state", tmp_path), 1, "it is a folder")

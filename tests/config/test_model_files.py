@@ -355,3 +355,13 @@ def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path, k
     with pytest.raises(ModelError, match="parts"):
         load_model(str(path))
     assert time.process_time() - begin_s < 2.0, "the parser would take minutes"
+
+
+@pytest.mark.parametrize("filling", ["\n", " ", "\t", "{", ",", '"', "'", ", ", "a.", ",a", '{"'])
+def test_the_search_for_such_keys_is_linear(tmp_path: Path, filling: str) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text("x = 1 # " + "." * 100 + "\n!" + filling * (900_000 // len(filling)))
+    begin_s = time.process_time()
+    with pytest.raises(ModelError):
+        load_model(str(path))
+    assert time.process_time() - begin_s < 5.0, "quadratic time would be hours"

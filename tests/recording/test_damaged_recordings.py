@@ -233,7 +233,7 @@ def test_a_few_bytes_never_become_work_without_bound(
     tmp_path: Path, records: bytes, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counted = list[int]()
-    monkeypatch.setattr(WorkBudget, "records", _counting(counted))
+    monkeypatch.setattr(WorkBudget, "count_records", _counting(counted))
     path = _claiming(tmp_path / "a.mcap", Opcode.CHUNK, size, records)
     tracemalloc.start()
     found, damage = read(path)
@@ -249,13 +249,24 @@ def test_a_few_bytes_never_become_work_without_bound(
 
 
 def _counting(counted: list[int]) -> Callable[[WorkBudget, int], None]:
-    original = WorkBudget.records
+    original = WorkBudget.count_records
 
     def records(budget: WorkBudget, many: int) -> None:
         counted.append(many)
         original(budget, many)
 
     return records
+
+
+def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
+    """Nothing real compresses better."""
+    count, path = 100_000, tmp_path / "rest.mcap"
+    stamps = START_NS + 5_000_000 * np.arange(count)
+    rest = Poses(stamps, np.tile([0.1, 0.2, 0.3], (count, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    write_recording(str(path), rest, None, {})
+    log = open_log(str(path))
+    assert sum(map(len, log.batches())) == count
+    assert log.damage is None
 
 
 def test_a_compressed_file_that_claims_gigabytes_is_read_as_far_as_its_bytes_explain(tmp_path: Path) -> None:

@@ -22,13 +22,12 @@ ENOUGH: Final = 3
 class Clearance(NamedTuple):
     """``poses`` in which a vertex was inside a face by more than what is known allows, how ``deep_m`` at
     most, and which ``vertex`` in which ``face``; how far off the ``nearest`` face the object has stayed
-    (``gap_m``), more than what is known allows, in ``total`` poses."""
+    (``gap_m``), more than what is known allows."""
 
     poses: int = 0
     deep_m: float = 0.0
     vertex: str = ""
     face: str = ""
-    total: int = 0
     gap_m: float = inf
     nearest: str = ""
 
@@ -43,7 +42,6 @@ def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
     place = np.array([point.point_m for _, point in points])
     spread = np.array([_spread_m(point) for _, point in points])
     world = np.einsum("nij,vj->nvi", poses.rotation, place) + poses.position_m[:, None]
-    found = found._replace(total=found.total + len(poses))
     for name, plane in faces:
         if not isinstance(plane, Plane):
             continue
@@ -79,7 +77,7 @@ def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]
 
     Of an object of which not all vertices are given it is not known.
     """
-    if not knowledge.object_complete or not found.total or not 0.0 < found.gap_m < inf:
+    if not knowledge.object_complete or not 0.0 < found.gap_m < inf:
         return ()
     text = (
         f"the object as given stays more than {1e3 * found.gap_m:.0f} mm off {found.nearest}, the nearest "

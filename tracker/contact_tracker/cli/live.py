@@ -50,7 +50,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker import adaptation
-    from contact_tracker.cli.saved_stream import SavedStream
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
 
@@ -70,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
+            from contact_tracker.cli.saved_stream import SavedStream
+
             saved = SavedStream(args.state, state, log, source, printer, follow)
             state = saved.state
 

@@ -6,8 +6,10 @@ from typing import Any, Final
 
 MOST_PARTS: Final = 64
 _KEY_PART: Final = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_BLANK: Final = r"[ \t]*+"  # given back to nobody: the search takes linear time whatever the text
 _LONG_KEY: Final = re.compile(
-    rf"(?:^|[{{,])\s*\[{{0,2}}\s*{_KEY_PART}(?:\s*\.\s*{_KEY_PART}){{{MOST_PARTS},}}", re.MULTILINE
+    rf"(?:^|[{{,]){_BLANK}\[{{0,2}}+{_BLANK}{_KEY_PART}(?:{_BLANK}\.{_BLANK}{_KEY_PART}){{{MOST_PARTS},}}",
+    re.MULTILINE,
 )
 
 

@@ -110,7 +110,7 @@ class ByteStream:
         try:
             if self._inflated is None:
                 data = self._plain.read(count)
-                self.budget.read(len(data))
+                self.budget.count_read(len(data))
                 return data
             self.budget.check_record(self.budget.bytes_read, count)
             part = self._inflated.read(min(count, _BLOCK))
@@ -146,7 +146,7 @@ class _Counted(RawIOBase):
 
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(size)
-        self._budget.read(len(data))
+        self._budget.count_read(len(data))
         return data
 
 

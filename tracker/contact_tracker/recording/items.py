@@ -147,7 +147,7 @@ def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
             raise ValueError(f"a record of the kind {opcode} in a chunk")
         is_message = opcode == Opcode.MESSAGE and size >= MESSAGE_HEAD.size
         run = Run(opcode, at, size, _alike(data, first, RECORD_HEAD.size + size) if is_message else 1)
-        budget.records(run.many)
+        budget.count_records(run.many)
         yield run
         first = run.end
 

@@ -1,7 +1,7 @@
 """How much work a file may cause: bounded by the bytes that were read of it.
 
-Compression lets a few bytes claim gigabytes, or millions of records. Real poses stay far below these bounds:
-one of an object at rest takes 24 bytes of a zstd chunk, and noisy ones are halved.
+Compression lets a few bytes claim gigabytes, or millions of records. Poses stay below these bounds even where
+an object rests and is written without noise (``tests/recording/test_damaged_recordings.py``).
 """
 
 from typing import Final
@@ -32,7 +32,7 @@ class WorkBudget:
         self._inflated = 0
         self._records = 0
 
-    def read(self, count: int) -> None:
+    def count_read(self, count: int) -> None:
         """So many bytes more were read from the file, as they lie on the disk."""
         self._read += count
 
@@ -53,7 +53,7 @@ class WorkBudget:
         """As they lie on the disk."""
         return self._read
 
-    def records(self, many: int) -> None:
+    def count_records(self, many: int) -> None:
         """So many records, or poses in them, are to be looked at; raises TooMuchWork."""
         self._records += many
         if self._records > _RECORDS + self._read // _BYTES_PER_RECORD:

@@ -162,7 +162,9 @@ class PoseLog:
                 continue
             for frame_id, child_frame_id, pose in observations:
                 if not self._is_meant(item.channel, frame_id, child_frame_id):
-                    self._meet(PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id))
+                    self._note_other(
+                        PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id)
+                    )
                     continue
                 self.taken += 1
                 if self.taken <= self._skipped:
@@ -172,7 +174,7 @@ class PoseLog:
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
                 yield from admit(pose)
 
-    def _meet(self, other: PoseSource) -> None:
+    def _note_other(self, other: PoseSource) -> None:
         """A pose of another source: of one that fits as well, or of the same body in another parent frame."""
         fits = self._frame is None or other.is_named(self._frame)
         if not fits and (not other.child_frame_id or other.child_frame_id != self.source.child_frame_id):

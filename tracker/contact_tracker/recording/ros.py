@@ -51,16 +51,16 @@ class RosDecoder:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
             if data.startswith(ZSTD_MAGIC):
                 data = inflate_zstd(data, MESSAGE_LIMIT)
-            self._explain(message, len(data) // BYTES_PER_RECORD)
+            self._count_work(message, len(data) // BYTES_PER_RECORD)
             return decoder(data)
         except (*PARSE_ERRORS, TypeError, AttributeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
 
-    def _explain(self, message: RawMessage, records: int) -> None:
+    def _count_work(self, message: RawMessage, records: int) -> None:
         """Count the work beyond that of one record; raises Undecodable where the file does not explain it."""
         if records and self._budget is not None:
             try:
-                self._budget.records(records)
+                self._budget.count_records(records)
             except TooMuchWork as error:
                 raise Undecodable(f"{message.channel.topic}: {error}") from error
 
@@ -71,7 +71,7 @@ class RosDecoder:
             self._current, self._known = channel, self._layouts.setdefault(channel, Layouts(channel.type))
         observations = self._known.read(message.data)
         if observations is not None:
-            self._explain(message, len(observations) - 1)
+            self._count_work(message, len(observations) - 1)
             return observations
         observations = self._observe(message)
         with suppress(Undecodable):

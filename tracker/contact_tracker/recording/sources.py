@@ -125,7 +125,7 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
         for channel_id in unplaced.keys() & starts[start]:
             beginning.setdefault(start, set()).add(unplaced.pop(channel_id))
     messages, budget = list[RawMessage](), WorkBudget()
-    budget.read(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
+    budget.count_read(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
     for start, channels in beginning.items():
         with open_stream(part, budget=budget) as stream:
             loop = RecordLoop(stream, channels.__contains__, summary, start)

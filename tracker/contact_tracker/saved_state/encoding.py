@@ -124,12 +124,14 @@ class Decoder:
         if tree is None or isinstance(tree, bool | int | float | str):
             return tree
         if not isinstance(tree, list) or not tree or depth > DEEPEST:
-            raise _NOT_OURS
+            raise _not_ours()
         kind, *rest = tree
         match kind, rest:
             case "scalar", [int() as number]:
                 array = self._array(number)
-                return array[()] if array.ndim == 0 else _refuse()
+                if array.ndim:
+                    raise _not_ours()
+                return array[()]
             case "member", [str() as name, str() as member]:
                 return _member(name, member)
             case "tuple", _:
@@ -155,18 +157,18 @@ class Decoder:
                 return Counter(dict(pairs)) if kind == "Counter" else dict(pairs)
             case "object", [str() as name, *items] if name in _CLASSES:
                 return self._object(_CLASSES[name], [self.decode(one, depth + 1) for one in items])
-        raise _NOT_OURS
+        raise _not_ours()
 
     def _pair(self, pair: Any, depth: int) -> tuple[Any, Any]:
         if not isinstance(pair, list) or len(pair) != 2:
-            raise _NOT_OURS
+            raise _not_ours()
         key, value = (self.decode(one, depth + 1) for one in pair)
         return key, value
 
     def _object(self, one: type, items: list[Any]) -> Any:
         names = field_names(one)
         if len(items) != len(names):
-            raise _NOT_OURS
+            raise _not_ours()
         if one.__name__ not in _EMPTY:
             return one(**dict(zip(names, items, strict=True)))
         value = _EMPTY[one.__name__]()
@@ -175,19 +177,16 @@ class Decoder:
 
     def _array(self, number: int) -> NDArray[Any]:
         if not 0 <= number < len(self._arrays):
-            raise _NOT_OURS
+            raise _not_ours()
         return self._arrays[number]
 
 
-_NOT_OURS: Final = StateError("it is no saved state")
-
-
-def _refuse() -> Any:
-    raise _NOT_OURS
+def _not_ours() -> StateError:
+    return StateError("it is no saved state")
 
 
 def _member(name: str, member: str) -> Any:
     one = _CLASSES.get(name)
     if one is None or not issubclass(one, enum.Enum) or member not in one.__members__:
-        raise _NOT_OURS
+        raise _not_ours()
     return one[member]
