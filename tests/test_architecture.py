@@ -27,6 +27,7 @@ LAYERS = (
     ("recording", "simulate", "evaluation", "prior_map_files", "saved_state", "interrupts"),
     ("calibration", "outputs"),
     ("viewer",),
+    ("exports",),
     ("cli",),
 )
 FIRST_EDGE_LAYER = LAYERS.index(("adaptation",)) + 1
@@ -41,6 +42,12 @@ SINGLE_IMPORTER = {
     "mcap_ros2": "recording",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
+    "foxglove": "exports/foxglove_scene.py",
+    "matplotlib": "exports/figure.py",
+    "pandas": "exports/pandas_table.py",
+    "plotly": "exports/report_html.py",
+    "polars": "exports/polars_table.py",
+    "pyarrow": "exports/parquet.py",
     "tqdm": "cli",
     "argparse": "cli",
 }

@@ -22,9 +22,10 @@ def fail(message: str) -> None:
 
 
 @contextmanager
-def progress(label: str, unit: str) -> Iterator[Callable[[int], None]]:
-    """A counter on a terminal's stderr; gives the function that sets how many units are done."""
-    with _bar(desc=label, unit=f" {unit}") as bar:
+def progress(label: str, unit: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
+    """A counter on a terminal's stderr, a bar where the ``total`` is known; gives the function that sets how
+    many units are done."""
+    with _bar(desc=label, unit=f" {unit}", total=total) as bar:
 
         def set_done(done: int) -> None:
             bar.update(done - bar.n)
