@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
+from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.terminal import progress
+from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from contact_tracker.motion.poses import Pose

@@ -29,7 +29,8 @@ _GEOMETRY: Final = _element_kinds("object") | _element_kinds("environment")
 _LABEL: Final[dict[str, Kind]] = {"contact": "text", "probability": "number", "inseparable": "text"}
 _TICK: Final[dict[str, Kind]] = {"stamp_ns": "integer", "onset_ns": "integer"}
 _SPAN: Final[dict[str, Kind]] = {"start_ns": "integer", "end_ns": "integer"}
-_POSTERIOR: Final[dict[str, Kind]] = {name: "number" for name in PROBABILITIES}
+_NUMBER: Final[Kind] = "number"
+_POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
 BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY
 SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY
 

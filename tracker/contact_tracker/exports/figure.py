@@ -1,4 +1,4 @@
-"""A figure for papers and notebooks: labels as a ribbon over the posteriors; matplotlib comes with the extra ``plot``."""
+"""A figure for papers and notebooks, drawn by matplotlib, which comes with the extra ``plot``."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ _NAMED: Final = 0.03
 
 
 def draw_figure(found: Segmentation, origin_ns: int) -> Figure:
-    """A ribbon of the segments, and below it the posterior of each state, over seconds after ``origin_ns``."""
+    """A ribbon of the segments, and below it the posterior of each state; time counts from ``origin_ns``."""
     figure = Figure(figsize=(10.0, 4.5), layout="constrained")
     ribbon, posterior = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 4.0))
     seconds = (found.stamp_ns - origin_ns) * 1e-9

@@ -1,4 +1,4 @@
-"""What Foxglove draws: beliefs to plot, frames and the touching elements in 3D, beside a recording's channels.
+"""What Foxglove draws: beliefs to plot, frames and the touching elements, beside a recording's channels.
 
 foxglove-sdk, which knows the messages, comes with the extra ``foxglove``.
 """
@@ -70,8 +70,13 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
     element = {
         "type": "object",
         "properties": {
-            **{name: {"type": "string"} for name in ("type", "name", "unobserved")},
-            **{name: numbers for name in ("axis", "point_m", "axis_sd", "point_sd_m")},
+            "type": {"type": "string"},
+            "name": {"type": "string"},
+            "axis": numbers,
+            "point_m": numbers,
+            "axis_sd": numbers,
+            "point_sd_m": numbers,
+            "unobserved": {"type": "string"},
         },
     }
     schema: dict[str, Any] = {

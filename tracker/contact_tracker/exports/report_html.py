@@ -15,7 +15,6 @@ from contact_tracker import __version__
 from contact_tracker.errors import printable
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
-from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES

@@ -27,6 +27,7 @@ LIBRARIES: Final = {
     ".mcap": Library("foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
     ".html": Library("report_html", "report", "a report"),
 }
+SUFFIXES: Final = (".csv", ".jsonl", *LIBRARIES, ".srt")
 WHOLE: Final = (".mcap", ".html")
 """Outputs that are made of all of a recording at once: it is kept in memory until then."""
 

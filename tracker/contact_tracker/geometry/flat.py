@@ -15,8 +15,8 @@ def flat(element: Element | None) -> dict[str, Any]:
     """``type``, ``name``, ``axis``, ``point_m``, their standard deviations and ``unobserved`` of an element.
 
     ``axis`` (3,) is the normal of a face, the direction of an edge, and zero of a vertex; ``point_m`` (3,)
-    lies on the element: of a face the point nearest to the origin of its frame. ``unobserved`` is JSON text. All
-    keys are there in any case, with values of one type but for standard deviations that are unknown (None).
+    lies on the element: of a face the point nearest to the origin of its frame. ``unobserved`` is JSON text.
+    All keys are there in any case, with values of one type but for unknown standard deviations (None).
     """
     zero, none = np.zeros(3), np.full(3, np.nan)
     axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, NONE
