@@ -198,8 +198,6 @@ def _nanoseconds(
     given = np.asarray(stamps)
     if given.ndim != 1:
         raise UsageError(f"stamps have the shape (N,), not {given.shape}")
-    if given.dtype.kind == "O" and len(given) and hasattr(given[0], "isoformat"):
-        given = given.astype("datetime64[ns]")
     if given.dtype.kind == "M":
         is_time = ~np.isnat(given)
         return given.astype("datetime64[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
@@ -235,4 +233,6 @@ def _column(table: Any, name: str) -> NDArray[Any]:
         meant = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(names[:20])}"
         raise UsageError(f"no column {name!r}{meant}")
     column = table[name]
+    if getattr(getattr(column, "dtype", None), "tz", None) is not None:  # dates of pandas with a zone
+        return np.asarray(column.to_numpy("datetime64[ns]"))
     return np.asarray(column.to_numpy() if hasattr(column, "to_numpy") else column)

@@ -18,4 +18,5 @@ def extra(name: str, purpose: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise MissingExtra(f"{purpose} needs {error.name}: pip install 'contact-tracker[{name}]'") from error
+        library = (error.name or "a library").partition(".")[0]
+        raise MissingExtra(f"{purpose} needs {library}: pip install 'contact-tracker[{name}]'") from error

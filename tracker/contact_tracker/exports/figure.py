@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+from matplotlib import pyplot
 from matplotlib.figure import Figure as Figure
 
 from contact_tracker.states import STATES
@@ -15,7 +16,7 @@ _NAMED: Final = 0.03
 
 def draw_figure(found: Segmentation, origin_ns: int) -> Figure:
     """A ribbon of the segments, and below it the posterior of each state; time counts from ``origin_ns``."""
-    figure = Figure(figsize=(10.0, 4.5), layout="constrained")
+    figure = pyplot.figure(figsize=(10.0, 4.5), layout="constrained")
     ribbon, posterior = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 4.0))
     seconds = (found.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in found.segments]
@@ -34,7 +35,8 @@ def draw_figure(found: Segmentation, origin_ns: int) -> Figure:
         posterior.plot(seconds, share, color=_fraction(COLOUR[state]), label=state.value)
     posterior.set(xlabel="time (s)", ylabel="probability", ylim=(0.0, 1.02))
     posterior.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    posterior.margins(x=0.0)
+    if len(seconds):
+        posterior.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
     return figure
 
 
