@@ -48,6 +48,7 @@ SINGLE_IMPORTER = {
     "plotly": "exports/report_html.py",
     "polars": "exports/polars_table.py",
     "pyarrow": "exports/parquet.py",
+    "shtab": "cli/completion.py",
     "tqdm": "cli",
     "argparse": "cli",
 }

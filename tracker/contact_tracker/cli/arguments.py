@@ -53,8 +53,11 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 def model_of(args: argparse.Namespace) -> "Model":
     """The model that ``--model`` and ``--noise`` ask for; raises ModelError."""
-    from contact_tracker.config.loading import load_model
+    from contact_tracker.cli.terminal import detail
+    from contact_tracker.config.loading import load_model, model_file
+    from contact_tracker.hypotheses import compiled
 
+    detail(f"model {model_file(args.model)}, {compiled.described()}")
     model = load_model(args.model)
     return model if args.noise is None else model.with_noise(*args.noise)
 

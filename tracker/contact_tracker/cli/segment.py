@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.terminal import progress
+from contact_tracker.cli.terminal import detail, progress
 from contact_tracker.cli.workers import add_processes, workers
 from contact_tracker.exports.replacement import check_output
 
@@ -70,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
             segments = [one for piece in found for one in piece.segments]
         else:
             _write(source, log, tracker, set_done, args)
+            detail(f"wrote {args.output}")
     if args.output is None:
         _print(segments, source.origin_ns)
     return source.finish(tracker.report)

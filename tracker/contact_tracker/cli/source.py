@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
-from contact_tracker.cli.terminal import say, warn
+from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import NoPoses
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import noise_text, warnings
@@ -31,6 +31,7 @@ class Source:
     def __init__(self, log: PoseLog, args: argparse.Namespace) -> None:
         self._log = log
         self._name: str = args.log
+        detail(f"reading {log.source}")
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
         self._begin_s = time.monotonic()

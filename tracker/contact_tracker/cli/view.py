@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     tracker = OfflineTracker(model_of(args), knowledge_of(args))
     source = Source(open_log(args.log, args.topic, args.frame), args)
     truth, vertices_m = read_truth(args.log), vertices_from_metadata(read_metadata(args.log))
-    with progress("segment", "poses") as set_done:
+    with progress("segment", "poses", source.expected) as set_done:
 
         def found(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
             return source.counted(tracker.pieces(poses, set_done))
