@@ -20,8 +20,9 @@ from contact_tracker.exports.columns import (
 from contact_tracker.exports.extras import extra
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
-from contact_tracker.exports.writing import SUFFIXES, WHOLE, require_library, write_outcome, write_pieces
+from contact_tracker.exports.writing import write_outcome, write_pieces
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
 from contact_tracker.recording import parts_of

@@ -4,16 +4,27 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recording, model_of, positive, seconds
+from contact_tracker.cli.arguments import (
+    add_model,
+    add_recording,
+    model_of,
+    output_file,
+    positive,
+    seconds,
+)
 from contact_tracker.cli.known import add_known, knowledge_of
+from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.status import INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine
 from contact_tracker.errors import UsageError
+from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.suffixes import require_library
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief
+    from contact_tracker.tracking.segmentation import Beliefs
     from contact_tracker.viewer.null_viewer import LiveView
 
 HELP: Final = "what holds now: a line per change while poses stream in"
@@ -22,6 +33,8 @@ Follow the contacts of a recording or of a stream of poses, each answer from the
 time only. A line per change goes to stdout: time, contact, probability, onset and where the
 contact lies. Times are seconds since the recording's first pose."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
+
+_TOGETHER: Final = 256
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +59,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "ends or is interrupted; the last, partial tick waits there for what follows",
     )
     parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=output_file(".jsonl", ".parquet"),
+        metavar="FILE",
+        help="when the stream ends or is interrupted, write all ticks of this run to FILE.jsonl or FILE.parquet "
+        "as well",
+    )
+    add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,6 +76,9 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
 
+    check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
+    if args.output is not None:
+        require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
     if args.lag > model.search.window_s:
         raise UsageError(
@@ -65,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     follow = Follow() if args.follow else None
     log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
     source = Source(log, args)
-    interrupted = False
+    interrupted, kept = False, _Kept(args.output)
     with _viewer(args) as viewer, StatusLine() as status:
         printer = _Printer(args.json, source, status)
         saved = None
@@ -77,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
             for belief in beliefs:
                 printer.show(belief)
                 viewer.belief(belief)
+                kept.add(belief)
 
         try:
             for pose in paced(source, args.rate) if args.rate else source:
@@ -92,6 +118,7 @@ def run(args: argparse.Namespace) -> int:
             say(beliefs)
         else:
             saved.save(state)
+    kept.write()
     source.outliers = state.outliers
     code = source.finish(adaptation.report(state))
     if saved is not None and saved.signal:
@@ -109,6 +136,39 @@ def _viewer(args: argparse.Namespace) -> "LiveView":
     from contact_tracker.viewer.live import LiveViewer
 
     return LiveViewer(vertices_from_metadata(read_metadata(args.log)))
+
+
+class _Kept:
+    """The beliefs that are to be written to a file at the end, if there is one."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._new: list[Belief] = []
+        self._packed: list[Beliefs] = []
+
+    def add(self, belief: "Belief") -> None:
+        """The next."""
+        if self._path is None:
+            return
+        self._new.append(belief)
+        if len(self._new) == _TOGETHER:
+            self._pack()
+
+    def write(self) -> None:
+        """All of them, whole or not at all."""
+        if self._path is None:
+            return
+        from contact_tracker.exports.writing import write_pieces
+        from contact_tracker.tracking.segmentation import Segmentation
+
+        self._pack()
+        write_pieces((Segmentation(beliefs=some) for some in self._packed), self._path, lambda: 0)
+
+    def _pack(self) -> None:
+        from contact_tracker.tracking.segmentation import Beliefs
+
+        self._packed.append(Beliefs.of(self._new))  # objects are large
+        self._new.clear()
 
 
 class _Printer:

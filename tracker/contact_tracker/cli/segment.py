@@ -13,6 +13,7 @@ from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.terminal import detail, progress
 from contact_tracker.cli.workers import add_processes, workers
 from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 
 if TYPE_CHECKING:
     from contact_tracker.adaptation import OfflineTracker
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from contact_tracker.tracking.belief import Segment
     from contact_tracker.tracking.segmentation import Segmentation
 
-SUFFIXES: Final = (".csv", ".jsonl", ".parquet", ".mcap", ".html", ".srt")
 HELP: Final = "what held when: smoothed segments of a whole recording"
 DESCRIPTION: Final = """\
 Cut a recording into segments of one contact each, with all the data at hand: the most probable
@@ -59,7 +59,8 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.tracking.belief import Detail
 
     check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
-    _require_library(args.output)
+    if args.output is not None:
+        require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
     log = open_log(args.log, args.topic, args.frame)
     source = Source(log, args)
@@ -84,13 +85,6 @@ def _print(segments: "Iterable[Segment]", origin_ns: int) -> None:
     sys.stdout.flush()
 
 
-def _require_library(path: Path | None) -> None:
-    if path is not None:
-        from contact_tracker.exports.writing import require_library
-
-        require_library(path)
-
-
 def _write(
     source: "Source",
     log: "PoseLog",
@@ -99,7 +93,7 @@ def _write(
     args: argparse.Namespace,
 ) -> None:
     """Piece by piece where that is possible: what is written need not be kept."""
-    from contact_tracker.exports.writing import WHOLE, write_outcome, write_pieces
+    from contact_tracker.exports.writing import write_outcome, write_pieces
     from contact_tracker.motion.poses import Poses
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import watched

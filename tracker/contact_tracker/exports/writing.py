@@ -1,43 +1,15 @@
-"""Which suffix means which output, and the writer of each."""
+"""The writer of each output, by the suffix of its file."""
 
 from collections.abc import Callable, Iterable
-from importlib import import_module
 from pathlib import Path
-from typing import Final, NamedTuple
 
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.exports.columns import BELIEF_COLUMNS, belief_columns
-from contact_tracker.exports.extras import extra
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.subtitles import write_srt
+from contact_tracker.exports.suffixes import require_library
 from contact_tracker.outputs.tables import write_csv, write_jsonl
 from contact_tracker.tracking.segmentation import Segmentation
-
-
-class Library(NamedTuple):
-    """The ``module`` of ours that needs it, its ``extra``, and what for."""
-
-    module: str
-    extra: str
-    purpose: str
-
-
-LIBRARIES: Final = {
-    ".parquet": Library("parquet", "parquet", "a Parquet file"),
-    ".mcap": Library("foxglove_scene", "foxglove", "an MCAP file for Foxglove"),
-    ".html": Library("report_html", "report", "a report"),
-}
-SUFFIXES: Final = (".csv", ".jsonl", *LIBRARIES, ".srt")
-WHOLE: Final = (".mcap", ".html")
-"""Outputs that are made of all of a recording at once: it is kept in memory until then."""
-
-
-def require_library(path: Path) -> None:
-    """Raise MissingExtra, before any work, if a library is not installed that writing ``path`` takes."""
-    library = LIBRARIES.get(path.suffix.lower())
-    if library is not None:
-        with extra(library.extra, library.purpose):
-            import_module(f"contact_tracker.exports.{library.module}")
 
 
 def write_pieces(found: Iterable[Segmentation], path: Path, origin_ns: Callable[[], int]) -> None:
