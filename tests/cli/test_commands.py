@@ -178,7 +178,7 @@ def test_version() -> None:
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
         (
             ["segment", "x.mcap", "-o", "out.txt"],
-            ["out.txt", ".csv or .jsonl or .parquet or .mcap or .html or .srt"],
+            ["out.txt", ".csv or .jsonl or .parquet or .mcap"],
         ),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
         (["segment", "x.mcap", "--json"], ["--json", "contact-tracker segment --help"]),

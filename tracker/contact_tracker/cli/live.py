@@ -64,8 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=output_file(".jsonl", ".parquet"),
         metavar="FILE",
-        help="when the stream ends or is interrupted, write all ticks of this run to FILE.jsonl or FILE.parquet "
-        "as well",
+        help="write all ticks to FILE.jsonl or FILE.parquet as well, at the end or when interrupted",
     )
     add_overwrite(parser)
 
