@@ -23,11 +23,18 @@ from contact_tracker.viewer.hull import Hull, hull
 from contact_tracker.viewer.palette import COLOUR, GREY, Colour
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Extent, Ground, draw, viewpoint
 
+_ABOUT_GEOMETRY: Final = (
+    "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
+    "what is less probable than 0.5, or largely unobserved, is hidden at first.</p>"
+)
 MOST_TICKS: Final = 4000
 """More are thinned out in the plot of the posteriors."""
 MOST_PATH_POSES: Final = 3000
 MOST_DRAWN: Final = 60
 """The elements of so many segments are drawn, the longest of them."""
+_PROBABLE: Final = 0.5
+_UNOBSERVED: Final = 2
+"""Elements with so many ways to lie otherwise may be far off."""
 _STYLE: Final = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:24px auto;padding:0 16px;color:#222}"
     "h1{font-size:22px;margin:0 0 4px}h2{font-size:17px;margin:26px 0 6px}table{border-collapse:collapse}"
@@ -53,7 +60,7 @@ def write_report(outcome: Outcome, path: Path) -> None:
         file.write(f"<p>{escape(printable(facts))}</p>{notes_html(outcome.counts, outcome.warnings)}")
         file.write(f"<h2>Labels</h2>{ribbon_html(found.segments)}<p>{legend}</p>")
         file.write("<h2>Probabilities</h2>" + _posteriors(outcome).to_html(**settings))
-        file.write("<h2>Geometry, in the world frame</h2>" + _geometry(outcome).to_html(**settings))
+        file.write(_ABOUT_GEOMETRY + _geometry(outcome).to_html(**settings))
         file.write(f"<h2>Segments</h2>{table_html(found.segments, origin_ns)}")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
@@ -151,10 +158,11 @@ def _elements(
     start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
     name = f"{segment.contact.value} from {start_s:.1f} s"
     text = printable(describe(segment.geometry, segment.inseparable)).replace(" on ", "<br>on ")
-    common = {
+    common: dict[str, Any] = {
         "name": name,
         "legendgroup": name,
         "hovertext": escape(text, quote=False).replace("&lt;br&gt;", "<br>"),
+        "visible": True if _is_seen(segment) else "legendonly",
     }
     colour = COLOUR[segment.contact]
     yield _mesh(on_environment.vertices, on_environment.triangles, colour, 0.45, showlegend=True, **common)
@@ -166,8 +174,22 @@ def _elements(
         x, y, z = broken.T.round(5)
         line = {"color": _rgb(GREY), "width": 2}
         yield Scatter3d(
-            x=x, y=y, z=z, mode="lines", line=line, showlegend=False, hoverinfo="skip", legendgroup=name
+            x=x,
+            y=y,
+            z=z,
+            mode="lines",
+            line=line,
+            showlegend=False,
+            hoverinfo="skip",
+            legendgroup=name,
+            visible=common["visible"],
         )
+
+
+def _is_seen(segment: Segment) -> bool:
+    """Whether the motion has shown where the contact lies."""
+    pair = (segment.geometry.object, segment.geometry.environment) if segment.geometry else ()
+    return segment.probability >= _PROBABLE and all(len(one.unobserved) < _UNOBSERVED for one in pair)
 
 
 def _mesh(vertices: Any, triangles: Any, colour: Colour, opacity: float, **more: Any) -> Mesh3d:
