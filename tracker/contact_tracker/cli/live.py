@@ -75,9 +75,6 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
 
-    check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
-    if args.output is not None:
-        require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
     if args.lag > model.search.window_s:
         raise UsageError(
@@ -85,6 +82,9 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
+    if args.output is not None:
+        check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
+        require_library(args.output)
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
     log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
