@@ -11,11 +11,12 @@ from contact_tracker import __version__
 from contact_tracker.cli.arguments import add_source, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
-from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
+from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
+from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from contact_tracker.calibration.calibrate import Calibration

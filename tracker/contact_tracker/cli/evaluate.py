@@ -62,7 +62,7 @@ def _evaluate(
 
     judge = Judge(need_truth(name, args.topic, args.frame))
     log = open_log(name, args.topic, args.frame)
-    with progress(name, "poses") as set_done:
+    with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge)
         for piece in watched(log, lambda poses: tracker.pieces(poses, set_done), judge.poses):
             judge.piece(piece)

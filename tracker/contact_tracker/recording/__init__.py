@@ -2,6 +2,8 @@
 
 from contact_tracker.recording.annotations import need_truth, read_metadata, read_truth
 from contact_tracker.recording.bytestream import Follow
+from contact_tracker.recording.copying import write_beside
+from contact_tracker.recording.items import Channel, RawMessage
 from contact_tracker.recording.log import PoseLog, list_sources, open_log
 from contact_tracker.recording.reading import may_be_recording, parts_of
 from contact_tracker.recording.sources import PoseSource
@@ -9,9 +11,11 @@ from contact_tracker.recording.summary import RecordingSummary, SourceSummary, s
 from contact_tracker.recording.writing import write_recording
 
 __all__ = [
+    "Channel",
     "Follow",
     "PoseLog",
     "PoseSource",
+    "RawMessage",
     "RecordingSummary",
     "SourceSummary",
     "list_sources",
@@ -22,5 +26,6 @@ __all__ = [
     "read_metadata",
     "read_truth",
     "summarise",
+    "write_beside",
     "write_recording",
 ]

@@ -240,6 +240,8 @@ def open_log(
         known = poses_by_source(head, decoder)
         found_sources |= known.keys()
     source = only_one(path, fitting)
+    if follow is None:
+        source = replace(source, messages=_messages_by_topic(path).get(source.topic))
     count_late = count_late or follow is not None
     return PoseLog(source, reading, chain(head, items), decoder, known[source], frame, count_late)
 
@@ -257,14 +259,20 @@ def list_sources(path: str) -> list[PoseSource]:
         messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted)))
     except NoPoses:
         return []
+    counts = _messages_by_topic(path)
+    sources = sorted(poses_by_source(messages, RosDecoder()))
+    return [replace(source, messages=counts.get(source.topic)) for source in sources]
+
+
+def _messages_by_topic(path: str) -> Counter[str]:
+    """As far as indexes tell."""
     counts: Counter[str] = Counter()
     for part in parts_of(path):
         summary = summary_of(part)
         for channel_id, count in message_counts(summary):
             assert summary is not None
             counts[channel_of(summary.channels[channel_id], summary.schemas).topic] += count
-    sources = sorted(poses_by_source(messages, RosDecoder()))
-    return [replace(source, messages=counts.get(source.topic)) for source in sources]
+    return counts
 
 
 def _explain(
