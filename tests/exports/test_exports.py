@@ -20,8 +20,9 @@ from contact_tracker.exports.writing import write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.geometry.flat import TYPES, flat
 from contact_tracker.motion.poses import Poses
+from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from mcap_logs import Topic, poses_topic, write_log
@@ -319,11 +320,15 @@ def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result)
 
 def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
     pytest.importorskip("matplotlib").use("Agg")
-    figure = result.plot()
-    ribbon, posterior = figure.axes
+    ribbon, posterior, paper = result.plot().axes
     assert len(ribbon.patches) == len(result.segments)
     assert [line.get_label() for line in posterior.lines] == [state.value for state in STATES]
     np.testing.assert_array_equal(posterior.lines[0].get_ydata(), result.beliefs.probability[:, 0])
+    found = window_curves.curves(result.trajectory.poses)
+    assert [line.get_label() for line in paper.lines] == [contact.value for contact in CONTACTS]
+    for line, curve in zip(paper.lines, found.normalised.T, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), curve)
+    assert len(result.plot(curves=False).axes) == 2
 
 
 def test_outputs_of_what_is_no_recording_have_what_is_known_of_it(poses: Poses, tmp_path: Path) -> None:

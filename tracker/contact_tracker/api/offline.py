@@ -124,12 +124,19 @@ class Result:
         """Write the output that the suffix of ``path`` says, as ``segment -o`` does."""
         self._write(path, overwrite, *SUFFIXES)
 
-    def plot(self) -> "Figure":
-        """A figure of matplotlib: a ribbon of labels over the posteriors; raises MissingExtra."""
+    def plot(self, curves: bool = True) -> "Figure":
+        """A figure of matplotlib: labels, posteriors, and the paper's curves; raises MissingExtra.
+
+        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
+        """
         with extra("plot", "a figure"):
             from contact_tracker.exports.figure import draw_figure
+        found = None
+        if curves:
+            from contact_tracker.paper import window_curves
 
-        return draw_figure(self.segmentation, self._origin_ns)
+            found = window_curves.curves(self.trajectory.poses)
+        return draw_figure(self.segmentation, self._origin_ns, found)
 
     def __str__(self) -> str:
         return "\n".join(table(self.segments, self._origin_ns))

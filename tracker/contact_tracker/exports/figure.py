@@ -4,9 +4,11 @@ from typing import Final
 
 import numpy as np
 from matplotlib import pyplot
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Figure
 
-from contact_tracker.states import STATES
+from contact_tracker.paper.window_curves import WindowCurves
+from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.palette import COLOUR, Colour
 
@@ -14,10 +16,15 @@ _NAMED: Final = 0.03
 """A segment that is so much of the whole has room for its name."""
 
 
-def draw_figure(found: Segmentation, origin_ns: int) -> Figure:
-    """A ribbon of the segments, and below it the posterior of each state; time counts from ``origin_ns``."""
-    figure = pyplot.figure(figsize=(10.0, 4.5), layout="constrained")
-    ribbon, posterior = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 4.0))
+def draw_figure(found: Segmentation, origin_ns: int, curves: WindowCurves | None = None) -> Figure:
+    """A ribbon of the segments, below it their posteriors, and the paper's curves if there are any.
+
+    Time counts from ``origin_ns``.
+    """
+    has_curves = curves is not None and len(curves.stamp_ns) > 0
+    figure = pyplot.figure(figsize=(10.0, 7.5 if has_curves else 4.5), layout="constrained")
+    rows = 3 if has_curves else 2
+    ribbon, posterior, *below = figure.subplots(rows, 1, sharex=True, height_ratios=(1.0, 4.0, 4.0)[:rows])
     seconds = (found.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in found.segments]
     total_s = sum(duration for _, duration in spans)
@@ -33,11 +40,23 @@ def draw_figure(found: Segmentation, origin_ns: int) -> Figure:
     ribbon.set_ylabel("label")
     for state, share in zip(STATES, np.transpose(found.beliefs.probability), strict=True):
         posterior.plot(seconds, share, color=_fraction(COLOUR[state]), label=state.value)
-    posterior.set(xlabel="time (s)", ylabel="probability", ylim=(0.0, 1.02))
+    posterior.set(ylabel="probability", ylim=(0.0, 1.02))
     posterior.legend(ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     if len(seconds):
         posterior.set_xlim(min(seconds[0], *(start_s for start_s, _ in spans)), seconds[-1])
+    if curves is not None:
+        for axes in below:
+            _draw_curves(axes, curves, origin_ns)
+    (below or [posterior])[-1].set_xlabel("time (s)")
     return figure
+
+
+def _draw_curves(axes: Axes, curves: WindowCurves, origin_ns: int) -> None:
+    """As the paper's Fig. 5, each at the end of its window."""
+    seconds = (curves.stamp_ns - origin_ns) * 1e-9
+    for contact, curve in zip(CONTACTS, curves.normalised.T, strict=True):
+        axes.plot(seconds, curve, color=_fraction(COLOUR[contact]), label=contact.value)
+    axes.set(ylabel="objective / its maximum", ylim=(0.0, 1.02))
 
 
 def _fraction(colour: Colour) -> tuple[float, float, float]:

@@ -93,7 +93,7 @@ def _posteriors(outcome: Outcome) -> Figure:
 
 
 def _geometry(outcome: Outcome) -> Figure:
-    """The way of the body's origin, and the elements of the longest segments where they touched."""
+    """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.poses, outcome.found.segments
     solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
     extent = UNKNOWN_EXTENT if solid is None else solid.extent
@@ -138,7 +138,7 @@ def _path(outcome: Outcome) -> Iterator[Scatter3d]:
         place = np.where(is_here[:, None], poses.position_m, np.nan)
         line = {"color": _rgb(COLOUR[state]), "width": 4}
         x, y, z = place.T.round(5)
-        name = f"way in {state.value}"
+        name = f"path in {state.value}"
         yield Scatter3d(x=x, y=y, z=z, mode="lines", line=line, name=name, connectgaps=False)
 
 
