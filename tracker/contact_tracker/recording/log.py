@@ -11,9 +11,9 @@ from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
 from contact_tracker.recording.reading import Reading, parts_of, summary_of
-from contact_tracker.recording.ros import RosDecoder, Undecodable
 from contact_tracker.recording.sources import (
     ChannelFilter,
     PoseSource,
@@ -58,7 +58,7 @@ class PoseLog:
         source: PoseSource,
         reading: Reading,
         items: Iterator[Item],
-        decoder: RosDecoder,
+        decoder: MessageDecoder,
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
@@ -226,7 +226,7 @@ def open_log(
     """
     wanted = ChannelFilter(topic)
     reading = Reading(path, wanted, follow)
-    decoder = RosDecoder(reading.budget)
+    decoder = MessageDecoder(reading.budget)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
     found_sources = set(known)
@@ -261,7 +261,7 @@ def list_sources(path: str) -> list[PoseSource]:
         for channel_id, count in message_counts(summary):
             assert summary is not None
             counts[channel_of(summary.channels[channel_id], summary.schemas).topic] += count
-    sources = sorted(poses_by_source(messages, RosDecoder()))
+    sources = sorted(poses_by_source(messages, MessageDecoder()))
     return [replace(source, messages=counts.get(source.topic)) for source in sources]
 
 
