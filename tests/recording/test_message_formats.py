@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -133,9 +134,14 @@ def test_a_pose_without_header_has_its_log_time(tmp_path: Path) -> None:
     assert_read(path)
 
 
-def cdr_pose(pose: Pose) -> bytes:
+@cache
+def humble() -> Any:
     rosbags = pytest.importorskip("rosbags.typesys")
-    store = rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
+    return rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
+
+
+def cdr_pose(pose: Pose) -> bytes:
+    store = humble()
     types = store.types
     sec, nanosec = divmod(pose.stamp_ns, 10**9)
     stamp = types["builtin_interfaces/msg/Time"](sec, nanosec)

@@ -1,13 +1,17 @@
 """From messages to observed poses: each channel by the library of its encoding."""
 
+import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final
 
+import numpy as np
+
+from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.bytestream import ZSTD_MAGIC
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.foxglove import decode_json, protobuf_reading
-from contact_tracker.recording.items import PARSE_ERRORS, Channel, RawMessage, inflate_zstd
+from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 from contact_tracker.recording.limits import TooMuchWork, WorkBudget
 from contact_tracker.recording.message_types import canonical, is_pose_type, observations
@@ -16,6 +20,8 @@ from contact_tracker.recording.ros import cdr_reading, ros1_decoding
 MESSAGE_LIMIT: Final = 2**22
 BYTES_PER_RECORD: Final = 128
 """So many bytes of a message are as much work as a record."""
+_ROW: Final = struct.Struct("<q7d")
+_ROW_COLUMNS: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 
 
@@ -73,6 +79,8 @@ class MessageDecoder:
     def observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message of a pose type; raises Undecodable."""
         channel = message.channel
+        if channel.encoding == POSE_ROW:
+            return _row(message)
         if channel is not self._current:  # hashing one takes longer than reading a pose
             self._current, self._known = (
                 channel,
@@ -89,7 +97,10 @@ class MessageDecoder:
 
     def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
         """The poses in messages of one channel, if they are of one source and of a layout that is known."""
-        known = self._layouts.get(messages[0].channel)
+        channel = messages[0].channel
+        if channel.encoding == POSE_ROW:
+            return _rows(messages)
+        known = self._layouts.get(channel)
         return None if known is None else known.read_all([message.data for message in messages])
 
     def _observe(self, message: RawMessage) -> list[Observation]:
@@ -103,17 +114,35 @@ class MessageDecoder:
 
 def may_have_poses(channel: Channel) -> bool:
     """Whether its messages are poses, and can be decoded."""
-    return is_pose_type(channel.type) and is_readable(channel)
+    return (is_pose_type(channel.type) and is_readable(channel)) or channel.encoding == POSE_ROW
 
 
 def is_readable(channel: Channel) -> bool:
-    """Whether there is a library for its encoding and schema."""
+    """Whether it says what is in its messages, and there is a library for that."""
+    if not channel.type:
+        return False
     match channel.encoding, channel.schema_encoding:
         case ("cdr", "ros2msg" | "ros2idl" | "") | ("ros1", "ros1msg") | ("protobuf", "protobuf"):
             return True
         case "json", _:
             return True
     return False
+
+
+def _row(message: RawMessage) -> list[Observation]:
+    try:
+        stamp_ns, px, py, pz, x, y, z, w = _ROW.unpack(message.data)
+    except struct.error as error:
+        raise Undecodable(f"{message.channel.topic}: {error}") from error
+    return [Observation("", message.channel.schema.decode(), Pose(stamp_ns, (px, py, pz), (x, y, z, w)))]
+
+
+def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
+    if any(len(message.data) != _ROW.size for message in messages):
+        return None
+    rows = np.frombuffer(b"".join(message.data for message in messages), _ROW_COLUMNS)
+    poses = Poses(rows["stamp_ns"].astype(np.int64), rows["numbers"][:, :3], rows["numbers"][:, 3:])
+    return ObservedColumns("", messages[0].channel.schema.decode(), poses)
 
 
 def _laid_out(channel: Channel) -> str:

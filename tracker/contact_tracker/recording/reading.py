@@ -17,10 +17,11 @@ from contact_tracker.recording.container import MAGIC, RecordLoop
 from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item, RawMessage
 from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
+from contact_tracker.recording.tables import is_table, read_table
 
 STDIN: Final = "-"
 _COMPRESSED: Final = (".zstd", ".zst")
-_ENDINGS: Final = (".mcap", ".db3", *(f"{plain}{end}" for plain in (".mcap", ".db3") for end in _COMPRESSED))
+_ENDINGS: Final = (".mcap", ".db3", *(f".mcap{end}" for end in _COMPRESSED))
 _PACKED: Final = {
     b"\x04\x22\x4d\x18": "lz4 -d",
     b"\x1f\x8b": "gunzip",
@@ -44,7 +45,7 @@ def parts_of(path: str) -> list[str]:
     ``metadata.yaml`` of a folder stands for the folder.
 
     Parts are ordered by name with numbers as numbers; of a part that is there both plain and compressed
-    the plain one is taken.
+    the plain one is taken, of one in .mcap and .db3 the .mcap.
 
     Raises
     ------
@@ -62,7 +63,15 @@ def parts_of(path: str) -> list[str]:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
     if not names:
         raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{_packed_in(path)}")
-    return [os.path.join(path, n) for n in names if (plain := _plain(n)) == n or plain not in names]
+    return [os.path.join(path, n) for n in names if not _is_there_twice(n, names)]
+
+
+def _is_there_twice(name: str, names: Sequence[str]) -> bool:
+    """Whether a part is there decompressed, or converted to MCAP, as well."""
+    plain = _plain(name)
+    if plain != name:
+        return plain in names
+    return name.lower().endswith(".db3") and f"{name[:-4]}.mcap" in names
 
 
 def recording_of(path: str) -> str:
@@ -196,7 +205,7 @@ class Reading:
                 yield from self._part(part, single)
                 readable = True
             except UnreadableRecording as error:
-                named = UnreadableRecording(f"{_shown(part)}: {error}")
+                named = type(error)(f"{_shown(part)}: {error}")
                 errors.append(named)
                 self._damage.add(str(named))
         if errors and not readable:
@@ -205,13 +214,14 @@ class Reading:
     def _part(self, part: str, single: bool) -> Iterator[Item]:
         prefix = "" if single else f"{os.path.basename(part)}: "
         begin = _begin(part)
-        if is_bag(begin):
+        _refuse_packed(part, begin)
+        read = read_bag if is_bag(begin) else read_table if is_table(part, begin) else None
+        if read is not None:
             if self._follow:
                 raise UnreadableRecording("only an MCAP file can be followed")
             self.budget.read(os.path.getsize(part))
-            yield from read_bag(part, self._wanted, lambda text: self._damage.add(prefix + text))
+            yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text))
             return
-        _refuse_packed(part, begin)
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
             if summary is not None and _is_sortable(summary) and not is_in_log_order(summary):
