@@ -122,8 +122,9 @@ _BODY = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
 _VALUES = ["Rotation"] * 4 + ["Position"] * 3
 MOTIVE = "\n".join(
     [
-        "Format Version,1.23,Take Name,take,Capture Frame Rate,200.0,Export Frame Rate,200.0,Capture Start "
-        "Time,2023-06-02 12.09.45.344 PM,Rotation Type,{rotation},Length Units,{units},Coordinate Space,Global",
+        "Format Version,1.23,Take Name,take,Capture Frame Rate,200.0,Export Frame Rate,200.0,Capture "
+        "Start Time,2023-06-02 12.09.45 PM,Rotation Type,{rotation},Length Units,{units},Coordinate "
+        "Space,Global",
         "",
         ",".join(["", "Type", *_BODY]),
         ",".join(["", "Name", *["cup"] * 8, *["cup:Marker1"] * 3, *["table"] * 7]),

@@ -1,7 +1,7 @@
 """From messages to observed poses: each channel by the library of its encoding."""
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, Final
 
@@ -129,12 +129,27 @@ def is_readable(channel: Channel) -> bool:
     return False
 
 
+def row_channel(topic: str, type_name: str, frame_id: str, child_frame_id: str) -> Channel:
+    """A channel of poses that other modules have put into rows: of a table, or composed of transforms."""
+    return Channel(topic, POSE_ROW, type_name, "", f"{frame_id}\0{child_frame_id}".encode())
+
+
+def pose_row(stamp_ns: int, numbers: Iterable[float]) -> bytes:
+    """A message of such a channel: position and quaternion ``xyzw``."""
+    return _ROW.pack(stamp_ns, *numbers)
+
+
+def _row_frames(channel: Channel) -> tuple[str, str]:
+    frame_id, _, child_frame_id = channel.schema.decode(errors="replace").partition("\0")
+    return frame_id, child_frame_id
+
+
 def _row(message: RawMessage) -> list[Observation]:
     try:
         stamp_ns, px, py, pz, x, y, z, w = _ROW.unpack(message.data)
     except struct.error as error:
         raise Undecodable(f"{message.channel.topic}: {error}") from error
-    return [Observation("", message.channel.schema.decode(), Pose(stamp_ns, (px, py, pz), (x, y, z, w)))]
+    return [Observation(*_row_frames(message.channel), Pose(stamp_ns, (px, py, pz), (x, y, z, w)))]
 
 
 def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
@@ -142,7 +157,7 @@ def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
         return None
     rows = np.frombuffer(b"".join(message.data for message in messages), _ROW_COLUMNS)
     poses = Poses(rows["stamp_ns"].astype(np.int64), rows["numbers"][:, :3], rows["numbers"][:, 3:])
-    return ObservedColumns("", messages[0].channel.schema.decode(), poses)
+    return ObservedColumns(*_row_frames(messages[0].channel), poses)
 
 
 def _laid_out(channel: Channel) -> str:

@@ -39,7 +39,7 @@ PARSE_ERRORS: Final = (
 
 
 POSE_ROW: Final = "contact_tracker/pose_row"
-"""The encoding of rows of tables: ``<q7d``, stamp, position, quaternion; the schema is the body's name."""
+"""The encoding of rows of poses: ``<q7d``, stamp, position, quaternion; the schema is their frames."""
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,10 @@ class ChannelFilter:
         self.seen[channel.topic, channel.type, channel.encoding] = channel
         return may_have_poses(channel) and self._is_asked(channel)
 
+    def takes(self, source: PoseSource) -> bool:
+        """Whether the poses themselves may be of this source, among those of the channels that are read."""
+        return True
+
     def _is_asked(self, channel: Channel) -> bool:
         if self._topic is None:
             return not channel.topic.endswith("tf_static")

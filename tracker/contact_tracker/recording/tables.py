@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.errors import UnreadableRecording
+from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
-from contact_tracker.recording.items import POSE_ROW, Channel, RawMessage
+from contact_tracker.recording.items import Channel, RawMessage
 from contact_tracker.recording.table_layouts import TableLayout, layout_of_names, layout_of_text
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def read_table(
     except Exception as error:  # what polars raises has no common base
         raise UnreadableRecording(f"it cannot be read as a table: {_line(error)}") from error
     topic = os.path.basename(path)
-    channels = [Channel(topic, POSE_ROW, layout.kind, "", body.name.encode()) for body in layout.bodies]
+    channels = [row_channel(topic, layout.kind, "", body.name) for body in layout.bodies]
     chosen = [
         (channel, body) for channel, body in zip(channels, layout.bodies, strict=True) if wanted(channel)
     ]
