@@ -607,7 +607,7 @@ def test_sources_of_a_long_file_are_found_by_its_index(
             Topic("/p", "nav_msgs/msg/Path", [(1, b"x")]),
             "nav_msgs/msg/Path, which is no pose; poses are Pose",
         ),
-        (Topic("/p", "", [(1, b"x")], "cdr", ""), "no pose topic among /p"),
+        (Topic("/p", "", [(1, b"x")], "cdr", ""), "/p is of no type in cdr with "),
         (Topic("/p", "geometry_msgs/msg/PoseStamped", [(1, b"x")]), "no pose on /p can be read"),
         (Topic("/s", "std_msgs/msg/String", [(1, {"data": "f-f"})]), "no pose topic among /s"),
     ],

@@ -38,7 +38,10 @@ def run(args: argparse.Namespace) -> int:
     summary = summarise(args.log)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and not chosen:
-        raise NoPoses(f"{args.log}: no pose source has this topic and frame")
+        raise NoPoses(
+            f"{args.log}: no pose source has this topic and frame; info shows what is published, "
+            "the other commands compose transforms"
+        )
     summary = replace(summary, sources=tuple(map(_with_noise, chosen)))
     tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
     reports = {source.source: _adapted(source) for source in tracked}

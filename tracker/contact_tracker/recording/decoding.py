@@ -22,6 +22,8 @@ BYTES_PER_RECORD: Final = 128
 """So many bytes of a message are as much work as a record."""
 _ROW: Final = struct.Struct("<q7d")
 _ROW_COLUMNS: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
+POSES_PER_RECORD: Final = 4
+"""So many poses of a known layout are as much work as a record."""
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 
 
@@ -88,7 +90,7 @@ class MessageDecoder:
             )
         found = self._known.read(message.data)
         if found is not None:
-            self._explain(message, len(found) - 1)
+            self._explain(message, (len(found) - 1) // POSES_PER_RECORD)
             return found
         found = self._observe(message)
         with suppress(Undecodable):

@@ -132,13 +132,17 @@ class _Tallies:
         self.undecodable = 0
         self.more_sources = False
         self._decoder = decoder
+        self._current: Channel | None = None
+        self._has_poses = False
         self._waiting: dict[Channel, list[RawMessage]] = {}
         self._tallies: dict[PoseSource, _Tally] = {}
         self._kept = 0
 
     def add(self, message: RawMessage) -> None:
         channel = message.channel
-        if not may_have_poses(channel):
+        if channel is not self._current:
+            self._current, self._has_poses = channel, may_have_poses(channel)
+        if not self._has_poses:
             return
         waiting = self._waiting.setdefault(channel, [])
         waiting.append(message)
