@@ -132,8 +132,10 @@ class Composer:
 
     def _count_lost(self, stamps_ns: NDArray[np.int64]) -> None:
         for stamp_ns in stamps_ns.tolist():
-            inside = all(track.spans(stamp_ns) for track in self._parents)
-            self.counts["parent_gap" if inside else "no_parent"] += 1
+            if all(track.spans(stamp_ns) for track in self._parents):
+                self.counts["parent_gap"] += 1
+            else:
+                self.counts["no_parent"] += 1
 
 
 def _takewhile(waiting: Iterable[Logged], until_ns: int) -> Iterator[Logged]:
