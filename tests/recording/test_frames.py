@@ -214,3 +214,21 @@ def test_stdin_and_growing_files_wait_for_no_more_than_they_need(tmp_path: Path)
     follow = Follow()
     found = Poses.collect(open_log(str(path), frame="world->object", follow=follow))
     np.testing.assert_array_equal(found.stamp_ns, OBJECT.stamp_ns)
+
+
+@pytest.mark.parametrize("follow", [False, True])
+def test_a_pose_whose_stamp_leads_holds_up_no_others(tmp_path: Path, follow: bool) -> None:
+    from contact_tracker.recording import Follow
+
+    parent, body = faster(4000, 100.0, 1), faster(3000, 100.0, 2)
+    messages = [
+        *((p.stamp_ns, {"transforms": [transform(*p, frame="world", child="f")]}) for p in parent),
+        *((p.stamp_ns, {"transforms": [transform(*p, frame="f", child="o")]}) for p in body),
+    ]
+    early = body.stamp_ns[500]
+    lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "f", "o")
+    messages.append((early + 1, {"transforms": [lead]}))
+    path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)], chunk_size=5000)
+    log = open_log(str(path), frame="world->o", follow=Follow() if follow else None)
+    assert len(Poses.collect(log)) == len(body)
+    assert log.counts == {"no_parent": 1}

@@ -29,6 +29,7 @@ from mcap_logs import (
 COUNT = 60
 POSES = smooth_poses(COUNT)
 OTHER = smooth_poses(COUNT, seed=5)
+FIRST = next(iter(POSES))
 
 
 def assert_read(path: Path, expected: Poses = POSES, **which: str) -> None:
@@ -353,6 +354,36 @@ def test_foxglove_json(tmp_path: Path, kind: str) -> None:
         rows.append((a.stamp_ns, json.dumps(message).encode()))
     path = write_raw(tmp_path / "a.mcap", f"foxglove.{kind}", "json", "jsonschema", b"{}", rows)
     assert_foxglove(path, kind)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"{",
+        b"[1, 2]",
+        b"[" * 100_000,
+        b'{"timestamp": {"sec": "x", "nsec": 0}}',
+        json.dumps({"timestamp": {"sec": 1, "nsec": 0}, "frame_id": 7, "pose": named(FIRST)}).encode(),
+        json.dumps({"timestamp": {"sec": 1}, "frame_id": "w", "pose": named(FIRST)}).encode(),
+        json.dumps(
+            {"timestamp": {"sec": 1, "nsec": 1}, "frame_id": "w", "pose": {"position": None}}
+        ).encode(),
+        b'{"timestamp": {"sec": Infinity, "nsec": 0}, "frame_id": "w", "pose": {}}',
+    ],
+)
+def test_json_that_is_no_pose_is_counted(tmp_path: Path, message: bytes) -> None:
+    good = {"timestamp": {"sec": 1, "nsec": 5}, "frame_id": "w", "pose": named(FIRST)}
+    far = {**good, "timestamp": {"sec": 10**30, "nsec": 5}}
+    rows = [
+        (5, json.dumps(good).encode()),
+        (6, message),
+        (7, json.dumps(far).encode()),
+    ]
+    path = write_raw(tmp_path / "a.mcap", "foxglove.PoseInFrame", "json", "jsonschema", b"{}", rows)
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == 1
+    assert log.counts == {"undecodable": 1, "out_of_range": 1}
+    assert summarise(str(path)).undecodable == 1
 
 
 def test_a_missing_library_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,8 +4,10 @@ A pose waits until each transform that moves is known before and after it. Posit
 linearly, rotations along the shortest arc. Of each transform only what poses still wait for is kept.
 """
 
+import math
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import takewhile
 from typing import Final
 
 import numpy as np
@@ -23,8 +25,14 @@ GAP_NS: Final = 1_000_000_000
 """What moves is not interpolated over a longer time."""
 _MOST_WAITING: Final = 20_000
 _MOST_KEPT: Final = 200_000
+_PATIENCE_NS: Final = 5_000_000_000
+"""So long of log time a pose waits for what moves: its stamp may lead."""
+_KEPT_NS: Final = 10_000_000_000
+"""So much of a transform is kept: stamps of poses may lag."""
 _BACK_NS: Final = 10_000_000_000
-"""A transform whose stamps go back by more starts anew."""
+_FORWARD_NS: Final = 3_600_000_000_000
+"""A transform whose stamps jump by more starts anew."""
+_FARTHEST_NS: Final = 2**61
 _Placed = tuple[NDArray[np.float64], Rotation]
 
 
@@ -86,17 +94,20 @@ class Composer:
                     self._waiting.append((stamped(pose, item.log_time_ns), item.log_time_ns))
                 elif source in self._tracks:
                     self._tracks[source].add(stamped(pose, item.log_time_ns))
-            yield from self._ready()
+            yield from self._ready(item.log_time_ns)
         yield from self._emit(len(self._waiting))
 
-    def _ready(self) -> Iterator[Item]:
-        """Poses that have what they wait for, when they are enough."""
+    def _ready(self, now_ns: int) -> Iterator[Item]:
+        """Poses that have what they wait for, when they are enough, and those that have waited too long."""
+        if self._waiting and now_ns - self._waiting[0][1] > _PATIENCE_NS:
+            late = takewhile(lambda logged: now_ns - logged[1] > _PATIENCE_NS, self._waiting)
+            yield from self._emit(sum(1 for _ in late))
         if len(self._waiting) < self._at_once:
             return
         until_ns = min((track.until_ns for track in self._parents), default=2**63)
         if self._waiting[self._at_once - 1][0].stamp_ns <= until_ns:
-            many = sum(1 for _ in _takewhile(self._waiting, until_ns))
-            yield from self._emit(many)
+            ready = takewhile(lambda logged: logged[0].stamp_ns <= until_ns, self._waiting)
+            yield from self._emit(sum(1 for _ in ready))
         elif len(self._waiting) > _MOST_WAITING:
             yield from self._emit(_MOST_WAITING // 2)
 
@@ -119,8 +130,7 @@ class Composer:
                 good &= known
             part = _inverse(part) if inverted else part
             whole = part if whole is None else _product(whole, part)
-        for track in self._parents:
-            track.forget(int(poses.stamp_ns[-1]))
+        self._forget()
         assert whole is not None
         self._count_lost(poses.stamp_ns[~good])
         positions, rotations = whole
@@ -130,19 +140,17 @@ class Composer:
             row = pose_row(int(poses.stamp_ns[i]), numbers[i])
             yield RawMessage(self._channel, logged[i][1], row)
 
+    def _forget(self) -> None:
+        ends_ns = [track.until_ns for track in self._parents] + [pose.stamp_ns for pose, _ in self._waiting]
+        for track in self._parents:
+            track.forget(min(ends_ns) - _KEPT_NS)
+
     def _count_lost(self, stamps_ns: NDArray[np.int64]) -> None:
         for stamp_ns in stamps_ns.tolist():
             if all(track.spans(stamp_ns) for track in self._parents):
                 self.counts["parent_gap"] += 1
             else:
                 self.counts["no_parent"] += 1
-
-
-def _takewhile(waiting: Iterable[Logged], until_ns: int) -> Iterator[Logged]:
-    for logged in waiting:
-        if logged[0].stamp_ns > until_ns:
-            return
-        yield logged
 
 
 class _Track:
@@ -167,7 +175,8 @@ class _Track:
 
     def add(self, pose: Pose) -> None:
         norm = float(np.linalg.norm(pose.quat_xyzw))
-        if not (abs(norm - 1) < 0.05 and all(map(np.isfinite, pose.position_m))):
+        is_pose = abs(norm - 1) < 0.05 and all(map(math.isfinite, pose.position_m))
+        if not is_pose or abs(pose.stamp_ns) > _FARTHEST_NS:
             self._counts["bad_parent"] += 1
             return
         if self._static:
@@ -176,14 +185,20 @@ class _Track:
             if pose.stamp_ns > self._samples[-1].stamp_ns - _BACK_NS:
                 self._counts["bad_parent"] += pose.stamp_ns < self._samples[-1].stamp_ns
                 return
-            self._samples.clear()
-            self._first_ns = None
-        self._first_ns = -(2**63) if self._static else self._first_ns
-        if self._first_ns is None:
+            self._start_anew()
+        elif self._samples and pose.stamp_ns > self._samples[-1].stamp_ns + _FORWARD_NS:
+            self._start_anew()
+        if self._static:
+            self._first_ns = -(2**63)
+        elif self._first_ns is None:
             self._first_ns = pose.stamp_ns
         self._samples.append(pose)
         if len(self._samples) > _MOST_KEPT:
             self._samples.popleft()
+
+    def _start_anew(self) -> None:
+        self._samples.clear()
+        self._first_ns = None
 
     def forget(self, stamp_ns: int) -> None:
         """Keep the last sample up to a stamp, and what follows."""
@@ -192,7 +207,7 @@ class _Track:
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
         """Position and rotation at some stamps, and whether they are known there."""
-        samples = Poses.collect(self._samples)
+        samples = self._about(int(stamps_ns.min()))
         if not len(samples):
             unknown = np.zeros(len(stamps_ns), bool)
             return np.zeros((len(stamps_ns), 3)), Rotation.identity(len(stamps_ns)), unknown
@@ -201,6 +216,15 @@ class _Track:
             rotation = Rotation.from_quat(np.repeat(samples.quat_xyzw, len(stamps_ns), axis=0))
             return np.repeat(samples.position_m, len(stamps_ns), axis=0), rotation, known
         return self._between(samples, stamps_ns)
+
+    def _about(self, stamp_ns: int) -> Poses:
+        """The samples from the last one before a stamp on."""
+        about = deque[Pose]()
+        for sample in reversed(self._samples):
+            about.appendleft(sample)
+            if sample.stamp_ns <= stamp_ns:
+                break
+        return Poses.collect(about)
 
     def _between(
         self, samples: Poses, stamps_ns: NDArray[np.int64]

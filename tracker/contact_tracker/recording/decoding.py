@@ -14,7 +14,7 @@ from contact_tracker.recording.foxglove import decode_json, protobuf_reading
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 from contact_tracker.recording.limits import TooMuchWork, WorkBudget
-from contact_tracker.recording.message_types import canonical, is_pose_type, observations
+from contact_tracker.recording.message_types import canonical, is_pose_type, observations, typed
 from contact_tracker.recording.ros import cdr_reading, ros1_decoding
 
 MESSAGE_LIMIT: Final = 2**22
@@ -109,8 +109,9 @@ class MessageDecoder:
         """The same by the library's decoder."""
         decoded = self.decode(message)
         try:
-            return observations(message.channel.type, decoded)
-        except (AttributeError, TypeError, ValueError, StopIteration) as error:
+            found = observations(message.channel.type, decoded)
+            return typed(found) if message.channel.encoding == "json" else found
+        except (AttributeError, TypeError, ValueError, OverflowError, StopIteration) as error:
             raise Undecodable(f"{message.channel.topic}: {error}") from error
 
 

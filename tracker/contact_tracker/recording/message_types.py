@@ -13,6 +13,8 @@ from contact_tracker.recording.layouts import Observation
 
 Reader = Callable[[Any], list[Observation]]
 _SECOND: Final = 1_000_000_000
+_MOST_NS: Final = 2**63 - 1
+"""A later stamp is none: the gate refuses this one."""
 _FRACTIONS: Final = ("nanosec", "nsec", "nanos", "nsecs")
 _ADDED: Final = 0
 """The action of a marker that is shown; others delete."""
@@ -37,7 +39,8 @@ def _stamp_ns(stamp: Any) -> int:
     """A time as ROS, protobuf and JSON have it."""
     seconds = next(getattr(stamp, name) for name in ("sec", "seconds", "secs") if hasattr(stamp, name))
     fraction = next(getattr(stamp, name) for name in _FRACTIONS if hasattr(stamp, name))
-    return int(seconds) * _SECOND + int(fraction)
+    stamp_ns = int(seconds) * _SECOND + int(fraction)
+    return max(min(stamp_ns, _MOST_NS), -_MOST_NS)
 
 
 def _at(stamp_ns: int, pose: Any) -> Pose:
@@ -156,3 +159,30 @@ def is_pose_type(type_name: str) -> bool:
 def observations(type_name: str, decoded: Any) -> list[Observation]:
     """The poses in a decoded message of a pose type; raises what its attributes lead to."""
     return POSE_TYPES[canonical(type_name)](decoded)
+
+
+def typed(found: list[Observation]) -> list[Observation]:
+    """The same of JSON, where anything may stand in place of a name or a number; raises TypeError, too."""
+    for frame_id, child_frame_id, _ in found:
+        if not (isinstance(frame_id, str) and isinstance(child_frame_id, str)):
+            raise TypeError("a name of a frame is no text")
+    return [
+        Observation(
+            frame_id,
+            child_frame_id,
+            Pose(
+                max(min(int(pose.stamp_ns), _MOST_NS), -_MOST_NS),
+                _three(*map(float, pose.position_m)),
+                _four(*map(float, pose.quat_xyzw)),
+            ),
+        )
+        for frame_id, child_frame_id, pose in found
+    ]
+
+
+def _three(x: float, y: float, z: float) -> tuple[float, float, float]:
+    return x, y, z
+
+
+def _four(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
+    return x, y, z, w
