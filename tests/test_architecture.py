@@ -38,7 +38,10 @@ READS_FILES |= {"hypotheses/compiled/sources.py", "atomic_file.py", "regular_fil
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",
-    "mcap_ros2": "recording",
+    "mcap_ros2": "recording/ros.py",
+    "mcap_protobuf": "recording/foxglove.py",
+    "polars": "recording/tables.py",
+    "rosbags": "recording/bags.py",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
     "tqdm": "cli",

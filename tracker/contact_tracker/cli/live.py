@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--state carries on with all that comes: without --start and --duration")
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
-    log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
+    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to)
     source = Source(log, args)
     interrupted = False
     with _viewer(args) as viewer, StatusLine() as status:

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
     model, knowledge = model_of(args), knowledge_of(args)
-    source = Source(open_log(args.log, args.topic, args.frame), args)
+    source = Source(open_log(args.log, args.topic, args.frame, relative_to=args.relative_to), args)
     with progress("segment", "poses") as set_done, workers(args.processes) as executor:
         tracker = OfflineTracker(model, knowledge, executor)
         found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
