@@ -20,6 +20,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
+from contact_tracker.recording.message_types import POSE_TYPES
 from contact_tracker.states import Contact
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -162,12 +163,13 @@ def counted_kinds() -> set[str]:
         "motion/default_poses.py",
         "motion/excursions.py",
         "recording/log.py",
+        "recording/composition.py",
     ):
         for node in ast.walk(ast.parse((PACKAGE / name).read_text(encoding="utf-8"))):
             match node:
                 case (
                     ast.Subscript(value=ast.Name("counts"), slice=ast.Constant(kind))
-                    | ast.Subscript(value=ast.Attribute(attr="_counts"), slice=ast.Constant(kind))
+                    | ast.Subscript(value=ast.Attribute(attr="_counts" | "counts"), slice=ast.Constant(kind))
                 ):
                     kinds.add(str(kind))
     return kinds
@@ -177,6 +179,25 @@ def test_the_conventions_name_every_count() -> None:
     table = CONVENTIONS.partition("| kind |")[2]
     by_the_tracker = {"outlier"}
     assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == counted_kinds() | by_the_tracker
+
+
+def test_every_input_format_names_tests_that_are_there() -> None:
+    """Each row of docs/formats.md, and each test by its name."""
+    text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if re.match(r"\| (?!---|file|type|encoding)", line)]
+    assert len(rows) > 20
+    for row in rows:
+        named = re.findall(r"`(test_\w+\.py)(?:: (test_\w+))?`", row)
+        assert named, row
+        for file, test in named:
+            source = (ROOT / "tests" / "recording" / file).read_text(encoding="utf-8")
+            assert f"def {test or 'test_'}" in source, row
+
+
+def test_every_pose_type_is_in_the_table_of_formats() -> None:
+    text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    for name in POSE_TYPES:
+        assert re.split(r"[/.]", name)[-1] in text, name
 
 
 def tables_of(kind: Any, name: str = "") -> dict[str, Any]:

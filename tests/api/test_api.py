@@ -26,7 +26,7 @@ from contact_tracker.errors import (
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import write_recording
-from mcap_logs import poses_topic, smooth_poses, write_log
+from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 from short_recordings import FACE_TO_EDGE, recorded
 
 WXYZ = [3, 0, 1, 2]
@@ -216,6 +216,20 @@ def test_mistakes_are_errors_of_the_package(poses: Poses, log: Path, tmp_path: P
     for kind, text, mistake in mistakes:
         with pytest.raises(kind, match=text):
             mistake()
+
+
+def test_a_frame_in_another_is_composed_of_the_transforms_between(tmp_path: Path) -> None:
+    moving, mount = smooth_poses(40), (0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    rows = [(p.stamp_ns, {"transforms": [transform(*p, frame="base", child="tool")]}) for p in moving]
+    fixed = [(int(moving.stamp_ns[0]), {"transforms": [transform(*mount, frame="world", child="base")]})]
+    kind = "tf2_msgs/msg/TFMessage"
+    path = write_log(tmp_path / "tf.mcap", [Topic("/tf_static", kind, fixed), Topic("/tf", kind, rows)])
+    child = contact_tracker.read(path, child="tool")
+    composed = contact_tracker.read(path, parent="world", child="tool")
+    np.testing.assert_allclose(child.position_m, moving.position_m)
+    np.testing.assert_allclose(composed.position_m, np.add(child.position_m, (1.0, 2.0, 3.0)))
+    with pytest.raises(UsageError, match="parent needs child"):
+        contact_tracker.read(path, parent="world")
 
 
 def test_results_replace_no_recording_that_they_are_not_told_to(

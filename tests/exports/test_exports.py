@@ -362,6 +362,14 @@ def test_an_output_may_be_read_and_segmented_once_more(folder: Path, tmp_path: P
             {c.topic: summary.statistics.channel_message_counts[i] for i, c in summary.channels.items()}
         )
     assert counts[0] == counts[1]
+    trajectory = again.trajectory
+    alone = Trajectory.from_arrays(
+        trajectory.stamp_ns, trajectory.position_m, trajectory.quat_xyzw, unit="ns"
+    )
+    contact_tracker.segment(alone).to_mcap(tmp_path / "alone.mcap")
+    with pytest.raises(contact_tracker.ContactTrackerError, match="--topic /contact/frames"):
+        contact_tracker.read(tmp_path / "alone.mcap")
+    assert len(contact_tracker.read(tmp_path / "alone.mcap", topic="/contact/frames")) > 100
 
 
 def test_truth_and_metadata_are_handed_on(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
         |-- AmbiguousSource       several pose sources: choose with --topic / --frame
-        |-- MissingExtra          an output needs a library that is not installed
+        |-- MissingExtra          a format needs a library that is not installed
         |-- ModelError            a model file with a missing or impossible value
         `-- KnowledgeError        what the user says to know is impossible or cannot be read
 
@@ -70,7 +70,7 @@ class AmbiguousSource(UsageError):
 
 
 class MissingExtra(UsageError):
-    """An output needs a library that comes with an extra of this package."""
+    """An input or output needs a library that comes with an extra of this package."""
 
 
 class ModelError(UsageError):

@@ -17,12 +17,12 @@ from contact_tracker.exports.columns import (
     belief_columns,
     segment_columns,
 )
-from contact_tracker.exports.extras import extra
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
 from contact_tracker.exports.writing import write_outcome, write_pieces
+from contact_tracker.extras import extra
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
 from contact_tracker.recording import parts_of
@@ -88,7 +88,7 @@ class Result:
 
     def to_polars(self, rows: Rows = "ticks") -> "polars_table.DataFrame":
         """The same of polars."""
-        with extra("polars", "a DataFrame of polars"):
+        with extra("tables", "a DataFrame of polars"):
             from contact_tracker.exports.polars_table import to_polars
 
         return to_polars(*self._columns(rows))

@@ -160,13 +160,21 @@ class Trajectory:
         return f"<Trajectory {self.name}: {len(self)} poses, {self.duration_s:.2f} s{noted}>"
 
 
-def read(path: str | os.PathLike[str], topic: str | None = None, frame: str | None = None) -> Trajectory:
+def read(
+    path: str | os.PathLike[str],
+    topic: str | None = None,
+    parent: str | None = None,
+    child: str | None = None,
+    relative_to: str | None = None,
+) -> Trajectory:
     """The poses of a recording.
 
     Parameters
     ----------
-    path : an MCAP file, or a folder of its parts.
-    topic, frame : which poses to take, where there are several sources; ``frame`` is CHILD or PARENT->CHILD.
+    path : a recording of any kind (docs/formats.md), or a folder of its parts.
+    topic : take poses of this topic, where there are several.
+    parent, child : take poses of this frame in that; transforms between them are composed.
+    relative_to : a frame, or the topic of another body, which may move: poses relative to it.
 
     Raises
     ------
@@ -174,11 +182,16 @@ def read(path: str | os.PathLike[str], topic: str | None = None, frame: str | No
         There is nothing that can be used.
     AmbiguousSource
         There are several sources: choose.
+    MissingExtra
+        The format needs a library that is not installed.
     """
+    if parent is not None and child is None:
+        raise UsageError("parent needs child, the frame of the body")
+    frame = child if parent is None else f"{parent}->{child}"
     text = os.fspath(path)
     if text == "-":
         raise UsageError("a recording is read from a file, not from standard input")
-    log = open_log(text, topic, frame)
+    log = open_log(text, topic, frame, relative_to=relative_to)
     poses = Poses.join(list(log.batches()))
     counts = dict(log.counts)
     if not len(poses):

@@ -14,13 +14,14 @@ from contact_tracker.errors import UsageError
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
 
+LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
 _MOST: Final = 1e9
 """A longer time in seconds, about 30 years, is a slip of the hand."""
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """``LOG`` and which of its poses to take."""
-    parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
+    parser.add_argument("log", metavar="LOG", help=LOG_HELP)
     add_source(parser)
     parser.add_argument(
         "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
@@ -29,9 +30,17 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
-    """``--topic`` and ``--frame``."""
-    parser.add_argument("--topic", help="take the poses of this topic")
-    parser.add_argument("--frame", help="take the poses of this frame: CHILD or 'PARENT->CHILD'")
+    """``--topic``, ``--frame`` and ``--relative-to``."""
+    parser.add_argument("--topic", help="take the poses of this topic: TOPIC or TOPIC:TYPE")
+    parser.add_argument(
+        "--frame",
+        help="take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
+    )
+    parser.add_argument(
+        "--relative-to",
+        metavar="TOPIC|FRAME",
+        help="poses in this frame, or relative to the body of this topic, which may move",
+    )
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:

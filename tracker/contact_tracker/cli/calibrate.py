@@ -137,7 +137,7 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
 
     names = recordings(args.logs, "calibrate")
-    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args)
+    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
@@ -186,6 +186,7 @@ def _command(args: argparse.Namespace) -> str:
     words = ["contact-tracker", "calibrate", *map(os.path.relpath, args.logs)]
     words += ["--topic", args.topic] if args.topic else []
     words += ["--frame", args.frame] if args.frame else []
+    words += ["--relative-to", args.relative_to] if args.relative_to else []
     words += ["--known", os.path.relpath(args.known)] if args.known else []
     words += ["--start", start] if args.start != "default" else []
     words += ["--unlabelled"] if args.unlabelled else []

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any, Final, NoReturn
 
 from contact_tracker.cli.terminal import show
-from contact_tracker.exports.extras import extra
+from contact_tracker.extras import extra
 
 SHELLS: Final = ("bash", "zsh", "tcsh")
 _FILES: Final = ("LOG", "FILE", "NAME|FILE")

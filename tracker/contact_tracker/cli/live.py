@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         require_library(args.output)
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
-    log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
+    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to)
     source = Source(log, args)
     with _viewer(args) as viewer, StatusLine() as status, _Ticks(args.output) as ticks:
         printer = _Printer(args.json, source, status)

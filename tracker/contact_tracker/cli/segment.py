@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
-    log = open_log(args.log, args.topic, args.frame)
+    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to)
     source = Source(log, args)
     with progress("segment", "poses", source.expected) as set_done, workers(args.processes) as executor:
         tracker = OfflineTracker(model, knowledge, executor)

@@ -35,6 +35,8 @@ class Source:
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
         self._begin_s = time.monotonic()
+        if log.note is not None:
+            warn(f"{self._name}: {log.note}")
         self.origin_ns = 0
         self.first_ns = 0
         self.last_ns = 0

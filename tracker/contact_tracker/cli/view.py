@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_output(args.save, args.overwrite, files_read([args.log], args.model, args.known))
     tracker = OfflineTracker(model_of(args), knowledge_of(args))
-    source = Source(open_log(args.log, args.topic, args.frame), args)
+    source = Source(open_log(args.log, args.topic, args.frame, relative_to=args.relative_to), args)
     truth, vertices_m = read_truth(args.log), vertices_from_metadata(read_metadata(args.log))
     with progress("segment", "poses", source.expected) as set_done:
 

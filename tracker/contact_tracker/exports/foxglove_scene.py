@@ -15,7 +15,14 @@ from foxglove import messages as fox
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.outputs.tables import json_line
-from contact_tracker.recording import Channel, RawMessage, write_beside
+from contact_tracker.recording import (
+    BELIEF_TOPIC,
+    FRAMES_TOPIC,
+    SCENE_TOPIC,
+    Channel,
+    RawMessage,
+    write_beside,
+)
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.hull import Hull, hull
@@ -23,10 +30,6 @@ from contact_tracker.viewer.palette import COLOUR, GREY, Colour
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.shapes import Mesh
 
-BELIEF_TOPIC: Final = "/contact/belief"
-FRAMES_TOPIC: Final = "/contact/frames"
-SCENE_TOPIC: Final = "/contact/scene"
-TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC})
 WORLD: Final = "world"
 BODY: Final = "object"
 """Frames of poses that name none."""
@@ -61,7 +64,7 @@ def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int
         _beliefs(outcome), _frames(outcome), _scene(outcome), key=lambda message: message.log_time_ns
     )
     shifted = (message._replace(log_time_ns=message.log_time_ns + log_offset_ns) for message in added)
-    write_beside(path, log, shifted, TOPICS)
+    write_beside(path, log, shifted)
 
 
 def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from contact_tracker.errors import UnreadableRecording, UsageError
+from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError
 
 
 def check_output(
@@ -38,5 +38,5 @@ def _why_kept(path: Path) -> str | None:
 
     try:
         return "it is a recording" if may_be_recording(str(path)) else None
-    except (OSError, UnreadableRecording) as error:
+    except (OSError, UnreadableRecording, MissingExtra) as error:
         return f"it may be a recording, but cannot be read ({getattr(error, 'strerror', None) or error})"

@@ -4,7 +4,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from contact_tracker.exports.extras import extra
+from contact_tracker.extras import extra
 
 
 class Library(NamedTuple):

@@ -9,20 +9,21 @@ from mcap.writer import Writer
 
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
+from contact_tracker.recording.result_topics import RESULT_TOPICS
 
 _CHUNK_SIZE: Final = 1024 * 1024
 _LIBRARY: Final = "contact-tracker"
 
 
-def write_beside(path: Path, log: str | None, added: Iterable[RawMessage], topics: frozenset[str]) -> None:
+def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> None:
     """Write all of a recording and messages of ours, merged by log time.
 
     Parameters
     ----------
     log : the recording, which is read once more; None for nothing but our messages. What is damaged in it is
         left out.
-    added : messages of ours in the order of their log time.
-    topics : those of ``added``; channels of the recording with one of them are left out.
+    added : messages on ``RESULT_TOPICS`` in the order of their log time; what the recording has on these topics
+        is left out.
 
     Raises
     ------
@@ -32,7 +33,11 @@ def write_beside(path: Path, log: str | None, added: Iterable[RawMessage], topic
         The file cannot be written.
     """
     with path.open("wb") as file:
-        _write(file, () if log is None else Reading(log, lambda channel: channel.topic not in topics), added)
+        _write(
+            file,
+            () if log is None else Reading(log, lambda channel: channel.topic not in RESULT_TOPICS),
+            added,
+        )
 
 
 def _write(file: IO[bytes], items: Iterable[Item], added: Iterable[RawMessage]) -> None:

@@ -38,6 +38,10 @@ PARSE_ERRORS: Final = (
 )
 
 
+POSE_ROW: Final = "contact_tracker/pose_row"
+"""The encoding of rows of poses: ``<q7d``, stamp, position, quaternion; the schema is their frames."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """A topic with its message type: schema name, its encoding and its text."""

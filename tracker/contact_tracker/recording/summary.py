@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable, may_have_poses
 from contact_tracker.recording.items import Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
-from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
 
@@ -100,7 +100,7 @@ def summarise(path: str) -> RecordingSummary:
     metadata: dict[str, Mapping[str, str]] = {}
     attachments: list[str] = []
     reading = Reading(path, lambda channel: True)
-    tallies = _Tallies(RosDecoder(reading.budget))
+    tallies = _Tallies(MessageDecoder(reading.budget))
     for item in reading:
         match item:
             case Metadata(name, values):
@@ -128,17 +128,21 @@ def summarise(path: str) -> RecordingSummary:
 class _Tallies:
     """Running figures of all sources, from messages that wait until there are many of a channel."""
 
-    def __init__(self, decoder: RosDecoder) -> None:
+    def __init__(self, decoder: MessageDecoder) -> None:
         self.undecodable = 0
         self.more_sources = False
         self._decoder = decoder
+        self._current: Channel | None = None
+        self._has_poses = False
         self._waiting: dict[Channel, list[RawMessage]] = {}
         self._tallies: dict[PoseSource, _Tally] = {}
         self._kept = 0
 
     def add(self, message: RawMessage) -> None:
         channel = message.channel
-        if channel.type not in POSE_TYPES or not is_ros2(channel):
+        if channel is not self._current:
+            self._current, self._has_poses = channel, may_have_poses(channel)
+        if not self._has_poses:
             return
         waiting = self._waiting.setdefault(channel, [])
         waiting.append(message)

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
 
 from contact_tracker.errors import MissingExtra
 
@@ -20,3 +22,9 @@ def extra(name: str, purpose: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         library = (error.name or "a library").partition(".")[0]
         raise MissingExtra(f"{purpose} needs {library}: pip install 'contact-tracker[{name}]'") from error
+
+
+def module_of_extra(module: str, name: str, purpose: str) -> ModuleType:
+    """The ``module`` of a library of the extra ``name``; raises as ``extra`` does."""
+    with extra(name, purpose):
+        return import_module(module)
