@@ -123,7 +123,8 @@ _VALUES = ["Rotation"] * 4 + ["Position"] * 3
 _NAMES = [*["cup"] * 8, *['"cup:Marker, 1"'] * 3, *["table"] * 7]
 ABOUT = (
     "Format Version,{version},Take Name,take,Capture Frame Rate,200.0,Export Frame Rate,200.0,"
-    "Capture Start Time,2023-06-02 12.09.45 PM,Rotation Type,{rotation},Length Units,{units},Coordinate Space,Global"
+    "Capture Start Time,2023-06-02 12.09.45 PM,Rotation Type,{rotation},Length Units,{units},"
+    "Coordinate Space,Global"
 )
 HEADS = {
     "1.22": [["", "", *_BODY], ["", "", *_NAMES]],
