@@ -120,27 +120,35 @@ def test_several_bodies_in_named_columns(tmp_path: Path) -> None:
 
 _BODY = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
 _VALUES = ["Rotation"] * 4 + ["Position"] * 3
-MOTIVE = "\n".join(
-    [
-        "Format Version,1.23,Take Name,take,Capture Frame Rate,200.0,Export Frame Rate,200.0,Capture "
-        "Start Time,2023-06-02 12.09.45 PM,Rotation Type,{rotation},Length Units,{units},Coordinate "
-        "Space,Global",
-        "",
-        ",".join(["", "Type", *_BODY]),
-        ",".join(["", "Name", *["cup"] * 8, *["cup:Marker1"] * 3, *["table"] * 7]),
-        ",".join(["", "ID", *map(str, range(18))]),
-        ",".join(["", "", *_VALUES, "Mean Marker Error", *["Position"] * 3, *_VALUES]),
-        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,X,Y,Z,W,X,Y,Z",
-        "",
-    ]
+_NAMES = [*["cup"] * 8, *['"cup:Marker, 1"'] * 3, *["table"] * 7]
+ABOUT = (
+    "Format Version,{version},Take Name,take,Capture Frame Rate,200.0,Export Frame Rate,200.0,"
+    "Capture Start Time,2023-06-02 12.09.45 PM,Rotation Type,{rotation},Length Units,{units},"
+    "Coordinate Space,Global"
 )
+HEADS = {
+    "1.22": [["", "", *_BODY], ["", "", *_NAMES]],
+    "1.23": [["", "Type", *_BODY], ["", "Name", *_NAMES], ["", "ID", *map(str, range(18))]],
+    "1.25": [
+        ["", "Type", *_BODY],
+        ["", "Name", *_NAMES],
+        ["", "ID", *map(str, range(18))],
+        ["", "Parent", *["Root"] * 18],
+    ],
+}
+"""The rows of names that formats of Motive 2 and 3 have, as in exports that others have published."""
 
 
-def write_motive(path: Path, rotation: str = "Quaternion", units: str = "Millimeters") -> Path:
+def write_motive(
+    path: Path, rotation: str = "Quaternion", units: str = "Millimeters", version: str = "1.23"
+) -> Path:
     """As Motive exports two rigid bodies and a marker; one body is hidden for a while."""
     scale = 1e3 if units == "Millimeters" else 1.0
     with path.open("w", newline="", encoding="utf-8-sig") as file:
-        file.write(MOTIVE.format(rotation=rotation, units=units))
+        file.write(ABOUT.format(version=version, rotation=rotation, units=units) + "\n\n")
+        file.writelines(",".join(row) + "\n" for row in HEADS[version])
+        file.write(",".join(["", "", *_VALUES, "Mean Marker Error", *["Position"] * 3, *_VALUES]) + "\n")
+        file.write("Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,X,Y,Z,W,X,Y,Z\n")
         for i, (a, b) in enumerate(zip(POSES, OTHER, strict=True)):
             first = [*a.quat_xyzw, *(scale * v for v in a.position_m), 0.1]
             second = [*b.quat_xyzw, *(scale * v for v in b.position_m)]
@@ -151,8 +159,9 @@ def write_motive(path: Path, rotation: str = "Quaternion", units: str = "Millime
 
 
 @pytest.mark.parametrize("units", ["Millimeters", "Meters"])
-def test_motive(tmp_path: Path, units: str) -> None:
-    path = str(write_motive(tmp_path / "take.csv", units=units))
+@pytest.mark.parametrize("version", HEADS)
+def test_motive(tmp_path: Path, units: str, version: str) -> None:
+    path = str(write_motive(tmp_path / "take.csv", units=units, version=version))
     with pytest.raises(AmbiguousSource, match=r"take.csv ->cup \(Motive\); take.csv ->table \(Motive\)"):
         open_log(path)
     log = open_log(path, frame="cup")
@@ -166,11 +175,41 @@ def test_motive(tmp_path: Path, units: str) -> None:
     np.testing.assert_allclose(table.position_m, OTHER.position_m, rtol=0, atol=1e-12)
 
 
-def write_vicon(path: Path, quaternions: bool = True) -> Path:
+def motive(kinds: list[str], names: list[str], values: list[str], axes: str, space: str = "Global") -> str:
+    about = ABOUT.format(version="1.23", rotation="Quaternion", units="Meters").replace("Global", space)
+    rows = [["", "Type", *kinds], ["", "Name", *names], ["", "", *values], ["Frame", "Time (Seconds)", *axes]]
+    line = ",".join(["0", "0.0", *("0" if axis != "W" else "1" for axis in axes)])
+    return "\n".join([about, "", *map(",".join, rows), line, line.replace("0.0", "0.1", 1)]) + "\n"
+
+
+def test_motive_bodies_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, _VALUES * 2, "XYZWXYZ" * 2))
+    assert [source.child_frame_id for source in list_sources(str(path))] == ["cup", "cup 2"]
+
+
+def test_motive_bones_are_read_in_global_coordinates_only(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, _VALUES, "XYZWXYZ"))
+    assert [source.child_frame_id for source in list_sources(str(path))] == ["hand"]
+    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, _VALUES, "XYZWXYZ", space="Local"))
+    with pytest.raises(UnreadableRecording, match=r"no rigid body has both .* in global coordinates"):
+        open_log(str(path))
+
+
+def test_rows_of_exports_may_be_shorter_than_others(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    lines = write_motive(tmp_path / "whole.csv").read_text(encoding="utf-8-sig").splitlines()
+    path.write_text("\n".join([*lines[:7], "0,0.0,,,,", *lines[8:]]))
+    found = Poses.collect(open_log(str(path), frame="table"))
+    np.testing.assert_allclose(found.position_m, OTHER.position_m[1:], rtol=0, atol=1e-12)
+
+
+def write_vicon(path: Path, quaternions: bool = True, kind: str = "Segments", about: str = "") -> Path:
     axes = "RX,RY,RZ,RW,TX,TY,TZ" if quaternions else "RX,RY,RZ,TX,TY,TZ"
     units = (",,,," if quaternions else "deg,deg,deg,") + "mm,mm,mm"
     commas = "," * axes.count(",")
-    rows = ["Segments", "200", f",,cup:cup{commas},me:hand{commas}", f"Frame,Sub Frame,{axes},{axes}"]
+    rows = [kind, "200", f",,{about}cup:cup{commas},{about}me:hand{commas}", f"Frame,Sub Frame,{axes},{axes}"]
     rows.append(f",,{units},{units}")
     for i, (a, b) in enumerate(zip(POSES, OTHER, strict=True)):
         cells = [
@@ -184,8 +223,12 @@ def write_vicon(path: Path, quaternions: bool = True) -> Path:
     return path
 
 
-def test_vicon(tmp_path: Path) -> None:
-    path = str(write_vicon(tmp_path / "trial.csv"))
+@pytest.mark.parametrize(
+    ("kind", "about"),
+    [("Segments", ""), ("Objects", "Global Angle "), ("Objects", "Global Angle (Quaternion) ")],
+)
+def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
+    path = str(write_vicon(tmp_path / "trial.csv", kind=kind, about=about))
     assert [source.child_frame_id for source in list_sources(path)] == ["cup", "me:hand"]
     for name, poses in (("cup", POSES), ("me:hand", OTHER)):
         found = Poses.collect(open_log(path, frame=name))
@@ -202,6 +245,10 @@ def test_vicon(tmp_path: Path) -> None:
         ("t,x,y,z\n1,2,3,4\n", "no columns of a pose among t, x, y, z: needed are a time"),
         ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "no column of times among x, y, z"),
         ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
+        ("Format Version;1.23;Take Name;a\n", "its columns are not separated by commas"),
+        ("Format Version,1.23,Length Units,Feet\n,,Rigid Body\n,,a\n,,Rotation\nFrame,Time,X\n", "Feet"),
+        ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
+        (",".join(["t"] * 5001) + "\n", "its 5001 columns are too many"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
         ("hello\n", "no columns of a pose among hello"),
     ],
@@ -217,8 +264,11 @@ def test_what_a_table_lacks_is_said(tmp_path: Path, text: str, message: str) -> 
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnreadableRecording, match="rotations are XYZ: export it from Motive"):
         open_log(str(write_motive(tmp_path / "a.csv", rotation="XYZ")))
-    with pytest.raises(UnreadableRecording, match="rotations of cup:cup are three angles"):
+    with pytest.raises(UnreadableRecording, match="rotations of cup are three angles or a helical vector"):
         open_log(str(write_vicon(tmp_path / "b.csv", quaternions=False)))
+    path = write_vicon(tmp_path / "c.csv", quaternions=False, kind="Objects", about="Global Angle (Helical) ")
+    with pytest.raises(UnreadableRecording, match="rotations of cup are of the kind Helical: export quat"):
+        open_log(str(path))
 
 
 def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:

@@ -50,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         for line in summary_lines(summary, reports):
             show(line)
+    for line in summary.assumptions:
+        warn(f"{args.log}: {line}")
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not any(source.poses for source in summary.sources):

@@ -154,6 +154,8 @@ class Source:
             say(noise_text(adapted))
             for line in warnings(adapted):
                 warn(line)
+        if self._log.assumption is not None:
+            warn(f"{self._name}: {self._log.assumption}")
         if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
             warn(
                 f"{self._name}: time runs backward in it; if its files are recordings of their own, name one"

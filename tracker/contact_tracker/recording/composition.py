@@ -49,7 +49,8 @@ class Composer:
     Attributes
     ----------
     counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` as docs/conventions.md says, ``undecodable`` and
-        ``log_time_as_stamp``.
+        ``log_time_as_stamp``, and ``known_definition`` as of ``PoseLog``.
+    why : the known definition of a type was used, in words.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Composer:
         at_once: int,
     ) -> None:
         self.counts: Counter[str] = Counter()
+        self.why: str | None = None
         self._steps, self._body = steps, body
         self._channel = row_channel(source.topic, source.type, source.frame_id, source.child_frame_id)
         self._decoder = decoder
@@ -87,6 +89,7 @@ class Composer:
             except Undecodable:
                 self.counts["undecodable"] += 1
                 continue
+            why = self._decoder.assumption(item.channel)
             for frame_id, child_frame_id, pose in observations:
                 source = PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id)
                 if source == body:
@@ -94,6 +97,11 @@ class Composer:
                     self._waiting.append((stamped(pose, item.log_time_ns), item.log_time_ns))
                 elif source in self._tracks:
                     self._tracks[source].add(stamped(pose, item.log_time_ns))
+                else:
+                    continue
+                if why is not None:
+                    self.why = why
+                    self.counts["known_definition"] += 1
             yield from self._ready(item.log_time_ns)
         yield from self._emit(len(self._waiting))
 

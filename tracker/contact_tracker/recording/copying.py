@@ -22,8 +22,8 @@ def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> No
     ----------
     log : the recording, which is read once more; None for nothing but our messages. What is damaged in it is
         left out.
-    added : messages on ``RESULT_TOPICS`` in the order of their log time; what the recording has on these topics
-        is left out.
+    added : messages on ``RESULT_TOPICS`` in the order of their log time; what the recording has on these
+        topics is left out.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -13,22 +13,37 @@ from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.foxglove import decode_json, protobuf_reading
 from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
-from contact_tracker.recording.limits import TooMuchWork, WorkBudget
+from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.message_types import canonical, is_pose_type, observations, typed
-from contact_tracker.recording.ros import cdr_reading, ros1_decoding
+from contact_tracker.recording.ros import cdr_reading, known_reading
+from contact_tracker.recording.ros1 import ros1_reading
 
 MESSAGE_LIMIT: Final = 2**22
-BYTES_PER_RECORD: Final = 128
-"""So many bytes of a message are as much work as a record."""
 _ROW: Final = struct.Struct("<q7d")
 _ROW_COLUMNS: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 POSES_PER_RECORD: Final = 4
 """So many poses of a known layout are as much work as a record."""
+_DEFINITION_BYTES_PER_RECORD: Final = 16
+"""So many bytes of a definition are as much work as a record."""
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 
 
 class Undecodable(Exception):
     """A message that is not what its schema promises."""
+
+
+class _Reading(NamedTuple):
+    """How the messages of a channel are read.
+
+    Parameters
+    ----------
+    decode : by the library; None where the definition in the file cannot be used.
+    assumption : why the known definition of the type is used, in words, or None where it is not.
+    """
+
+    decode: Callable[[bytes], Any] | None
+    layouts: Layouts
+    assumption: str | None
 
 
 class MessageDecoder:
@@ -41,26 +56,21 @@ class MessageDecoder:
 
     def __init__(self, budget: WorkBudget | None = None) -> None:
         self._budget = budget
-        self._decoders: dict[Channel, Callable[[bytes], Any] | None] = {}
-        self._layouts: dict[Channel, Layouts] = {}
-        self._current: Channel | None = None
-        self._known = Layouts("")
+        self._readings: dict[Channel, _Reading] = {}
+        self._current: tuple[Channel, _Reading] | None = None
 
     def decode(self, message: RawMessage) -> Any:
         """The message as an object with attributes; raises Undecodable, or MissingExtra where no library is
         installed for it."""
         channel, _, data = message
         try:
-            try:
-                decoder = self._decoders[channel]
-            except KeyError:
-                decoder = self._decoders[channel] = _decoder_of(channel)
-            if decoder is None:
+            decode = self._reading(channel).decode
+            if decode is None:
                 raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
             if data.startswith(ZSTD_MAGIC):
                 data = inflate_zstd(data, MESSAGE_LIMIT)
             self._count_work(message, len(data) // BYTES_PER_RECORD)
-            return decoder(data)
+            return decode(data)
         except (Undecodable, MissingExtra):
             raise
         except (*PARSE_ERRORS, TypeError, AttributeError, AssertionError) as error:
@@ -70,31 +80,23 @@ class MessageDecoder:
                 raise
             raise Undecodable(f"{channel.topic}: {error}") from error  # errors of optional libraries
 
-    def _count_work(self, message: RawMessage, records: int) -> None:
-        """Count the work beyond that of one record; raises Undecodable where the file does not explain it."""
-        if records and self._budget is not None:
-            try:
-                self._budget.count_records(records)
-            except TooMuchWork as error:
-                raise Undecodable(f"{message.channel.topic}: {error}") from error
+    def assumption(self, channel: Channel) -> str | None:
+        """Why the messages of a channel are read by the known definition of their type, if they are."""
+        return self._reading(channel).assumption if channel.encoding == "cdr" else None
 
     def observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message of a pose type; raises Undecodable."""
         channel = message.channel
         if channel.encoding == POSE_ROW:
             return _row(message)
-        if channel is not self._current:  # hashing one takes longer than reading a pose
-            self._current, self._known = (
-                channel,
-                self._layouts.setdefault(channel, Layouts(_laid_out(channel))),
-            )
-        found = self._known.read(message.data)
+        layouts = self._reading(channel).layouts
+        found = layouts.read(message.data)
         if found is not None:
             self._count_work(message, (len(found) - 1) // POSES_PER_RECORD)
             return found
         found = self._observe(message)
         with suppress(Undecodable):
-            self._known.learn(message.data, lambda data: self._observe(message._replace(data=data)))
+            layouts.learn(message.data, lambda data: self._observe(message._replace(data=data)))
         return found
 
     def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
@@ -102,8 +104,8 @@ class MessageDecoder:
         channel = messages[0].channel
         if channel.encoding == POSE_ROW:
             return _rows(messages)
-        known = self._layouts.get(channel)
-        return None if known is None else known.read_all([message.data for message in messages])
+        known = self._readings.get(channel)
+        return None if known is None else known.layouts.read_all([message.data for message in messages])
 
     def _observe(self, message: RawMessage) -> list[Observation]:
         """The same by the library's decoder."""
@@ -113,6 +115,45 @@ class MessageDecoder:
             return typed(found) if message.channel.encoding == "json" else found
         except (AttributeError, TypeError, ValueError, OverflowError, StopIteration) as error:
             raise Undecodable(f"{message.channel.topic}: {error}") from error
+
+    def _reading(self, channel: Channel) -> _Reading:
+        if (
+            self._current is not None and self._current[0] is channel
+        ):  # hashing takes longer than reading a pose
+            return self._current[1]
+        reading = self._readings.get(channel)
+        if reading is None:
+            reading = self._readings[channel] = self._new_reading(channel)
+        self._current = channel, reading
+        return reading
+
+    def _new_reading(self, channel: Channel) -> _Reading:
+        layouts = Layouts(canonical(channel.type) if channel.encoding == "cdr" else "")
+        if self._budget is not None:
+            try:
+                self._budget.count_records(len(channel.schema) // _DEFINITION_BYTES_PER_RECORD)
+            except TooMuchWork:
+                return _Reading(None, layouts, None)
+        decode, assumption = _decoder_of(channel), None
+        if decode is None and channel.encoding == "cdr":
+            decode = known_reading(channel)
+            is_defined = bool(channel.schema.strip())
+            why = "its definition in the file cannot be used" if is_defined else "the file does not define it"
+            assumption = why if decode is not None else None
+        return _Reading(decode, layouts, assumption)
+
+    def _count_work(self, message: RawMessage, records: int) -> None:
+        """Count the work beyond that of one record; raises Undecodable where the file does not explain it."""
+        if records and self._budget is not None:
+            try:
+                self._budget.count_records(records)
+            except TooMuchWork as error:
+                raise Undecodable(f"{message.channel.topic}: {error}") from error
+
+
+def assumption_text(count: int, type_name: str, why: str) -> str:
+    """One line that says that a definition was assumed for so many poses."""
+    return f"{count} poses are read by the known definition of {type_name}: {why}"
 
 
 def may_have_poses(channel: Channel) -> bool:
@@ -163,20 +204,26 @@ def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
     return ObservedColumns(*_row_frames(messages[0].channel), poses)
 
 
-def _laid_out(channel: Channel) -> str:
-    """The type, if its messages may have a known layout."""
-    return canonical(channel.type) if channel.encoding == "cdr" else ""
-
-
 def _decoder_of(channel: Channel) -> Callable[[bytes], Any] | None:
-    """The decoder for a channel; None if its schema is unusable."""
+    """What decodes a channel by its schema; None if that is unusable."""
     match channel.encoding:
         case "cdr":
             return cdr_reading(channel)
         case "ros1":
-            return ros1_decoding(channel)
+            return _tried(ros1_reading, channel)
         case "protobuf":
-            return protobuf_reading(channel)
+            return _tried(protobuf_reading, channel)
         case "json":
             return decode_json
     return None
+
+
+def _tried(
+    read: Callable[[Channel], Callable[[bytes], Any] | None], channel: Channel
+) -> Callable[[bytes], Any] | None:
+    try:
+        return read(channel)
+    except MissingExtra:
+        raise
+    except Exception:  # it raises whatever the schema leads it to
+        return None

@@ -13,7 +13,7 @@ from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.composition import Composer, stamped
-from contact_tracker.recording.decoding import MessageDecoder, Undecodable
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.frames import (
     ARROW,
@@ -56,8 +56,9 @@ class PoseLog:
     note : one line if the frame of the poses may move itself.
     late_sources : what showed up after this source was taken for the only one that fits.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
-        ``undecodable`` (messages), ``other_source`` (poses of late sources), ``log_time_as_stamp`` (poses
-        whose header has no time, see ``contact_tracker.recording.stamping``).
+        ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
+        define, or not so that it can be used), ``other_source`` (poses of late sources),
+        ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.stamping``).
     damage : one line if the recording turned out truncated or damaged; final after iteration.
 
     Raises
@@ -85,6 +86,7 @@ class PoseLog:
         self.taken = 0
         self.first_log_time_ns = prefix[0][1]
         self._skipped = 0
+        self._why: str | None = None
         self._counts: Counter[str] = Counter()
         self._gate = PoseGate(self._counts)
         self._reading = reading
@@ -103,6 +105,13 @@ class PoseLog:
     @property
     def damage(self) -> str | None:
         return self._reading.damage
+
+    @property
+    def assumption(self) -> str | None:
+        """One line if the known definition of a type was used instead of one in the file."""
+        count = self.counts.get("known_definition", 0)
+        why = self._why or (self._composer.why if self._composer is not None else None)
+        return assumption_text(count, self.source.type, why) if count and why else None
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses
@@ -156,8 +165,16 @@ class PoseLog:
         if self._skipped or not observed.poses.stamp_ns.all():  # a stamp that is zero may be missing
             return None
         admitted = self._gate.admit_all(observed.poses)
-        self.taken += 0 if admitted is None else len(messages)
+        if admitted is not None:
+            self.taken += len(messages)
+            self._note_assumption(channel, len(messages))
         return admitted
+
+    def _note_assumption(self, channel: Channel, many: int) -> None:
+        why = self._decoder.assumption(channel)
+        if why is not None:
+            self._why = why
+            self._counts["known_definition"] += many
 
     def _is_meant(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
         source = self.source
@@ -187,6 +204,7 @@ class PoseLog:
                 self.taken += 1
                 if self.taken <= self._skipped:
                     continue
+                self._note_assumption(item.channel, 1)
                 if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))

@@ -3,11 +3,11 @@
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from heapq import heappop, heappush
-from itertools import count, pairwise
+from itertools import pairwise
 from typing import Final
 
 from mcap.reader import SeekingReader
+from mcap.records import ChunkIndex
 from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, UnreadableRecording
@@ -15,8 +15,9 @@ from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import MAGIC, RecordLoop
 from contact_tracker.recording.damage import DamageReport
-from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item, RawMessage
+from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item
 from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
+from contact_tracker.recording.log_order import in_log_order
 from contact_tracker.recording.tables import is_table, read_table
 
 STDIN: Final = "-"
@@ -34,7 +35,6 @@ _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
 """Parts of one recording overlap by no more, and no more lies between them."""
-_PENDING_BYTES: Final = 256 * 2**20
 _NAMED: Final = 4
 _BEGIN: Final = 64
 """So many bytes tell what a file is."""
@@ -219,8 +219,7 @@ class Reading:
         if read is not None:
             if self._follow:
                 raise UnreadableRecording("only an MCAP file can be followed")
-            self.budget.count_read(os.path.getsize(part))
-            yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text))
+            yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text), self.budget)
             return
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
@@ -240,20 +239,14 @@ class Reading:
         their log time. Chunks are held as long as others may have earlier messages."""
         places = [a.offset for a in summary.attachment_indexes] + [m.offset for m in summary.metadata_indexes]
         yield from self._read(RecordLoop(stream, self._wanted, summary, places=places), prefix)
-        pending, pending_bytes, number = list[tuple[int, int, RawMessage]](), 0, count()
         chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-        for chunk in chunks:
-            while pending and (pending[0][0] < chunk.message_start_time or pending_bytes > _PENDING_BYTES):
-                _, _, earliest = heappop(pending)
-                pending_bytes -= len(earliest.data)
-                yield earliest
-            loop = RecordLoop(stream, self._wanted, summary, places=[chunk.chunk_start_offset])
-            for item in self._read(loop, prefix):
-                if isinstance(item, RawMessage):
-                    heappush(pending, (item.log_time_ns, next(number), item))
-                    pending_bytes += len(item.data)
-        while pending:
-            yield heappop(pending)[2]
+        yield from in_log_order(
+            (c.message_start_time, self._chunk(stream, summary, c, prefix)) for c in chunks
+        )
+
+    def _chunk(self, stream: ByteStream, summary: Summary, chunk: ChunkIndex, prefix: str) -> Iterator[Item]:
+        loop = RecordLoop(stream, self._wanted, summary, places=[chunk.chunk_start_offset])
+        return self._read(loop, prefix)
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether there is only the one; when following, those to come too."""

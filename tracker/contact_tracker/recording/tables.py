@@ -12,18 +12,22 @@ from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import Channel, RawMessage
-from contact_tracker.recording.table_layouts import TableLayout, layout_of_names, layout_of_text
+from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.named_columns import layout_of_names, layout_of_text
+from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
+from contact_tracker.recording.table_layouts import TableLayout
 
 if TYPE_CHECKING:
     import polars as pl
 
-PARQUET_MAGIC: Final = b"PAR1"
 _HEAD_LINES: Final = 64
 _LINE: Final = 2**18
 _ROWS: Final = 10_000
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 _NEVER: Final = np.iinfo(np.int64).min
 _MOST_NS: Final = 2.0**62
+_ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
+"""So begins what polars would decompress."""
 _PRINTABLE: Final = bytes(range(32, 127)) + b"\t\r\n\xef\xbb\xbf"
 
 
@@ -31,6 +35,8 @@ def is_table(path: str, begin: bytes) -> bool:
     """Whether a file that begins so may be a table: Parquet, or text that is not called ``.mcap``."""
     if begin.startswith(PARQUET_MAGIC):
         return True
+    if begin[:2] in _ZLIB:
+        return False
     is_text = bool(begin) and (not begin.translate(None, _PRINTABLE) or _is_utf8(begin))
     return is_text and not path.lower().endswith((".mcap", ".mcap.zst", ".mcap.zstd"))
 
@@ -41,7 +47,7 @@ def _is_utf8(begin: bytes) -> bool:
 
 
 def read_table(
-    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None]
+    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
     """The poses of a table row by row; log times are the times in it.
 
@@ -49,6 +55,7 @@ def read_table(
     ----------
     wanted : bodies of other channels are left out.
     report : is told in a line of rows that cannot be read.
+    budget : bounds what a compressed table may become.
 
     Raises
     ------
@@ -57,7 +64,7 @@ def read_table(
     """
     polars = need("polars", "a table")
     try:
-        layout, frame = _opened(polars, path)
+        layout, frame = _opened(polars, path, budget)
     except (UnreadableRecording, MissingExtra):
         raise
     except Exception as error:  # what polars raises has no common base
@@ -89,7 +96,7 @@ def read_table(
         report(f"{lost} rows have no time")
 
 
-def _opened(polars: Any, path: str) -> "tuple[TableLayout, pl.LazyFrame]":
+def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, pl.LazyFrame]":
     """The layout, and the columns that it needs, by their places as names; the time is text."""
     with open(path, "rb") as file:
         is_parquet = file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
@@ -97,15 +104,19 @@ def _opened(polars: Any, path: str) -> "tuple[TableLayout, pl.LazyFrame]":
         frame = polars.scan_parquet(path, glob=False)
         names = frame.collect_schema().names()
         layout = layout_of_names(names, "Parquet", None, 0)
+        places = {layout.time, *(place for body in layout.bodies for place in body.columns)}
+        check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
         frame = frame.select(polars.col(name).alias(str(i)) for i, name in enumerate(names))
         return layout, _chosen(polars, frame, layout)
+    budget.count_read(os.path.getsize(path))
     lines = _head(path)
     layout = layout_of_text(lines)
     many = _rows_of_section(path, layout.skip) if layout.kind == "Vicon" else None
+    by_lines = layout.separator is None or layout.is_ragged
     frame = polars.scan_csv(
         path,
         has_header=False,
-        separator=layout.separator or "\x01",
+        separator="\x01" if by_lines else layout.separator,
         skip_lines=layout.skip,
         infer_schema=False,
         comment_prefix="#",
@@ -113,15 +124,19 @@ def _opened(polars: Any, path: str) -> "tuple[TableLayout, pl.LazyFrame]":
         n_rows=many,
         glob=False,
         encoding="utf8-lossy",
-        quote_char='"' if layout.separator else None,
+        quote_char=None if by_lines else '"',
     )
     names = frame.collect_schema().names()
-    if layout.separator is None:
-        words = polars.col(names[0]).str.extract_all(r"\S+")
-        places = range(1 + max(max(body.columns) for body in layout.bodies))
-        frame = frame.select(words.list.get(i, null_on_oob=True).alias(str(i)) for i in places)
+    if by_lines:
+        line = polars.col(names[0])
+        words = line.str.extract_all(r"\S+") if layout.separator is None else line.str.split(layout.separator)
+        last = max(max(body.columns) for body in layout.bodies)
+        columns = [words.list.get(place, null_on_oob=True) for place in range(last + 1)]
     else:
-        frame = frame.select(polars.col(name).str.strip_chars().alias(str(i)) for i, name in enumerate(names))
+        columns = [polars.col(name) for name in names]
+    frame = frame.select(
+        column.str.strip_chars('" \t').alias(str(place)) for place, column in enumerate(columns)
+    )
     return layout, _chosen(polars, frame, layout)
 
 
