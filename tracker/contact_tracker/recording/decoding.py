@@ -84,12 +84,16 @@ class MessageDecoder:
         """Why the messages of a channel are read by the known definition of their type, if they are."""
         return self._reading(channel).assumption if channel.encoding == "cdr" else None
 
+    def layouts(self, channel: Channel) -> Layouts:
+        """What is known of where poses are in the messages of a channel."""
+        return self._reading(channel).layouts
+
     def observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message of a pose type; raises Undecodable."""
         channel = message.channel
         if channel.encoding == POSE_ROW:
             return _row(message)
-        layouts = self._reading(channel).layouts
+        layouts = self.layouts(channel)
         found = layouts.read(message.data)
         if found is not None:
             self._count_work(message, (len(found) - 1) // POSES_PER_RECORD)
