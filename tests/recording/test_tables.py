@@ -249,6 +249,7 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         ("Format Version,1.23,Length Units,Feet\n,,Rigid Body\n,,a\n,,Rotation\nFrame,Time,X\n", "Feet"),
         ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
         (",".join(["t"] * 5001) + "\n", "its 5001 columns are too many"),
+        ("t,x,y,z,qx,qy,qz,qw\n" + "1," * 400_000, "its rows have 5000 values or more"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
         ("hello\n", "no columns of a pose among hello"),
     ],
@@ -278,3 +279,46 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     assert len(Poses.collect(log)) == 2
     assert log.damage == "1 rows have no time"
     assert log.counts["nonfinite"] == 1
+
+
+@pytest.mark.parametrize(("rows", "dictionary"), [(20_000_000, True), (3_000_000, False)])
+def test_parquet_becomes_no_more_than_its_size_explains(tmp_path: Path, rows: int, dictionary: bool) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    column = pyarrow.array(np.zeros(rows))
+    table = pyarrow.table(dict.fromkeys(("t", "x", "y", "z", "qx", "qy", "qz", "qw"), column))
+    path = tmp_path / "a.parquet"
+    parquet.write_table(table, path, compression="zstd", use_dictionary=dictionary, row_group_size=rows)
+    assert path.stat().st_size < 2**20
+    with pytest.raises(UnreadableRecording, match=r"too much for its size: more rows than \d+ bytes explain"):
+        open_log(str(path))
+
+
+def test_parquet_of_few_long_values_is_refused(tmp_path: Path) -> None:
+    """Few rows, and a page of 120 MB."""
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    texts = pyarrow.array(["0" * 40_000_000] * 3)
+    table = pyarrow.table(
+        {"t": texts, **{name: [0.0] * 3 for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}}
+    )
+    path = tmp_path / "a.parquet"
+    parquet.write_table(table, path, compression="zstd", use_dictionary=False)
+    assert path.stat().st_size < 2**20
+    with pytest.raises(UnreadableRecording, match=r"it is too much for its size: \d+ bytes are to become"):
+        open_log(str(path))
+
+
+def test_parquet_whose_pages_cannot_be_told_is_refused(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    table = {"t": np.arange(9.0), **{name: np.ones(9) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}}
+    parquet.write_table(pyarrow.table(table), path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:4] + b"\xff" * 40 + whole[44:])
+    with pytest.raises(UnreadableRecording, match="its pages cannot be told"):
+        open_log(str(path))
