@@ -80,7 +80,9 @@ def test_what_is_read_is_what_the_library_decodes(kind, order, frames, bodies):
     for count, body in enumerate(bodies):
         message = RawMessage(on, 0, cdr(kind, order, frames, body, tail_value=float(count)))
         if count:
-            assert decoder._reading(message.channel).layouts.read(message.data) is not None, "a layout was learnt, and is used"
+            assert decoder._reading(message.channel).layouts.read(message.data) is not None, (
+                "a layout was learnt, and is used"
+            )
         assert shown(decoder.observe(message)) == by_library(message)
 
 
@@ -131,7 +133,7 @@ def test_layouts_are_learnt_and_names_that_change_are_told_apart(kind):
     for repeated in range(3):
         for frames in pairs:
             data = cdr(kind, "<", frames, body)
-            assert (decoder._reading(channel_of_test(decoder)).layouts.read(data) is not None) is (repeated > 0)
+            assert (decoder._reading(on).layouts.read(data) is not None) is (repeated > 0)
             (found,) = decoder.observe(RawMessage(on, 0, data))
             assert found.frame_id == frames[0]
             assert found.child_frame_id == (frames[1] if kind in TWO_NAMES else "")

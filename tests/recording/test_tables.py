@@ -1,6 +1,8 @@
 """Trajectories in text files and tables, written by other libraries, and exports of motion capture."""
 
 import csv
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from contact_tracker.errors import AmbiguousSource, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import list_sources, open_log, summarise
+from contact_tracker.recording.extras import MissingExtra
 from mcap_logs import smooth_poses
 
 pytest.importorskip("polars")
@@ -322,3 +325,20 @@ def test_parquet_whose_pages_cannot_be_told_is_refused(tmp_path: Path) -> None:
     path.write_bytes(whole[:4] + b"\xff" * 40 + whole[44:])
     with pytest.raises(UnreadableRecording, match="its pages cannot be told"):
         open_log(str(path))
+
+
+def test_without_polars_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.txt").write_text("1 2 3 4 0 0 0 1\n")
+    monkeypatch.setitem(sys.modules, "polars", None)
+    for read in (open_log, summarise):
+        with pytest.raises(MissingExtra, match=r"a table needs .* pip install 'contact-tracker\[tables\]'"):
+            read(str(tmp_path / "a.txt"))
+
+
+def test_optional_libraries_are_imported_when_they_are_needed() -> None:
+    code = (
+        "import sys, contact_tracker.recording\n"
+        "optional = {'polars', 'rosbags', 'google.protobuf', 'mcap_protobuf', 'sqlite3', 'pyarrow'}\n"
+        "assert not optional & sys.modules.keys(), optional & sys.modules.keys()"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
