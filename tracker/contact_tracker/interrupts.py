@@ -1,5 +1,5 @@
-"""Interrupts (Ctrl-C) where they would do harm: they wait for imports, and children leave them to parents, with
-whom they end."""
+"""Interrupts (Ctrl-C) where they would do harm: they wait for imports; children leave them to parents, and
+end with these."""
 
 import _thread
 import signal

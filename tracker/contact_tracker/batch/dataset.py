@@ -56,7 +56,7 @@ class Dataset:
         self._read()
 
     def known(self, name: str, settings: Settings) -> Known | None:
-        """What the result of a recording was made of, if it was made with these settings and is still there."""
+        """What the result of a recording was made of, if that was with these settings and it is there."""
         key = rows.shown(name)
         entry = self._entries.get(key)
         if entry is None or entry.content_hash is None or entry.settings_hash != settings.settings_hash:

@@ -58,8 +58,8 @@ def _found(name: str) -> Iterator[Found]:
         yield from (Found(one, signature_of(one)) for one in inside)
     if not inside:
         raise UnreadableRecording(
-            f"{name}: this folder holds no recording ({', '.join(SUFFIXES)}); others can be named one by one, or "
-            "on standard input"
+            f"{name}: this folder holds no recording ({', '.join(SUFFIXES)}); others can be named one by "
+            "one, or on standard input"
         )
 
 

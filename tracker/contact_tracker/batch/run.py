@@ -17,8 +17,8 @@ _GIVEN_UP = "the process that segmented it was ended twice, as happens where mem
 
 @dataclass
 class Outcome:
-    """How many recordings were looked at now (``segmented``) and are ``unchanged`` since; of both, how many are
-    ``bad`` (without a result) and ``damaged`` (with one of what can be read)."""
+    """How many recordings have a new row (``segmented``) and are ``unchanged``; of both, how many are ``bad``
+    (without a result) and ``damaged`` (with one of what can be read)."""
 
     segmented: int = 0
     unchanged: int = 0

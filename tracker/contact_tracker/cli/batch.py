@@ -35,8 +35,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "logs",
         nargs="+",
         metavar="LOG",
-        help="recordings, folders to search for MCAP files and ROS bags, URLs (s3://, https://, ...), or - for "
-        "names on stdin, one a line",
+        help="recordings, folders to search for MCAP files and ROS bags, URLs (s3://, https://, ...), or - "
+        "for names on stdin, one a line",
     )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DATASET", help="the folder of the dataset"
@@ -59,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rehash",
         action="store_true",
-        help="read all recordings to see whether they have changed, also where size, time and inode are the same",
+        help="read all recordings to see whether they have changed, also where size, time and inode have not",
     )
 
 
@@ -72,7 +72,7 @@ def _processes(text: str) -> int:
 def run(args: argparse.Namespace) -> int:
     if "://" in str(args.output):
         raise UsageError(
-            f"cannot write {args.output}: the dataset is a folder of this machine or of a shared disk"
+            f"cannot write {args.output}: a dataset is a folder of this machine or a shared disk"
         )
     require_library(Path("summary.parquet"))
 

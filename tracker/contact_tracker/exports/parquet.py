@@ -1,4 +1,4 @@
-"""Parquet files, written piece by piece, and tables in them that grow; pyarrow comes with the extra ``parquet``."""
+"""Parquet files, written piece by piece, and tables that grow; pyarrow comes with the extra ``parquet``."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
