@@ -59,7 +59,7 @@ def _answers(
     client: Client, address: str, function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
 ) -> Iterator[tuple[tuple[Any, ...], T | Killed]]:
     source, at_work = iter(jobs), dict[Any, tuple[Any, ...]]()
-    finished = as_completed()
+    finished = as_completed(loop=client.loop)
     window, next_look_s = _LEAST, 0.0
 
     def fill() -> None:

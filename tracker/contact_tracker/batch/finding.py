@@ -14,10 +14,16 @@ _METADATA: Final = "metadata.yaml"
 
 
 class Found(NamedTuple):
-    """A recording by its absolute ``name`` or URL; ``signature`` is empty where only a worker can tell it."""
+    """A recording by its absolute ``name`` or URL; ``signature`` is empty where only a worker can tell it, or
+    nothing is there."""
 
     name: str
     signature: str
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether nothing is there that could be read."""
+        return not self.signature and not remote.is_remote(self.name)
 
 
 def find(names: Iterable[str]) -> Iterator[Found]:

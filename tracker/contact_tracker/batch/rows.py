@@ -18,7 +18,6 @@ Row = dict[str, Any]
 """Values by the names of ``SUMMARY_COLUMNS``."""
 
 _STATES: Final = tuple(name.removeprefix("p_") for name in PROBABILITIES)
-_PLACES: Final = {"segments": "segments", "ticks": "ticks"}
 SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
     "recording": "text",
     "exit_code": "integer",
@@ -92,7 +91,7 @@ class Tally:
     def cells(self) -> Row:
         counts: Row = {"ticks": self.ticks, "segments": sum(self.segments.values())}
         counts |= {f"segments_{state}": count for state, count in self.segments.items()}
-        return counts | {f"time_{state}_s": time * 1e-9 for state, time in self.time_ns.items()}
+        return counts | {f"time_{state}_s": time / 1e9 for state, time in self.time_ns.items()}
 
 
 def base(name: str, settings: Settings) -> Row:

@@ -154,7 +154,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         "poses": stream.poses,
         "first_ns": stream.first_ns,
         "last_ns": stream.last_ns,
-        "duration_s": (stream.last_ns - stream.first_ns) * 1e-9,
+        "duration_s": (stream.last_ns - stream.first_ns) / 1e9,
         "topic": log.source.topic,
         "frame_id": log.source.frame_id,
         "child_frame_id": log.source.child_frame_id,

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
     from contact_tracker.batch.dataset import open_dataset
     from contact_tracker.batch.finding import find
-    from contact_tracker.batch.run import run as bring_up_to_date
+    from contact_tracker.batch.run import Batch
     from contact_tracker.batch.settings import settings_of
 
     chosen = args.topic, args.frame, args.relative_to, args.ticks
@@ -98,13 +98,12 @@ def run(args: argparse.Namespace) -> int:
         open_dataset(Path(os.path.abspath(args.output))) as dataset,
         progress("batch", "recordings", len(recordings)) as set_done,
     ):
-        outcome = bring_up_to_date(
-            recordings, settings, dataset, lambda: _workers(args), tell, set_done, args.rehash
-        )
+        batch = Batch(settings, dataset, tell, set_done, args.rehash)
+        outcome = batch.run(recordings, lambda: _workers(args))
     if told > _MOST_TOLD:
         warn(f"{told - _MOST_TOLD} more cannot be used or are damaged: the summary names them")
     say(
-        f"{outcome.total} recordings: {outcome.segmented} new, {outcome.unchanged} unchanged; of all, "
+        f"{outcome.total} recordings: {outcome.done} done now, {outcome.unchanged} unchanged; of all, "
         f"{outcome.bad} cannot be used and {outcome.damaged} are damaged; {args.output / 'summary.parquet'}"
     )
     return DAMAGED if outcome.bad or outcome.damaged else DONE
