@@ -1,4 +1,4 @@
-"""What ``contact-tracker batch`` does with many recordings: whether all get their row, whatever happens on the
+"""What ``contact-tracker batch`` does with many recordings: whether all get a row, whatever happens on the
 way, and how long it takes.
 
     python tests/benchmarks/batch.py                    # 200 simulated recordings and 5 broken ones
