@@ -29,6 +29,7 @@ LAYERS = (
     ("calibration", "outputs"),
     ("viewer",),
     ("exports",),
+    ("batch",),
     ("cli", "api"),
 )
 FIRST_EDGE_LAYER = LAYERS.index(("adaptation",)) + 1
@@ -55,6 +56,8 @@ SINGLE_IMPORTER = {
     "shtab": "cli/completion.py",
     "tqdm": "cli",
     "argparse": "cli",
+    "distributed": "batch/cluster.py",
+    "fsspec": "batch/remote.py",
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}
