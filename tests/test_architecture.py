@@ -22,6 +22,7 @@ LAYERS = (
     ("contacts", "inspection"),
     ("landmarks", "paper"),
     ("hypotheses",),
+    ("formations",),
     ("tracking",),
     ("adaptation",),
     ("recording", "simulate", "evaluation", "prior_map_files", "saved_state", "interrupts"),

@@ -1,6 +1,6 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
+from contact_tracker.formations.elements import FittedElements, fit_elements
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.price import price
 from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio, search
@@ -25,13 +26,14 @@ SPAN_TICKS: Final = 60
 HOP_TICKS: Final = 15
 """Constraints are looked for in all ticks, and in spans of so many, this far apart."""
 TRIED_SPANS: Final = 2
-SURE_NATS: Final = 4.0
+SURE_NATS: Final = 2.5
 """A further contact is told that is so much more probable than none."""
 DECISIVE: Final = 3.0
 """Nats that tell two kinds apart."""
 AS_WELL: Final = 1.2
 """A kind fits as well if its residual is no more than this times the best's, or the noise."""
 SAME_GAIN: Final = 0.9
+SIX: Final = 6
 FITS: Final = 1.5
 """A whitened residual beyond which elements are those of no contact."""
 
@@ -54,7 +56,7 @@ class Further(NamedTuple):
     ``inseparable`` kinds explain as much. ``constraints`` are those of all contacts so far together.
     """
 
-    known: KnownContact
+    elements: FittedElements
     runs: tuple[Run, ...]
     log_odds: float
     inseparable: tuple[Contact, ...]
@@ -62,7 +64,21 @@ class Further(NamedTuple):
 
     @property
     def contact(self) -> Contact:
-        return self.known.model.contact
+        return self.elements.model.contact
+
+
+class Formation(NamedTuple):
+    """What touches beside the first contact of a segment.
+
+    ``is_open``: more constraints are kept than those of the contacts that are named, by motion that does not
+    show which.
+    """
+
+    further: tuple[Further, ...]
+    is_open: bool
+
+
+NOTHING: Final = Formation((), False)
 
 
 class Candidate(NamedTuple):
@@ -74,7 +90,7 @@ class Candidate(NamedTuple):
     rms: float
 
 
-class Segment(NamedTuple):
+class FormationTicks(NamedTuple):
     """The ticks of a segment, and what is needed to weigh them."""
 
     window: Window
@@ -88,34 +104,46 @@ class Segment(NamedTuple):
         return np.asarray(np.log(-np.expm1(-np.maximum(moved, 1e-4))))
 
 
-def further_contacts(segment: Segment, first: KnownContact) -> list[Further]:
-    """All contacts beside the ``first``, which lasts through the segment; the most probable ones first."""
+def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
+    """All contacts beside the ``first``, which lasts through the segment."""
     window, known, found = segment.window, [first], list[Further]()
     if len(window) < LEAST_TICKS:
-        return []
+        return NOTHING
     motion = ConditionalMotion.of(window, segment.scales).keeping(first.c)
+    constraints = first.model.contact.codimension
     while len(found) < MOST:
-        best = _best(segment, motion, _candidates(segment, motion))
+        best = _best(_candidates(segment, motion))
         if best is None:
-            break
-        run = _longest(best.presence)
-        some = _search_kinds(segment, motion, run)
-        best = _best(segment, motion, [best, *some])
+            return Formation(tuple(found), False)
+        some = _search_kinds(segment, motion, _longest(best.presence))
+        best = _best([best, *some])
         assert best is not None
+        best, elements = _refined(segment, motion, best)
         run = _longest(best.presence)
         known.append(best.known)
-        constraints = count_constraints(motion.cut(*run), [one.c for one in known])
-        moves = used_directions(window.cut(*run))
-        if moves < 6 - constraints:  # what is not moved on purpose shows no constraint
-            break
-        others = _inseparable(best, some, constraints - (found[-1].constraints if found else first.model.contact.codimension))
-        found.append(Further(best.known, best.presence.runs, best.presence.log_odds, others, constraints))
+        more = count_constraints(motion.cut(*run), [one.c for one in known])
+        if more <= constraints or used_directions(window.cut(*run)) < SIX - more:
+            # what is moved in fewer directions than it could be is held back by something else
+            return Formation(tuple(found), True)
+        others = _inseparable(best, some, more - constraints)
+        constraints = more
+        found.append(Further(elements, best.presence.runs, best.presence.log_odds, others, constraints))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
-    return found
+    return Formation(tuple(found), False)
 
 
-def _candidates(segment: Segment, motion: ConditionalMotion) -> Iterator[Candidate]:
+def _refined(
+    segment: FormationTicks, motion: ConditionalMotion, best: Candidate
+) -> tuple[Candidate, FittedElements]:
+    """The candidate with its elements at their greatest likelihood, and the ticks by these."""
+    run, model = _longest(best.presence), best.known.model
+    elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
+    refined = weigh(segment, motion, KnownContact(model, elements.x))
+    return (best if refined is None else refined), elements
+
+
+def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
     """Single constraints that spans of the ticks may keep: every contact keeps one of them."""
     for span, models in _promising(motion):
         for model in models:
@@ -140,13 +168,13 @@ def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]
     return [(span, models) for _, span, models in rated[:TRIED_SPANS]]
 
 
-def _search_kinds(segment: Segment, motion: ConditionalMotion, run: Run) -> list[Candidate]:
+def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
     """The best elements of each kind in a run."""
     return [one for model in CONTACT_MODELS for one in _found(segment, motion, model, run)]
 
 
 def _found(
-    segment: Segment, motion: ConditionalMotion, model: ContactModel, span: Run
+    segment: FormationTicks, motion: ConditionalMotion, model: ContactModel, span: Run
 ) -> Iterator[Candidate]:
     """What a search in one span leads to, as it explains all ticks."""
     part, window = motion.cut(*span), segment.window.cut(*span)
@@ -158,7 +186,7 @@ def _found(
                 yield candidate
 
 
-def weigh(segment: Segment, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:
+def weigh(segment: FormationTicks, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:
     """When elements touch, and what speaks for that; None if nothing does."""
     scales = segment.scales
     ticks = motion.evidence(known.c)
@@ -175,9 +203,7 @@ def weigh(segment: Segment, motion: ConditionalMotion, known: KnownContact) -> C
     return Candidate(known, Presence(presence.runs, log_odds), gain, rms)
 
 
-def _best(
-    segment: Segment, motion: ConditionalMotion, candidates: Iterator[Candidate] | Sequence[Candidate]
-) -> Candidate | None:
+def _best(candidates: Iterable[Candidate]) -> Candidate | None:
     """The most probable one that is probable at all."""
     sure = [one for one in candidates if one.presence.log_odds > SURE_NATS]
     return max(sure, key=lambda one: one.presence.log_odds) if sure else None
@@ -198,7 +224,5 @@ def _inseparable(best: Candidate, others: Sequence[Candidate], new: int) -> tupl
         fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > SAME_GAIN * best.gain
         if near or fits:
             alike.add(one.known.model.contact)
-    contained = {
-        kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new
-    }
+    contained = {kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new}
     return tuple(kind for kind in CONTACTS if kind in contained and kind is not best.known.model.contact)

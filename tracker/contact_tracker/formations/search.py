@@ -87,7 +87,7 @@ def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
     """Starts with the directions of the coefficients that solve the relaxed problem, the others of x (B, S)."""
     lower, free = _whitened(of)
     scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
-    vectors = np.linalg.eigh(_congruent(lower, free))[1][:, :-1 - RELAXED_STARTS : -1]
+    vectors = np.linalg.eigh(_congruent(lower, free))[1][:, : -1 - RELAXED_STARTS : -1]
     c = (np.linalg.solve(lower.T, vectors) / scale[:, None]).T
     form, starts = model.family.FORM, []
     for one in c:
@@ -207,9 +207,7 @@ class _Problem(NamedTuple):
         slopes = along[:, None] @ family.rows_derivative(x)  # (B, K, P, C)
         square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
         # half the derivative of each form
-        d_square, d_free, d_noise = (
-            (slopes @ matrix @ c[..., None])[..., 0] for matrix in self.of[:3]
-        )
+        d_square, d_free, d_noise = ((slopes @ matrix @ c[..., None])[..., 0] for matrix in self.of[:3])
         pull = (
             d_square / noise[..., None]
             - (square / noise**2)[..., None] * d_noise

@@ -102,7 +102,9 @@ def _check_further(scenario: Scenario, further: Further) -> None:
     _require(both <= on_a_plane, "with a further contact, both must be f-f, e-f or v-f")
     _require(scenario.surroundings == CORNER, f"with a further contact, surroundings must be {CORNER!r}")
     start, end = further.start_s or 0.0, further.end_s or scenario.phases[0].duration_s
-    _require(0.0 <= start < end <= scenario.phases[0].duration_s, "a further contact must end after its start")
+    _require(
+        0.0 <= start < end <= scenario.phases[0].duration_s, "a further contact must end after its start"
+    )
 
 
 def _check(phase: Phase, before: Phase | None) -> None:

@@ -33,6 +33,8 @@ VARIED_S: Final = 0.7
 """Time in which other motion has shown all its directions."""
 FIRST_CHOICE: Final = 2.0
 """Weight of the label among states that motion cannot tell apart."""
+OPEN_AT_MOST: Final = 0.9
+"""Probability of a label that does not name all constraints that are kept."""
 ALMOST: Final = 1.0 - 1e-9
 SIX: Final = 6
 LEAST_MOTION_TICKS: Final = 10.0
@@ -88,6 +90,21 @@ def p_deliberate(underused: bool, window: Window, tick_s: float) -> float:
     """
     moved_s = tick_s * float(window.motion_ratio.sum())
     return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if underused else 0.0
+
+
+def at_most(probability: Array, label: Contact, most: float = OPEN_AT_MOST) -> Array:
+    """Posterior (7,) in which the label has ``most`` at most; the rest is as likely any other contact.
+
+    So of motion that keeps more constraints than the contacts that are named (docs/theory.md, section 18).
+    """
+    beyond = float(probability[label.column]) - most
+    if beyond <= 0.0:
+        return probability
+    share = np.full(len(STATES), 1.0)
+    share[[label.column, Contact.FREE.column]] = 0.0
+    change = beyond * share / share.sum()
+    change[label.column] = -beyond
+    return np.asarray(probability + change)
 
 
 def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...], deliberate: float) -> Array:

@@ -26,6 +26,51 @@ class Detail(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class FurtherContact:
+    """A contact that holds at the same time as the labelled one, or as a part of it.
+
+    Parameters
+    ----------
+    contact, probability, geometry : its kind, that it is there at all, and its elements.
+    start_ns, end_ns : from when to when it holds (both included); without an end it still does.
+    inseparable : kinds that the motion does not tell from ``contact``, given the contacts before this one.
+    constraints : that the labelled contact and the further ones up to this one put on the motion together.
+    """
+
+    contact: Contact
+    probability: float
+    start_ns: int
+    end_ns: int | None
+    geometry: ContactGeometry
+    inseparable: tuple[Contact, ...]
+    constraints: int
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of ``contacts``."""
+        return contact_json(
+            self.contact, self.probability, (self.start_ns, self.end_ns), self.geometry, self.inseparable
+        )
+
+
+def contact_json(
+    contact: Contact,
+    probability: float,
+    span_ns: tuple[int, int | None],
+    geometry: ContactGeometry | None,
+    inseparable: tuple[Contact, ...],
+) -> dict[str, Any]:
+    """One of several contacts; it still holds where the span has no end."""
+    return {
+        "contact": contact.value,
+        "probability": float(probability),
+        "onset_ns": int(span_ns[0]),
+        "end_ns": None if span_ns[1] is None else int(span_ns[1]),
+        "inseparable": [state.value for state in inseparable],
+        "geometry": geometry.to_json() if geometry else {},
+    }
+
+
+@dataclass(frozen=True, eq=False)
 class Belief:
     """What is believed of one tick.
 
@@ -41,6 +86,7 @@ class Belief:
         motion, or a little more; nan before there was so much motion.
     inseparable : states that the motion since the onset does not tell from ``contact``.
     restricted : probability that the object is moved in fewer directions than it could be, on purpose.
+    further : contacts beside the labelled one.
     """
 
     stamp_ns: int
@@ -51,6 +97,21 @@ class Belief:
     residual: Array
     inseparable: tuple[Contact, ...] = ()
     p_deliberate: float = 0.0
+    further: tuple[FurtherContact, ...] = ()
+
+    @property
+    def constraints(self) -> int:
+        """That the contacts named put on the motion together."""
+        return self.further[-1].constraints if self.further else self.contact.codimension
+
+    @property
+    def contacts_json(self) -> list[dict[str, Any]]:
+        """All contacts that hold, the labelled one first."""
+        if self.contact is Contact.FREE:
+            return []
+        probability, span = self.probability[self.contact.column], (self.onset_ns, None)
+        first = contact_json(self.contact, probability, span, self.geometry, self.inseparable)
+        return [first, *(one.to_json() for one in self.further)]
 
     @property
     def touching(self) -> tuple[str | None, str | None]:
@@ -66,6 +127,8 @@ class Belief:
             "onset_ns": int(self.onset_ns),
             "inseparable": [state.value for state in self.inseparable],
             "geometry": self.geometry.to_json() if self.geometry else {},
+            "contacts": self.contacts_json,
+            "constraints": self.constraints,
             "inseparable_names": " ".join(self.inseparable),
             "object": flat(self.geometry.object if self.geometry else None),
             "environment": flat(self.geometry.environment if self.geometry else None),
@@ -77,7 +140,8 @@ class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline.
 
     ``probability`` is the smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are
-    the states that the segment's motion does not tell from ``contact``.
+    the states that the segment's motion does not tell from ``contact``; ``further`` contacts hold beside it
+    for all of the segment or a part.
     """
 
     start_ns: int
@@ -86,6 +150,16 @@ class Segment:
     probability: float
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...] = ()
+    further: tuple[FurtherContact, ...] = ()
+
+    @property
+    def contacts_json(self) -> list[dict[str, Any]]:
+        """All contacts of the segment, ``contact`` first."""
+        if self.contact is Contact.FREE:
+            return []
+        span = self.start_ns, self.end_ns
+        first = contact_json(self.contact, self.probability, span, self.geometry, self.inseparable)
+        return [first, *(one.to_json() for one in self.further)]
 
     @property
     def touching(self) -> tuple[str | None, str | None]:
