@@ -37,7 +37,7 @@ from contact_tracker.recording import open_log
 from contact_tracker.simulate import Phase, Scenario, simulate
 from contact_tracker.simulate.scenarios import FORMATIONS
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
+from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from kept_tables import Table
 
@@ -73,7 +73,7 @@ class Measured(NamedTuple):
 def measure(name: str, seed: int) -> Measured:
     """Simulate, segment and judge one recording."""
     made = simulate(ALONE[name] if name in ALONE else name, seed)
-    found = adaptation.segment(gate(made.poses), load_model())
+    found = adaptation.segment(gate(made.poses), load_model(), detail=Detail.FORMATION)
     interval = made.truth.intervals[0]
     if not interval.further:
         return single(found, made.poses)
@@ -83,7 +83,7 @@ def measure(name: str, seed: int) -> Measured:
 def measure_file(path: str) -> Measured:
     """Segment a recording of single contacts."""
     poses = gate(Poses.collect(open_log(path)))
-    return single(adaptation.segment(poses, load_model()), poses)
+    return single(adaptation.segment(poses, load_model(), detail=Detail.FORMATION), poses)
 
 
 def single(found: Segmentation, poses: Poses) -> Measured:
@@ -104,15 +104,7 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
     is_first = label.contact is first.contact
     untold = not is_first or len(label.inseparable) > 1
     named = best is not None and is_first and _names(best, second)
-    deviations: list[float] = []
-    if is_first and named:
-        assert best is not None
-        deviations += _deviations(poses, first, label)
-        if best.contact is second.contact:
-            true = TruthInterval(second.start_ns, second.end_ns, second.contact, geometry=second.geometry)
-            deviations += _deviations(
-                poses, true, Segment(best.start_ns, _end(best), best.contact, 1.0, best.geometry)
-            )
+    deviations = _deviations(poses, (first, second), (label, best)) if named and best is not None else ()
     begins, ends = second.start_ns > first.start_ns, second.end_ns < first.end_ns
     false_ns = sum(
         _end(one) - one.start_ns - max(_overlap(one, second), 0)
@@ -155,9 +147,29 @@ def _names(one: FurtherContact, true: FurtherTruth) -> bool:
     return true.contact in (one.contact, *one.inseparable)
 
 
-def _deviations(poses: Poses, true: TruthInterval, found: Segment) -> list[float]:
-    errors = geometry_errors(poses, Truth((true,)), [found])
-    return [row.deviation.sd for row in errors.rows if np.isfinite(row.deviation.sd)]
+def _deviations(
+    poses: Poses, true: tuple[TruthInterval, FurtherTruth], found: tuple[Segment, FurtherContact]
+) -> tuple[float, ...]:
+    """Of all elements, in standard deviations. Two contacts of one kind may be told in either order."""
+    first, second = true
+    label, further = found
+    span = second.start_ns, second.end_ns
+    true_pair = [
+        TruthInterval(*span, contact, geometry=geometry)
+        for contact, geometry in ((first.contact, first.geometry), (second.contact, second.geometry))
+    ]
+    found_pair = [Segment(*span, one.contact, 1.0, one.geometry) for one in (label, further)]
+    orders = [
+        [
+            error.deviation.sd
+            for one, other in zip(true_pair, order, strict=True)
+            if one.contact is other.contact
+            for error in geometry_errors(poses, Truth((one,)), [other]).rows
+            if np.isfinite(error.deviation.sd)
+        ]
+        for order in (found_pair, found_pair[::-1] if label.contact is further.contact else found_pair)
+    ]
+    return tuple(min(orders, key=lambda deviations: float(np.sum(deviations))))
 
 
 def _overlap(one: FurtherContact, true: FurtherTruth) -> int:
@@ -218,7 +230,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     names = [*FORMATIONS, *ALONE]
-    parser.add_argument("--seeds", type=int, default=3, help="so many of each scenario (default: %(default)s)")
+    parser.add_argument(
+        "--seeds", type=int, default=3, help="so many of each scenario (default: %(default)s)"
+    )
     parser.add_argument("--only", nargs="+", default=names, choices=names, metavar="NAME")
     parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")

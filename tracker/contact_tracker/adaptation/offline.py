@@ -144,6 +144,7 @@ def segment(
     model: Model,
     progress: Callable[[int], None] | None = None,
     knowledge: PriorMap = EMPTY_MAP,
+    detail: Detail = Detail.GEOMETRY,
 ) -> Segmentation:
     """Segment a whole recording, as ``offline_smoother.segment`` does, adapted to its stream.
 
@@ -152,5 +153,5 @@ def segment(
     InvalidPose
         Poses that did not pass the gate: take ``gate`` of ``motion.pose_validation`` first.
     """
-    found = OfflineTracker(model, knowledge).pieces(poses, progress, Detail.GEOMETRY)
+    found = OfflineTracker(model, knowledge).pieces(poses, progress, detail)
     return Segmentation.join(list(found))

@@ -112,20 +112,20 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
     motion = ConditionalMotion.of(window, segment.scales).keeping(first.c)
     constraints = first.model.contact.codimension
     while len(found) < MOST:
-        best = _best(_candidates(segment, motion))
+        best = best_of(_candidates(segment, motion))
         if best is None:
             return Formation(tuple(found), False)
-        some = _search_kinds(segment, motion, _longest(best.presence))
-        best = _best([best, *some])
+        some = _search_kinds(segment, motion, longest(best.presence))
+        best = best_of([best, *some])
         assert best is not None
-        best, elements = _refined(segment, motion, best)
-        run = _longest(best.presence)
+        best, elements = refined(segment, motion, best)
+        run = longest(best.presence)
         known.append(best.known)
         more = count_constraints(motion.cut(*run), [one.c for one in known])
         if more <= constraints or used_directions(window.cut(*run)) < SIX - more:
             # what is moved in fewer directions than it could be is held back by something else
             return Formation(tuple(found), True)
-        others = _inseparable(best, some, more - constraints)
+        others = inseparable_kinds(best, some, more - constraints)
         constraints = more
         found.append(Further(elements, best.presence.runs, best.presence.log_odds, others, constraints))
         for one in best.presence.runs:
@@ -133,11 +133,11 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
     return Formation(tuple(found), False)
 
 
-def _refined(
+def refined(
     segment: FormationTicks, motion: ConditionalMotion, best: Candidate
 ) -> tuple[Candidate, FittedElements]:
     """The candidate with its elements at their greatest likelihood, and the ticks by these."""
-    run, model = _longest(best.presence), best.known.model
+    run, model = longest(best.presence), best.known.model
     elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
     refined = weigh(segment, motion, KnownContact(model, elements.x))
     return (best if refined is None else refined), elements
@@ -147,7 +147,7 @@ def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[
     """Single constraints that spans of the ticks may keep: every contact keeps one of them."""
     for span, models in _promising(motion):
         for model in models:
-            yield from _found(segment, motion, model, span)
+            yield from found_in(segment, motion, model, span)
 
 
 def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
@@ -160,20 +160,29 @@ def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]
     rated = []
     for span in spans:
         part = motion.cut(*span)
-        ratios = {model: relaxed_ratio(moments(model, part)) for model in RELAXED}
-        models = [model for model, ratio in ratios.items() if ratio > LEAST_RATIO]
-        if models:
-            rated.append((len(part) * float(np.log1p(max(ratios.values()))), span, models))
+        ratios = _ratios(part)
+        if ratios:
+            rated.append((len(part) * float(np.log1p(max(ratios.values()))), span, [*ratios]))
     rated.sort(key=lambda one: -one[0])
     return [(span, models) for _, span, models in rated[:TRIED_SPANS]]
 
 
+def promising_kinds(motion: ConditionalMotion) -> list[ContactModel]:
+    """Kinds of single constraints of which the ticks may keep one more; mostly none."""
+    return [*_ratios(motion)]
+
+
+def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
+    ratios = {model: relaxed_ratio(moments(model, motion)) for model in RELAXED}
+    return {model: ratio for model, ratio in ratios.items() if ratio > LEAST_RATIO}
+
+
 def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
     """The best elements of each kind in a run."""
-    return [one for model in CONTACT_MODELS for one in _found(segment, motion, model, run)]
+    return [one for model in CONTACT_MODELS for one in found_in(segment, motion, model, run)]
 
 
-def _found(
+def found_in(
     segment: FormationTicks, motion: ConditionalMotion, model: ContactModel, span: Run
 ) -> Iterator[Candidate]:
     """What a search in one span leads to, as it explains all ticks."""
@@ -194,7 +203,7 @@ def weigh(segment: FormationTicks, motion: ConditionalMotion, known: KnownContac
     presence = most_probable(ratio, segment.log_change)
     if not presence.runs:
         return None
-    run = _longest(presence)
+    run = longest(presence)
     rows = np.concatenate([np.arange(*one) for one in presence.runs])
     gain = float(ticks.gain[rows].sum())
     cost = price(known.model, known.x, motion.cut(*run), segment.window.cut(*run), scales)
@@ -203,17 +212,17 @@ def weigh(segment: FormationTicks, motion: ConditionalMotion, known: KnownContac
     return Candidate(known, Presence(presence.runs, log_odds), gain, rms)
 
 
-def _best(candidates: Iterable[Candidate]) -> Candidate | None:
+def best_of(candidates: Iterable[Candidate]) -> Candidate | None:
     """The most probable one that is probable at all."""
     sure = [one for one in candidates if one.presence.log_odds > SURE_NATS]
     return max(sure, key=lambda one: one.presence.log_odds) if sure else None
 
 
-def _longest(presence: Presence) -> Run:
+def longest(presence: Presence) -> Run:
     return max(presence.runs, key=lambda run: run.end - run.first)
 
 
-def _inseparable(best: Candidate, others: Sequence[Candidate], new: int) -> tuple[Contact, ...]:
+def inseparable_kinds(best: Candidate, others: Sequence[Candidate], new: int) -> tuple[Contact, ...]:
     """Kinds that explain as much as the ``best``, which puts so many ``new`` constraints on the motion.
 
     What a kind contains explains as much if it has as many.

@@ -78,11 +78,6 @@ def relaxed_ratio(of: Moments) -> float:
     return float(np.linalg.eigvalsh(_congruent(lower, free))[-1])
 
 
-def may_hold(motion: ConditionalMotion) -> bool:
-    """Whether the ticks may keep a constraint beyond those that are known: without one, nothing is searched for."""
-    return any(relaxed_ratio(moments(model, motion)) > LEAST_RATIO for model in RELAXED)
-
-
 def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
     """Starts with the directions of the coefficients that solve the relaxed problem, the others of x (B, S)."""
     lower, free = _whitened(of)

@@ -23,6 +23,8 @@ class Detail(IntEnum):
     """What the motion does not tell from the label shares its probability."""
     GEOMETRY = 2
     """Where it touches."""
+    FORMATION = 3
+    """What else touches."""
 
 
 @dataclass(frozen=True, eq=False)
