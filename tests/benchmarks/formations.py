@@ -169,7 +169,7 @@ def _deviations(
         ]
         for order in (found_pair, found_pair[::-1] if label.contact is further.contact else found_pair)
     ]
-    return tuple(min(orders, key=lambda deviations: float(np.sum(deviations))))
+    return tuple(min(orders, key=lambda deviations: sum(deviations)))
 
 
 def _overlap(one: FurtherContact, true: FurtherTruth) -> int:

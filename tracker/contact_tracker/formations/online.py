@@ -38,7 +38,7 @@ LONGEST_TICKS: Final = 150
 SPANS: Final = (40, 100)
 """In the last so many ticks constraints are looked for."""
 LOOK_TICKS: Final = 10.0
-LONGEST_WAIT_TICKS: Final = 40.0
+LONGEST_WAIT_TICKS: Final = 20.0
 """After so many ticks with motion they are looked for again; after each vain search, the next one waits longer."""
 REFIT_SHARE: Final = 1.5
 """Elements are fitted again when they have touched for so many times as long as at the last fit."""
