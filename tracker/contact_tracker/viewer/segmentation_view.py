@@ -5,18 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
 from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.pose_buffer import Waiting
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.canvas import Canvas, Stamps
-from contact_tracker.viewer.events import event
+from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Ground, Viewpoint, draw, viewpoint
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Ground, Viewpoint, draw_all, viewpoint
 
 
 class Painter:
@@ -88,20 +89,33 @@ class Painter:
         """The geometry of each segment from its start, nothing where there is none; its event."""
         poses, segments = self._waiting.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
+        spans = [span for segment in segments for span in _spans(segment)]
         drawings: list[Drawing | None] = []
-        for segment in segments:
-            first = int(np.searchsorted(poses.stamp_ns, segment.start_ns))
-            last = int(np.searchsorted(poses.stamp_ns, segment.end_ns, side="right"))
+        for start_ns, end_ns, touching in spans:
+            first = int(np.searchsorted(poses.stamp_ns, start_ns))
+            last = int(np.searchsorted(poses.stamp_ns, end_ns, side="right"))
             first = min(first, len(poses) - 1)
             within = poses[first : max(last, first + 1)]
-            drawings.append(
-                None if segment.geometry is None else draw(segment.geometry, within, self._extent)
-            )
-        self._sheet.drawings(starts, drawings)
+            drawings.append(draw_all(touching, within, self._extent))
+        self._sheet.drawings(np.array([start_ns for start_ns, _, _ in spans], np.int64), drawings)
+        self._joins_and_leaves(segments)
         contacts, origin = [s.contact for s in segments], self._origin_ns
         texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
         self._sheet.events(starts, contacts, texts)
         self._changes(canvas.SMOOTHED, starts, contacts)
+
+    def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
+        """Events of further contacts."""
+        rows = [
+            (stamp_ns, one.contact, further_event(stamp_ns - self._origin_ns, one, joins))
+            for segment in segments
+            for one in segment.further
+            for stamp_ns, joins in ((one.start_ns, True), (one.end_ns, False))
+            if stamp_ns is not None
+        ]
+        if rows:
+            stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
+            self._sheet.events(np.array(stamps, np.int64), contacts, texts)
 
     def _fade(self, found: Segmentation) -> None:
         """Each tick's probability; a segment begins with that of its first tick."""
@@ -123,3 +137,22 @@ class Painter:
         self._sheet.states(entity, stamp_ns[kept], [contacts[i] for i in kept])
         if len(contacts):
             self._last[entity] = contacts[-1]
+
+
+def _spans(segment: Segment) -> list[tuple[int, int, list[ContactGeometry]]]:
+    """Parts of a segment (start and end in ns) in which the same elements touch."""
+    ends = [segment.end_ns if one.end_ns is None else one.end_ns for one in segment.further]
+    starts = sorted(
+        {segment.start_ns, *(one.start_ns for one in segment.further)} | {end + 1 for end in ends}
+    )
+    starts = [start_ns for start_ns in starts if segment.start_ns <= start_ns <= segment.end_ns]
+    spans = []
+    for start_ns, after_ns in zip(starts, [*starts[1:], segment.end_ns + 1], strict=True):
+        touching = [*filter(None, [segment.geometry])]
+        touching += [
+            one.geometry
+            for one, end_ns in zip(segment.further, ends, strict=True)
+            if one.start_ns <= start_ns <= end_ns
+        ]
+        spans.append((start_ns, after_ns - 1, touching))
+    return spans
