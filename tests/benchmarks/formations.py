@@ -1,16 +1,17 @@
 """How well several contacts at once are found.
 
     python tests/benchmarks/formations.py --seeds 20
-    python tests/benchmarks/formations.py --seeds 20 --single recordings --tables docs/benchmarks/formations.json
+    python tests/benchmarks/formations.py --single recordings --tables formations.json
 
-Each scenario with a further contact is simulated with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz, 24 s), and so are
-those with the first contact alone. ``found`` is the share of recordings in which the first contact has its label and the
-further one its kind, or is among the kinds that are said to be inseparable from it (``open``: only among these; where
-the first one itself is told to be open, that is ``untold``). ``within 3 sd`` is the share of all elements of contacts that
-were named rightly. Errors of when a further contact joins and leaves are medians (s) over the recordings in
-which it does. ``false`` is the share of the time in which a further contact is told that is none, in the simulated
-recordings and in those of ``--single`` folders, offline and online. ``online`` is the share of the time of the further
-contact in which it is told at once, with its kind or an inseparable one, and ``delay`` the median time (s) until then.
+Each scenario with a further contact is simulated with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz, 24 s), and
+so are those with the first contact alone. ``found`` is the share of the recordings in which the first
+contact has its label and the further one its kind, or is among the kinds that are said to be inseparable
+from it (``of which open``: only among these); where the first one itself is said to be open, that is
+``untold``. ``within 3 sd`` is the share of all elements of contacts that were named rightly. Errors of when
+a further contact joins and leaves are medians (s) over the recordings in which it does. ``false`` is the
+share of the time in which a further contact is told that is none, in the simulated recordings and in those
+of ``--single`` folders, offline and online. ``online`` is the share of the time of the further contact in
+which it is told at once, with its kind or an inseparable one, and ``delay`` the median time (s) until then.
 """
 
 import argparse
@@ -72,7 +73,7 @@ class Measured(NamedTuple):
 
 def measure(name: str, seed: int) -> Measured:
     """Simulate, segment and judge one recording."""
-    made = simulate(ALONE[name] if name in ALONE else name, seed)
+    made = simulate(ALONE.get(name, name), seed)
     found = adaptation.segment(gate(made.poses), load_model(), detail=Detail.FORMATION)
     interval = made.truth.intervals[0]
     if not interval.further:

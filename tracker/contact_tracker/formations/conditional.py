@@ -1,6 +1,7 @@
 """How much better does a further contact explain ticks than motion that keeps the contacts known before?
 
-Whatever these imply holds without a further contact as well, and is no evidence for one (docs/theory.md, T35).
+Whatever these imply holds without a further contact as well, and is no evidence for one
+(docs/theory.md, T35).
 """
 
 from collections.abc import Sequence
@@ -57,7 +58,8 @@ class ConditionalMotion:
     Parameters
     ----------
     new : (W, 25) lifted poses, of errors that last only what is new in them (T34).
-    moved : (W, 6, 25) what they change by when the pose turns about the body's axes or shifts along the world's.
+    moved : (W, 6, 25) what they change by when the pose turns about the body's axes or shifts along the
+        world's.
     noise_sd : (W, 6) deviations of a tick in these directions.
     excess_sd : (W, 6) and of what could not be predicted of the motion in it.
     free : (W, 6, 6) factors F: motion that keeps the contacts has the covariance F F^T in a tick.

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class FittedElements(NamedTuple):
-    """A ``bank`` of one hypothesis with the elements x, and the ``information`` (P, P) of its ``window`` on them."""
+    """A ``bank`` of one hypothesis with the elements x; ``information`` (P, P) of its ``window`` on them."""
 
     model: ContactModel
     bank: Bank

@@ -1,7 +1,7 @@
 """Further contacts while poses come in: bounded work in each tick (docs/theory.md, section 18).
 
-Now and then constraints are looked for that the last ticks keep; if there may be some, kinds are searched for one
-after the other, one in a tick. What was found is weighed anew in every tick.
+Now and then constraints are looked for that the last ticks keep; if there may be some, kinds are searched for
+one after the other, one in a tick. What was found is weighed anew in every tick.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,8 @@ SPANS: Final = (40, 100)
 """In the last so many ticks constraints are looked for."""
 LOOK_TICKS: Final = 10.0
 LONGEST_WAIT_TICKS: Final = 20.0
-"""After so many ticks with motion they are looked for again; after each vain search, the next one waits longer."""
+"""After so many ticks with motion they are looked for again; after each vain search the next one waits
+longer, up to so many ticks."""
 REFIT_SHARE: Final = 1.5
 """Elements are fitted again when they have touched for so many times as long as at the last fit."""
 REMEMBERED: Final = 3
@@ -76,10 +77,10 @@ class Held(NamedTuple):
 class Beside(NamedTuple):
     """What is known of contacts beside the ``first``; bounded in size.
 
-    ``remembered`` elements may touch again when the first contact has changed. ``queue`` are the kinds that are
-    still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds`` says that
-    all are searched for, else single constraints. ``waited`` are the ticks with motion since the last look, ``wait``
-    is how many there must be.
+    ``remembered`` elements may touch again when the first contact has changed. ``queue`` are the kinds that
+    are still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds``
+    says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
+    last look, ``wait`` is how many there must be.
     """
 
     first: Elements | None = None

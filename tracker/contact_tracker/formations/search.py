@@ -1,7 +1,8 @@
 """Elements of a further contact, from moments of the ticks alone (docs/theory.md, T36).
 
-The squares of a residual must be as small as the noise, and motion that keeps the contacts known before must be
-able to make it large: of what these imply it is not. All three are quadratic forms of the residual's coefficients.
+The squares of a residual must be as small as the noise, and motion that keeps the contacts known before must
+be able to make it large: of what these imply it is not. All three are quadratic forms of the residual's
+coefficients.
 """
 
 from dataclasses import dataclass
@@ -25,8 +26,8 @@ from contact_tracker.states import Contact
 Array = NDArray[np.float64]
 
 LEAST_RATIO: Final = 2.0
-"""A further constraint may be kept where motion could have violated it by so many times the squares that are left
-of it; each contact has one row or more with that."""
+"""A further constraint may be kept where motion could have violated it by so many times the squares that are
+left of it; each contact has one row or more with that."""
 RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
 """Every contact keeps the constraint of at least one of these."""
 NOISE_SHARE: Final = 0.1
@@ -46,10 +47,10 @@ DRAWS: Final = 7
 
 
 class Moments(NamedTuple):
-    """Mean squares (C, C) of a contact's lifted poses over some ticks, each over the variance of its position.
+    """Mean squares (C, C) of a contact's lifted poses over some ticks, each over the noise of its position.
 
-    ``square`` of what was measured, ``free`` of what motion that keeps the contacts known before makes of it in a
-    tick, and ``noise`` of what noise does.
+    ``square`` of what was measured, ``free`` of what motion that keeps the contacts known before makes of it
+    in a tick, and ``noise`` of what noise does.
     """
 
     square: Array
@@ -79,7 +80,7 @@ def relaxed_ratio(of: Moments) -> float:
 
 
 def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
-    """Starts with the directions of the coefficients that solve the relaxed problem, the others of x (B, S)."""
+    """Starts with the directions that solve the relaxed problem; the others are those of x (B, S)."""
     lower, free = _whitened(of)
     scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
     vectors = np.linalg.eigh(_congruent(lower, free))[1][:, : -1 - RELAXED_STARTS : -1]
@@ -145,7 +146,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
 
 
 class _Problem(NamedTuple):
-    """One contact, some ticks: half the sum over rows of squares over noise, less what motion could have made."""
+    """One contact, some ticks: half the squares over the noise, less what motion could have made of them."""
 
     model: ContactModel
     of: Moments

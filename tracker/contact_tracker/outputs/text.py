@@ -53,8 +53,9 @@ def _is_same(one: FurtherContact, other: FurtherContact) -> bool:
 
 def join_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
     """A further contact that joins, as ``change_line``."""
+    kind = JOINS + further.contact.value
     return (
-        f"{_seconds(stamp_ns, origin_ns):8.2f}  {JOINS + further.contact.value:<7} {further.probability:5.2f}  "
+        f"{_seconds(stamp_ns, origin_ns):8.2f}  {kind:<7} {further.probability:5.2f}  "
         f"{_seconds(further.start_ns, origin_ns):8.2f}  {describe(further.geometry, further.inseparable)}"
     ).rstrip()
 

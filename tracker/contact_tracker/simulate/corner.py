@@ -1,8 +1,8 @@
 """An object that touches a table and a wall at once: poses that keep the constraints of both.
 
 A free random motion is brought to the nearest pose, weighed with a lever, at which the residuals of all
-contacts are what they should be: zero while a contact lasts. The table is the plane z = 0, the wall x = 0; the object is
-above the one and beyond the other.
+contacts are what they should be: zero while a contact lasts. The table is the plane z = 0, the wall x = 0;
+the object is above the one and beyond the other.
 """
 
 from dataclasses import dataclass

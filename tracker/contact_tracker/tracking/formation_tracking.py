@@ -1,4 +1,4 @@
-"""Contacts beside the label, online: what is found follows the leading hypothesis (docs/theory.md, section 18)."""
+"""Contacts beside the label, online, as the leading hypothesis has it (docs/theory.md, section 18)."""
 
 from dataclasses import replace
 from typing import Final
