@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,6 +137,16 @@ class Belief:
         }
 
 
+class SegmentPart(NamedTuple):
+    """A part of a segment, from ``start_ns`` to ``end_ns`` (both included), in which the same contacts hold:
+    beside that of the segment the ``further`` ones. ``geometries`` are those of all, as far as known."""
+
+    start_ns: int
+    end_ns: int
+    further: tuple[FurtherContact, ...]
+    geometries: tuple[ContactGeometry, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline.
@@ -162,6 +172,23 @@ class Segment:
         span = self.start_ns, self.end_ns
         first = contact_json(self.contact, self.probability, span, self.geometry, self.inseparable)
         return [first, *(one.to_json() for one in self.further)]
+
+    @property
+    def parts(self) -> list["SegmentPart"]:
+        """The segment cut where further contacts join and leave."""
+        spans = [(one.start_ns, self.end_ns if one.end_ns is None else one.end_ns) for one in self.further]
+        cuts = {self.start_ns, *(start_ns for start_ns, _ in spans), *(end_ns + 1 for _, end_ns in spans)}
+        starts = sorted(cut for cut in cuts if self.start_ns <= cut <= self.end_ns)
+        parts = []
+        for start_ns, after_ns in zip(starts, [*starts[1:], self.end_ns + 1], strict=True):
+            holding = tuple(
+                one
+                for one, (joins_ns, leaves_ns) in zip(self.further, spans, strict=True)
+                if joins_ns <= start_ns <= leaves_ns
+            )
+            geometries = (*filter(None, [self.geometry]), *(one.geometry for one in holding))
+            parts.append(SegmentPart(start_ns, after_ns - 1, holding, geometries))
+        return parts
 
     @property
     def touching(self) -> tuple[str | None, str | None]:

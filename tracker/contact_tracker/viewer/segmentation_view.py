@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from contact_tracker.geometry.elements import Array, ContactGeometry
+from contact_tracker.geometry.elements import Array
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
@@ -89,15 +89,15 @@ class Painter:
         """The geometry of each segment from its start, nothing where there is none; its event."""
         poses, segments = self._waiting.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
-        spans = [span for segment in segments for span in _spans(segment)]
+        parts = [part for segment in segments for part in segment.parts]
         drawings: list[Drawing | None] = []
-        for start_ns, end_ns, touching in spans:
-            first = int(np.searchsorted(poses.stamp_ns, start_ns))
-            last = int(np.searchsorted(poses.stamp_ns, end_ns, side="right"))
+        for part in parts:
+            first = int(np.searchsorted(poses.stamp_ns, part.start_ns))
+            last = int(np.searchsorted(poses.stamp_ns, part.end_ns, side="right"))
             first = min(first, len(poses) - 1)
             within = poses[first : max(last, first + 1)]
-            drawings.append(draw_all(touching, within, self._extent))
-        self._sheet.drawings(np.array([start_ns for start_ns, _, _ in spans], np.int64), drawings)
+            drawings.append(draw_all(part.geometries, within, self._extent))
+        self._sheet.drawings(np.array([part.start_ns for part in parts], np.int64), drawings)
         self._joins_and_leaves(segments)
         contacts, origin = [s.contact for s in segments], self._origin_ns
         texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
@@ -137,22 +137,3 @@ class Painter:
         self._sheet.states(entity, stamp_ns[kept], [contacts[i] for i in kept])
         if len(contacts):
             self._last[entity] = contacts[-1]
-
-
-def _spans(segment: Segment) -> list[tuple[int, int, list[ContactGeometry]]]:
-    """Parts of a segment (start and end in ns) in which the same elements touch."""
-    ends = [segment.end_ns if one.end_ns is None else one.end_ns for one in segment.further]
-    starts = sorted(
-        {segment.start_ns, *(one.start_ns for one in segment.further)} | {end + 1 for end in ends}
-    )
-    starts = [start_ns for start_ns in starts if segment.start_ns <= start_ns <= segment.end_ns]
-    spans = []
-    for start_ns, after_ns in zip(starts, [*starts[1:], segment.end_ns + 1], strict=True):
-        touching = [*filter(None, [segment.geometry])]
-        touching += [
-            one.geometry
-            for one, end_ns in zip(segment.further, ends, strict=True)
-            if one.start_ns <= start_ns <= end_ns
-        ]
-        spans.append((start_ns, after_ns - 1, touching))
-    return spans
