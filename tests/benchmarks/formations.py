@@ -34,7 +34,7 @@ from contact_tracker.evaluation.tables import number, table
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log
+from contact_tracker.recording import open_log, read_truth
 from contact_tracker.simulate import Phase, Scenario, simulate
 from contact_tracker.simulate.scenarios import FORMATIONS
 from contact_tracker.states import Contact
@@ -69,12 +69,13 @@ class Measured(NamedTuple):
     delay_s: float = NAN
     false_online_s: float = 0.0
     seconds: float = 0.0
+    online_seconds: float = 0.0
 
 
-def measure(name: str, seed: int) -> Measured:
-    """Simulate, segment and judge one recording."""
+def measure(name: str, seed: int, online: bool) -> Measured:
+    """Simulate, segment and judge one recording, and if asked for what is said of it online."""
     made = simulate(ALONE.get(name, name), seed)
-    found = adaptation.segment(gate(made.poses), load_model(), detail=Detail.FORMATION)
+    found = _segmented(gate(made.poses), online)
     interval = made.truth.intervals[0]
     if not interval.further:
         return single(found, made.poses)
@@ -82,9 +83,17 @@ def measure(name: str, seed: int) -> Measured:
 
 
 def measure_file(path: str) -> Measured:
-    """Segment a recording of single contacts."""
+    """Segment a recording of single contacts; nothing is measured of others."""
+    truth = read_truth(path)
+    if truth is not None and any(interval.further for interval in truth.intervals):
+        return Measured()
     poses = gate(Poses.collect(open_log(path)))
-    return single(adaptation.segment(poses, load_model(), detail=Detail.FORMATION), poses)
+    return single(_segmented(poses, True), poses)
+
+
+def _segmented(poses: Poses, online: bool) -> Segmentation:
+    detail = Detail.FORMATION if online else Detail.WEIGHTS
+    return Segmentation.join([*adaptation.OfflineTracker(load_model()).pieces(poses, None, detail)])
 
 
 def single(found: Segmentation, poses: Poses) -> Measured:
@@ -95,6 +104,7 @@ def single(found: Segmentation, poses: Poses) -> Measured:
         false_s=sum(end - start for start, end in spans) * 1e-9,
         false_online_s=online * _tick_s(found),
         seconds=_seconds(poses),
+        online_seconds=_seconds(poses) if len(found.filtered) else 0.0,
     )
 
 
@@ -124,10 +134,11 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
         abs(best.start_ns - second.start_ns) * 1e-9 if best is not None and begins else NAN,
         abs(_end(best) - second.end_ns) * 1e-9 if best is not None and ends else NAN,
         false_ns * 1e-9,
-        len(true_told) / max(true_ticks, 1),
+        len(true_told) / true_ticks if true_ticks else NAN,
         (true_told[0].stamp_ns - second.start_ns) * 1e-9 if true_told else NAN,
         _false_online(found.filtered, second) * _tick_s(found),
         _seconds(poses),
+        _seconds(poses) if len(found.filtered) else 0.0,
     )
 
 
@@ -193,6 +204,7 @@ def _seconds(poses: Poses) -> float:
 def row(name: str, measured: Sequence[Measured]) -> list[str]:
     """A line of the table of scenarios."""
     seconds = sum(one.seconds for one in measured)
+    online_seconds = sum(one.online_seconds for one in measured)
     deviations = np.array([sd for one in measured for sd in one.deviations_sd])
     figures = (
         _mean([one.found for one in measured]),
@@ -204,7 +216,7 @@ def row(name: str, measured: Sequence[Measured]) -> list[str]:
         sum(one.false_s for one in measured) / seconds,
         _mean([one.online for one in measured]),
         _median([one.delay_s for one in measured]),
-        sum(one.false_online_s for one in measured) / seconds,
+        sum(one.false_online_s for one in measured) / online_seconds if online_seconds else NAN,
     )
     return [name, str(len(measured)), *(number(figure) for figure in figures)]
 
@@ -234,6 +246,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--seeds", type=int, default=3, help="so many of each scenario (default: %(default)s)"
     )
+    parser.add_argument(
+        "--online", type=int, default=1000, metavar="N", help="the first so many also online (default: all)"
+    )
     parser.add_argument("--only", nargs="+", default=names, choices=names, metavar="NAME")
     parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
@@ -243,23 +258,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
     with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
         jobs = {
-            name: [pool.submit(measure, name, seed) for seed in range(1, args.seeds + 1)]
+            name: [pool.submit(measure, name, seed, seed <= args.online) for seed in range(1, args.seeds + 1)]
             for name in args.only
         }
         files = {
             folder.name: [pool.submit(measure_file, str(path)) for path in sorted(folder.glob("*.mcap"))]
             for folder in args.single
         }
-        rows = [
-            row(name, [job.result() for job in some])
-            for name, some in tqdm(jobs.items(), file=sys.stderr, disable=None)
-        ]
+        rows = []
+        for name, some in tqdm(jobs.items(), file=sys.stderr, disable=None):
+            rows.append(row(name, [job.result() for job in some]))
+            print(" ".join(rows[-1]), flush=True)
         print(table(COLUMNS, rows))
         singles = [single_row(name, [job.result() for job in some]) for name, some in files.items()]
         if singles:
             print(table(SINGLE_COLUMNS, singles))
     if args.tables:
         command = f"python tests/benchmarks/formations.py --seeds {args.seeds}"
+        if args.online < args.seeds:
+            command += f" --online {args.online}"
         tables = {"scenarios": Table(COLUMNS, rows)}
         if singles:
             command += f" --single {' '.join(f'FOLDER/{folder.name}' for folder in args.single)}"

@@ -144,7 +144,6 @@ def segment(
     model: Model,
     progress: Callable[[int], None] | None = None,
     knowledge: PriorMap = EMPTY_MAP,
-    detail: Detail = Detail.GEOMETRY,
 ) -> Segmentation:
     """Segment a whole recording, as ``offline_smoother.segment`` does, adapted to its stream.
 
@@ -153,5 +152,5 @@ def segment(
     InvalidPose
         Poses that did not pass the gate: take ``gate`` of ``motion.pose_validation`` first.
     """
-    found = OfflineTracker(model, knowledge).pieces(poses, progress, detail)
+    found = OfflineTracker(model, knowledge).pieces(poses, progress, Detail.GEOMETRY)
     return Segmentation.join(list(found))

@@ -35,6 +35,7 @@ _LEVER_M: Final = 0.1
 _STEPS: Final = 25
 _DAMPING: Final = 1e-10
 _EXACT: Final = 1e-9
+_ENOUGH: Final = 1e-13
 _TRIES: Final = 60
 _DRAWS: Final = 400
 _ROOM_SHARE: Final = 0.8
@@ -205,12 +206,13 @@ def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | 
     for _ in range(_STEPS):
         zeta = lift(rotation, place)
         miss = zeta @ c.T - goals
+        if np.abs(miss).max() < _ENOUGH:
+            break
         jacobian = np.einsum("kc,icd,nd->nki", c, moves, zeta, optimize=True) * weight
         gram = jacobian @ np.swapaxes(jacobian, 1, 2) + _DAMPING * np.eye(len(c))
         step = -np.einsum("nki,nk->ni", jacobian, np.linalg.solve(gram, miss[..., None])[..., 0]) * weight
         rotation = rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
         place = place + step[:, 3:]
-    miss = lift(rotation, place) @ c.T - goals
     return Rigid(rotation, place) if np.abs(miss).max() < _EXACT else None
 
 
