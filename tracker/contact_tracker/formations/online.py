@@ -80,7 +80,8 @@ class Beside(NamedTuple):
     ``remembered`` elements may touch again when the first contact has changed. ``queue`` are the kinds that
     are still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds``
     says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
-    last look, ``wait`` is how many there must be.
+    last look, ``wait`` is how many there must be. ``is_open``: more constraints are kept than those of the
+    contacts that are told, by motion that does not show which.
     """
 
     first: Elements | None = None
@@ -92,6 +93,7 @@ class Beside(NamedTuple):
     kinds: bool = False
     waited: float = 0.0
     wait: float = LOOK_TICKS
+    is_open: bool = False
 
 
 NOTHING_BESIDE: Final = Beside()
@@ -124,7 +126,7 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
 def interrupted(beside: Beside) -> Beside:
     """No contact is sure: nothing is told beside it, and no search goes on."""
     held = tuple(one._replace(holds=False) for one in beside.held)
-    return beside._replace(held=held, queue=(), found=())
+    return beside._replace(held=held, queue=(), found=(), is_open=False)
 
 
 def _beside(beside: Beside, first: KnownContact, motion: ConditionalMotion) -> Beside:
@@ -186,7 +188,7 @@ def _looked(
             return beside._replace(queue=queue, span=len(some), found=(), kinds=False)
         if len(some) < span:
             break
-    return beside
+    return beside._replace(is_open=False)
 
 
 def _searched(
@@ -202,7 +204,7 @@ def _searched(
     candidates = [*_candidates(beside, ticks, motion)]
     best = best_of(candidates)
     if best is None:
-        return beside._replace(found=(), wait=min(2.0 * beside.wait, LONGEST_WAIT_TICKS))
+        return beside._replace(found=(), wait=min(2.0 * beside.wait, LONGEST_WAIT_TICKS), is_open=False)
     if beside.kinds:
         return _accepted(beside, best, candidates, ticks, motion, first, origin_m)
     return beside._replace(
@@ -240,7 +242,7 @@ def _accepted(
     constraints = count_constraints(motion.cut(*run), contacts)
     uses_freedom = used_directions(ticks.window.cut(*run)) >= SIX - constraints
     if constraints <= before or not uses_freedom or not _is_now(best.presence, motion):
-        return beside._replace(wait=LONGEST_WAIT_TICKS)
+        return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
     kind, last = best.known.model.contact, best.presence.runs[-1]
     held = Held(
         Elements(kind, best.known.x),
@@ -252,4 +254,4 @@ def _accepted(
         True,
         last.end - last.first,
     )
-    return beside._replace(held=(*holding, held))
+    return beside._replace(held=(*holding, held), is_open=False)

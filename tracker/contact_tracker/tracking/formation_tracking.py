@@ -11,6 +11,7 @@ from contact_tracker.formations.further import FormationTicks, KnownContact
 from contact_tracker.formations.naming import named_by
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
+from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.state import TrackerState, scales_of
 
@@ -40,6 +41,8 @@ def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[T
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
     beside = online.advance(state.beside, ticks, first, state.averaging.origin_m)
     state = state._replace(beside=beside)
+    if beside.is_open:
+        belief = replace(belief, probability=ambiguity.at_most(belief.probability, label))
     return state, replace(belief, further=_told(state, belief, tick))
 
 
