@@ -22,6 +22,7 @@ LAYERS = (
     ("contacts", "inspection"),
     ("landmarks", "paper"),
     ("hypotheses",),
+    ("formations",),
     ("tracking",),
     ("adaptation",),
     ("extras",),
