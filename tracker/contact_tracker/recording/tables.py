@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 _HEAD_LINES: Final = 64
+_LONGEST_LINE: Final = 120
+"""Of errors of polars, which list all columns."""
 _LINE: Final = 2**18
 _ROWS: Final = 10_000
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
@@ -198,4 +200,4 @@ def _rows(batch: "pl.DataFrame", stamps: NDArray[np.int64], body: Any) -> NDArra
 
 
 def _line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
+    return (str(error) or type(error).__name__).splitlines()[0][:_LONGEST_LINE]
