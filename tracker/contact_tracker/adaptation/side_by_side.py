@@ -2,7 +2,7 @@
 
 The first is the model's. Others begin, with the poses so far, once these tell the ratio of the noise of
 position and orientation. After some seconds of motion those that are far behind are dropped, after some more
-all but the best.
+all but the best (``comparison``).
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.adaptation.candidates import candidates, with_ticks_for
-from contact_tracker.adaptation.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
+from contact_tracker.adaptation.comparison import (
+    TickEvidence,
+    are_compared,
+    is_moving,
+    relative_evidence,
+    tick_evidence,
+)
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -30,16 +36,8 @@ RATE_POSES: Final = 12
 """So many poses tell the rate of the stream."""
 RATIO_POSES: Final = 60
 """So many tell the ratio of the noise of position and orientation."""
-DROPPED_AFTER_S: Final = 5.0
-MARGIN_NATS: Final = 20.0
-"""After so much motion (its first ticks mislead) a tracker so far behind the best is dropped."""
-HOPELESS_AFTER_S: Final = 1.5
-HOPELESS_NATS: Final = 40.0
-"""So far behind one is dropped sooner."""
 REST_NATS: Final = 10.0
 """So much less counts a tracker that takes noise for motion, as long as the object rests."""
-DECIDED_AFTER_S: Final = 10.0
-"""After so much motion the best is taken: what is left differs little."""
 
 
 class TrackedTick(NamedTuple):
@@ -54,8 +52,9 @@ class SideBySide(NamedTuple):
     """The trackers of one stream; bounded in size however long it is.
 
     ``model`` as asked for; the ``trackers``, none before the rate is known, and their ``log_weight``
-    (K,); ``pending``, the poses so far as long as other trackers may begin with them, and what the ticks in
-    them were to the first tracker (``first``); for how long the object has moved (s).
+    (K,), in which ``log_prior`` (K,) is what is no evidence; ``pending``, the poses so far as long as other
+    trackers may begin with them, and what the ticks in them were to the first tracker (``first``); for how
+    long the object has moved (s).
     """
 
     model: Model
@@ -63,6 +62,7 @@ class SideBySide(NamedTuple):
     lag_s: float
     trackers: tuple[TrackerState, ...]
     log_weight: Array
+    log_prior: Array
     pending: Poses | None
     first: tuple[TrackedTick, ...]
     moved_s: float
@@ -80,7 +80,7 @@ class SideBySide(NamedTuple):
 
 def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> SideBySide:
     """No pose has come yet."""
-    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0)
+    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), np.zeros(1), NO_POSES, (), 0.0)
 
 
 def goes_on(state: SideBySide, stamp_ns: int) -> bool:
@@ -145,10 +145,11 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     chosen = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
     started = [_observe(*tracker.accumulate_poses(start, state.pending), detail) for start in starts]
-    first = state.first
+    first, log_prior = state.first, np.array([one.log_prior for one in chosen])
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in started)),
-        log_weight=np.array([one.log_prior for one in chosen]),
+        log_weight=log_prior,
+        log_prior=log_prior,
         pending=None,
         first=(),
     )
@@ -225,16 +226,11 @@ def _weigh_trackers(
     model = state.trackers[0].model
     log_weight = state.log_weight + relative_evidence([one.evidence for one in now], model.motion)
     moved_s = state.moved_s + model.tick_s
-    best = log_weight.max()
-    kept = every
-    if moved_s >= DECIDED_AFTER_S:
-        kept = every[[int(log_weight.argmax())]]
-    elif moved_s >= HOPELESS_AFTER_S:
-        margin = MARGIN_NATS if moved_s >= DROPPED_AFTER_S else HOPELESS_NATS
-        kept = every[log_weight > best - margin]
+    kept = every[are_compared(log_weight, state.log_prior, moved_s)]
     state = state._replace(
         trackers=tuple(state.trackers[i] for i in kept),
-        log_weight=log_weight[kept] - best,
+        log_weight=log_weight[kept] - log_weight.max(),
+        log_prior=state.log_prior[kept],
         moved_s=moved_s,
     )
     return state, kept
