@@ -94,7 +94,7 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
     best, favoured = (int(one.argmax()) for one in ranked)
     if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == favoured):
         return np.asarray(np.arange(len(log_weight)) == favoured, np.bool_)
-    return np.any([one > one.max() - margin for one in ranked], axis=0)
+    return np.asarray(np.any([one > one.max() - margin for one in ranked], axis=0))
 
 
 def is_moving(window: Window) -> bool:
