@@ -26,8 +26,10 @@ from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
+from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.curved_motion import CurvedMotion
 from contact_tracker.tracking.state import TrackerState
 
 Array = NDArray[np.float64]
@@ -144,7 +146,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     assert state.pending is not None
     chosen = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
-    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail) for start in starts]
+    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail, False) for start in starts]
     first, log_prior = state.first, np.array([one.log_prior for one in chosen])
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in started)),
@@ -172,8 +174,10 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     gathered.insert(0, (advanced, closed))
     if not closed:
         return state._replace(trackers=tuple(one for one, _ in gathered)), []
-    followed = [_observe(one, own, detail) for one, own in gathered]
-    state = state._replace(trackers=tuple(one for one, _ in followed))
+    judge = int(state.log_weight.argmax())
+    followed = [_observe(one, own, detail, i == judge) for i, (one, own) in enumerate(gathered)]
+    curved = followed[judge][0].curved  # one judges it for all
+    state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(ticks for _, ticks in followed), strict=True):
         moves = is_moving(now[alive[0]].window)
@@ -201,17 +205,23 @@ def _single(
 
 
 def _observe(
-    state: TrackerState, closed: Sequence[Tick], detail: Detail
+    state: TrackerState, closed: Sequence[Tick], detail: Detail, judges: bool
 ) -> tuple[TrackerState, list[TrackedTick]]:
-    """One tracker takes in ticks."""
+    """One tracker takes in ticks; the one that ``judges`` free motion does so for all."""
     followed = list[TrackedTick]()
     for tick in closed:
         before = state
-        state, online = tracker.update(state, tick, detail)
+        state, online = tracker.update(state, tick, detail, judges)
         followed.append(
             TrackedTick(tick_evidence(before, state), state.window, tracker.answer(state, online))
         )
     return state, followed
+
+
+def _with_curved(one: TrackerState, curved: CurvedMotion) -> TrackerState:
+    """What another one has judged holds for a tracker that takes the motion to be free as well."""
+    is_free = one.label is Contact.FREE
+    return one._replace(curved=curved._replace(since=one.free_since)) if is_free else one
 
 
 def _weigh_trackers(

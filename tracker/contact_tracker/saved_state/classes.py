@@ -25,7 +25,7 @@ from contact_tracker.motion import (
 )
 from contact_tracker.saved_state.progress import Progress
 from contact_tracker.states import Contact
-from contact_tracker.tracking import belief, state
+from contact_tracker.tracking import belief, curved_motion, state
 
 VALUES: Final[tuple[type, ...]] = (
     Contact,
@@ -76,6 +76,7 @@ VALUES: Final[tuple[type, ...]] = (
     window.SlidingWindow,
     window.Window,
     belief.Belief,
+    curved_motion.CurvedMotion,
     state.TrackerState,
     Progress,
 )
