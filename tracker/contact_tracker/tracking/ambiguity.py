@@ -54,7 +54,8 @@ of ``a b^T`` it is ``b x a``."""
 _TRACE: Final = EYE.ravel()
 _LEVER: Final = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 LEAST_MOTION_TICKS: Final = 10.0
-"""With less motion in the window a contact that is older than the window is judged by its evidence alone."""
+"""With less motion in the window a contact that is older than the window is judged by its evidence alone, and
+free motion is not said to have one degree of freedom."""
 
 
 class CompetingEvidence(NamedTuple):
@@ -97,11 +98,14 @@ def freedom_of(label: Contact, window: Window, older: bool) -> Freedom:
     """What use the motion makes of the freedom that ``label`` leaves.
 
     ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others.
+    Free motion, too, goes one way at first.
     """
-    if older and float(window.motion_ratio.sum()) < LEAST_MOTION_TICKS:
+    is_short = float(window.motion_ratio.sum()) < LEAST_MOTION_TICKS
+    if older and is_short:
         return Freedom(False, False)
     used = used_directions(window)
-    return Freedom(used < SIX - label.codimension, used == 1)
+    one = used == 1 and not (label is Contact.FREE and is_short)
+    return Freedom(used < SIX - label.codimension, one)
 
 
 def tempered(probability: Array, sureness: float) -> Array:
