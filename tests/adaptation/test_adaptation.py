@@ -17,6 +17,7 @@ from contact_tracker.adaptation.comparison import (
     LASTING_TICKS,
     SPAN_TICKS,
     TickEvidence,
+    are_compared,
     is_moving,
     relative_evidence,
 )
@@ -312,6 +313,22 @@ def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:
     assert known.best.averaging is not None
     assert known.best.averaging.stream.noise.sigma_position_m == pytest.approx(3e-4)
     assert tracker.start(given).model == known.best.model
+
+
+def test_the_prior_bridges_the_first_seconds_and_does_not_decide() -> None:
+    """The prior favours the second by 12 nats, the evidence is 5 against it, and the third is behind."""
+    log_prior = np.array([0.0, 12.0, -2.0])
+    log_weight = np.array([10.0, 5.0, -45.0]) + log_prior
+    for moved_s, expected in (
+        (1.0, [True, True, True]),
+        (2.0, [True, True, False]),
+        (12.0, [True, True, False]),
+        (30.0, [True, False, False]),
+    ):
+        assert are_compared(log_weight, log_prior, moved_s).tolist() == expected
+    more_evidence = log_weight + np.array([8.0, 0.0, 0.0])  # 13 nats against it: both agree
+    assert are_compared(more_evidence, log_prior, 9.0).tolist() == [True, True, False]
+    assert are_compared(more_evidence, log_prior, 10.0).tolist() == [True, False, False]
 
 
 @needs_kernels

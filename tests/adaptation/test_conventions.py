@@ -37,6 +37,10 @@ def inverse(poses: Poses) -> Poses:
 MISTAKES: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
     "w first": ("w x y z", lambda poses: with_quaternions(poses, [3, 0, 1, 2])),
     "inverted": ("inverted", lambda poses: with_quaternions(poses, [0, 1, 2, 3], -1.0)),
+    "w first and inverted": (
+        "reorder and conjugate",
+        lambda poses: with_quaternions(with_quaternions(poses, [0, 1, 2, 3], -1.0), [3, 0, 1, 2]),
+    ),
     "inverse": ("inverse, of the world", inverse),
 }
 

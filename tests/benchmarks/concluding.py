@@ -14,6 +14,8 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.window import EMPTY_WINDOW
 from contact_tracker.recording import open_log
@@ -27,7 +29,7 @@ class NoFits(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         future: Future[Any] = Future()
-        future.set_result(SegmentFit(None, (), 0.0))
+        future.set_result(SegmentFit(None, (), 0.0, np.zeros(1)))
         return future
 
 

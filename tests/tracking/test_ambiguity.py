@@ -40,7 +40,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def untold(label, judged, window, older):
-    return ambiguity.indistinguishable(label, judged, ambiguity.underuses_freedom(label, window, older))
+    return ambiguity.indistinguishable(label, judged, ambiguity.freedom_of(label, window, older))
 
 
 def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):

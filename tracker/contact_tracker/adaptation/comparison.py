@@ -23,6 +23,17 @@ SMOOTH: Final = 4.0
 """An object gets farther in ``SPAN_TICKS`` ticks, in squares, by more than this times what noise would."""
 LASTING_TICKS: Final = 3
 """It moves if it did in so many ticks that follow each other: by chance noise does it once, hardly thrice."""
+HOPELESS_AFTER_S: Final = 1.5
+HOPELESS_NATS: Final = 40.0
+"""After so much motion a tracker so far behind the best is dropped."""
+DROPPED_AFTER_S: Final = 5.0
+MARGIN_NATS: Final = 20.0
+"""After so much (its first ticks mislead) one so far behind."""
+DECIDED_AFTER_S: Final = 10.0
+"""After so much the best is taken, if it is the best by its evidence as well: the prior is meant for the
+seconds before."""
+LONGEST_S: Final = 30.0
+"""After so much that of the most evidence is taken."""
 _DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
 _ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
 """Constraints of each state (7,) on a distance and on angles."""
@@ -65,6 +76,25 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     withheld += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
     gain = np.array([tick.gain for tick in ticks])
     return np.asarray(gain + 0.5 * motion.likelihood_exponent * withheld)
+
+
+def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray[np.bool_]:
+    """Which of K trackers go on once the object has moved for ``moved_s``: those near to the best, and from
+    ``DECIDED_AFTER_S`` on that one alone.
+
+    Parameters
+    ----------
+    log_weight, log_prior : (K,), in nats; their difference is the evidence. What the prior favours alone, or
+        the evidence alone, is not taken before ``LONGEST_S``, nor is the other one dropped.
+    """
+    if moved_s < HOPELESS_AFTER_S:
+        return np.ones(len(log_weight), np.bool_)
+    margin = MARGIN_NATS if moved_s >= DROPPED_AFTER_S else HOPELESS_NATS
+    ranked = log_weight, log_weight - log_prior
+    best, favoured = (int(one.argmax()) for one in ranked)
+    if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == favoured):
+        return np.asarray(np.arange(len(log_weight)) == favoured, np.bool_)
+    return np.asarray(np.any([one > one.max() - margin for one in ranked], axis=0))
 
 
 def is_moving(window: Window) -> bool:

@@ -22,6 +22,12 @@ READINGS: Final = (
     ("", np.arange(4), 1.0),
     ("quaternions look like w x y z in fields that are x y z w: reorder them", np.array([1, 2, 3, 0]), 1.0),
     ("quaternions look inverted (rotation of the world in the body): conjugate them", np.arange(4), -1.0),
+    (
+        "quaternions look like w x y z in fields that are x y z w, and inverted (rotation of the world in "
+        "the body): reorder and conjugate them",
+        np.array([1, 2, 3, 0]),
+        -1.0,
+    ),
 )
 """What is wrong, where x y z w are, and the sign of x y z. The first takes poses as they are: the trackers
 that are compared have to take their noise to be the same."""

@@ -2,7 +2,7 @@
 
 The first is the model's. Others begin, with the poses so far, once these tell the ratio of the noise of
 position and orientation. After some seconds of motion those that are far behind are dropped, after some more
-all but the best.
+all but the best (``comparison``).
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.adaptation.candidates import candidates, with_ticks_for
-from contact_tracker.adaptation.comparison import TickEvidence, is_moving, relative_evidence, tick_evidence
+from contact_tracker.adaptation.comparison import (
+    TickEvidence,
+    are_compared,
+    is_moving,
+    relative_evidence,
+    tick_evidence,
+)
 from contact_tracker.adaptation.mixture import mixture
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -20,8 +26,10 @@ from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window
+from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.curved_motion import CurvedMotion
 from contact_tracker.tracking.state import TrackerState
 
 Array = NDArray[np.float64]
@@ -30,16 +38,8 @@ RATE_POSES: Final = 12
 """So many poses tell the rate of the stream."""
 RATIO_POSES: Final = 60
 """So many tell the ratio of the noise of position and orientation."""
-DROPPED_AFTER_S: Final = 5.0
-MARGIN_NATS: Final = 20.0
-"""After so much motion (its first ticks mislead) a tracker so far behind the best is dropped."""
-HOPELESS_AFTER_S: Final = 1.5
-HOPELESS_NATS: Final = 40.0
-"""So far behind one is dropped sooner."""
 REST_NATS: Final = 10.0
 """So much less counts a tracker that takes noise for motion, as long as the object rests."""
-DECIDED_AFTER_S: Final = 10.0
-"""After so much motion the best is taken: what is left differs little."""
 
 
 class TrackedTick(NamedTuple):
@@ -54,8 +54,9 @@ class SideBySide(NamedTuple):
     """The trackers of one stream; bounded in size however long it is.
 
     ``model`` as asked for; the ``trackers``, none before the rate is known, and their ``log_weight``
-    (K,); ``pending``, the poses so far as long as other trackers may begin with them, and what the ticks in
-    them were to the first tracker (``first``); for how long the object has moved (s).
+    (K,), in which ``log_prior`` (K,) is what is no evidence; ``pending``, the poses so far as long as other
+    trackers may begin with them, and what the ticks in them were to the first tracker (``first``); for how
+    long the object has moved (s).
     """
 
     model: Model
@@ -63,6 +64,7 @@ class SideBySide(NamedTuple):
     lag_s: float
     trackers: tuple[TrackerState, ...]
     log_weight: Array
+    log_prior: Array
     pending: Poses | None
     first: tuple[TrackedTick, ...]
     moved_s: float
@@ -80,7 +82,7 @@ class SideBySide(NamedTuple):
 
 def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> SideBySide:
     """No pose has come yet."""
-    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), NO_POSES, (), 0.0)
+    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), np.zeros(1), NO_POSES, (), 0.0)
 
 
 def goes_on(state: SideBySide, stamp_ns: int) -> bool:
@@ -144,11 +146,12 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     assert state.pending is not None
     chosen = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
-    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail) for start in starts]
-    first = state.first
+    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail, False) for start in starts]
+    first, log_prior = state.first, np.array([one.log_prior for one in chosen])
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in started)),
-        log_weight=np.array([one.log_prior for one in chosen]),
+        log_weight=log_prior,
+        log_prior=log_prior,
         pending=None,
         first=(),
     )
@@ -171,12 +174,13 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     gathered.insert(0, (advanced, closed))
     if not closed:
         return state._replace(trackers=tuple(one for one, _ in gathered)), []
-    best = int(state.log_weight.argmax())
+    judge = int(state.log_weight.argmax())
     followed = [
-        _observe(one, own, detail if i == best else min(detail, Detail.GEOMETRY))
+        _observe(one, own, detail if i == judge else min(detail, Detail.GEOMETRY), i == judge)
         for i, (one, own) in enumerate(gathered)
     ]
-    state = state._replace(trackers=tuple(one for one, _ in followed))
+    curved = followed[judge][0].curved  # one judges it for all
+    state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(ticks for _, ticks in followed), strict=True):
         moves = is_moving(now[alive[0]].window)
@@ -204,17 +208,23 @@ def _single(
 
 
 def _observe(
-    state: TrackerState, closed: Sequence[Tick], detail: Detail
+    state: TrackerState, closed: Sequence[Tick], detail: Detail, judges: bool
 ) -> tuple[TrackerState, list[TrackedTick]]:
-    """One tracker takes in ticks."""
+    """One tracker takes in ticks; the one that ``judges`` free motion does so for all."""
     followed = list[TrackedTick]()
     for tick in closed:
         before = state
-        state, online = tracker.update(state, tick, detail)
+        state, online = tracker.update(state, tick, detail, judges)
         followed.append(
             TrackedTick(tick_evidence(before, state), state.window, tracker.answer(state, online))
         )
     return state, followed
+
+
+def _with_curved(one: TrackerState, curved: CurvedMotion) -> TrackerState:
+    """What another one has judged holds for a tracker that takes the motion to be free as well."""
+    is_free = one.label is Contact.FREE
+    return one._replace(curved=curved._replace(since=one.free_since)) if is_free else one
 
 
 def _weigh_trackers(
@@ -229,16 +239,11 @@ def _weigh_trackers(
     model = state.trackers[0].model
     log_weight = state.log_weight + relative_evidence([one.evidence for one in now], model.motion)
     moved_s = state.moved_s + model.tick_s
-    best = log_weight.max()
-    kept = every
-    if moved_s >= DECIDED_AFTER_S:
-        kept = every[[int(log_weight.argmax())]]
-    elif moved_s >= HOPELESS_AFTER_S:
-        margin = MARGIN_NATS if moved_s >= DROPPED_AFTER_S else HOPELESS_NATS
-        kept = every[log_weight > best - margin]
+    kept = every[are_compared(log_weight, state.log_prior, moved_s)]
     state = state._replace(
         trackers=tuple(state.trackers[i] for i in kept),
-        log_weight=log_weight[kept] - best,
+        log_weight=log_weight[kept] - log_weight.max(),
+        log_prior=state.log_prior[kept],
         moved_s=moved_s,
     )
     return state, kept

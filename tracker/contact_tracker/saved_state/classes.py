@@ -26,7 +26,7 @@ from contact_tracker.motion import (
 )
 from contact_tracker.saved_state.progress import Progress
 from contact_tracker.states import Contact
-from contact_tracker.tracking import belief, state
+from contact_tracker.tracking import belief, curved_motion, state
 
 VALUES: Final[tuple[type, ...]] = (
     Contact,
@@ -81,6 +81,7 @@ VALUES: Final[tuple[type, ...]] = (
     online_formations.Beside,
     online_formations.Elements,
     online_formations.Held,
+    curved_motion.CurvedMotion,
     state.TrackerState,
     Progress,
 )

@@ -29,6 +29,8 @@ SAME_SPAN: Final = 0.25
 SAME_SPAN_TICKS: Final = 3
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
+MOST_NATS: Final = 50.0
+"""Beyond doubt."""
 VARIED_S: Final = 0.7
 """Time in which other motion has shown all its directions."""
 FIRST_CHOICE: Final = 2.0
@@ -38,7 +40,8 @@ OPEN_AT_MOST: Final = 0.9
 ALMOST: Final = 1.0 - 1e-9
 SIX: Final = 6
 LEAST_MOTION_TICKS: Final = 10.0
-"""With less motion in the window a contact that is older than the window is judged by its evidence alone."""
+"""With less motion in the window a contact that is older than the window is judged by its evidence alone, and
+free motion is not said to have one degree of freedom."""
 
 
 class CompetingEvidence(NamedTuple):
@@ -51,28 +54,44 @@ class CompetingEvidence(NamedTuple):
     rms: Array
 
 
-def indistinguishable(label: Contact, rivals: CompetingEvidence, underused: bool) -> tuple[Contact, ...]:
+class Freedom(NamedTuple):
+    """Of the motion: whether it makes no use of the freedom that its label leaves, and whether it has but one
+    degree of freedom."""
+
+    underused: bool
+    one_direction: bool
+
+
+def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
     """The other states that the motion does not distinguish from ``label`` (T23).
 
     Those are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
-    ``underused``, not moving in one more direction is no evidence: then also every state that fits the
-    motion, and every state that these contain.
+    underused, not moving in one more direction is no evidence: then also every state that fits the motion,
+    and every state that these contain. Motion of one degree of freedom is that of a hinge, a slide or a screw
+    as well, whatever fits it: then all.
     """
+    if freedom.one_direction:
+        return tuple(state for state in STATES if state is not label)
     close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
-    if underused:
+    if freedom.underused:
         fits = close | (rivals.rms < AS_WELL * max(1.0, rivals.rms[label.column]))
         fitting = [state for state, fit in zip(STATES, fits, strict=True) if fit]
         close = np.array([any(other.contains(state) for other in fitting) for state in STATES])
     return tuple(state for state, near in zip(STATES, close, strict=True) if near and state is not label)
 
 
-def underuses_freedom(label: Contact, window: Window, older: bool) -> bool:
-    """Whether the motion makes no use of the freedom that ``label`` leaves.
+def freedom_of(label: Contact, window: Window, older: bool) -> Freedom:
+    """What use the motion makes of the freedom that ``label`` leaves.
 
     ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others.
+    Free motion, too, goes one way at first.
     """
-    judged = not older or float(window.motion_ratio.sum()) >= LEAST_MOTION_TICKS
-    return judged and used_directions(window) < SIX - label.codimension
+    is_short = float(window.motion_ratio.sum()) < LEAST_MOTION_TICKS
+    if older and is_short:
+        return Freedom(False, False)
+    used = used_directions(window)
+    one = used == 1 and not (label is Contact.FREE and is_short)
+    return Freedom(used < SIX - label.codimension, one)
 
 
 def tempered(probability: Array, sureness: float) -> Array:
@@ -107,17 +126,26 @@ def at_most(probability: Array, label: Contact, most: float = OPEN_AT_MOST) -> A
     return np.asarray(probability + change)
 
 
+def p_curved(log_evidence: float) -> float:
+    """Probability that what is called free keeps to a curved surface, whose evidence is so large (nats)."""
+    odds = RESTRICTED / (1.0 - RESTRICTED) * np.exp(min(log_evidence, MOST_NATS))
+    return float(odds / (1.0 + odds))
+
+
 def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...], deliberate: float) -> Array:
     """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
 
     The most probable contact among them gives to all the others, in proportion to the probability that the
     restriction of the motion is ``deliberate`` (T30). That contact is the label itself, except on a Viterbi
-    path or with a lag. The most probable state stays the most probable one, and the sum stays 1.
+    path or with a lag. Free motion gives only where it is told from nothing at all. The most probable state
+    stays the most probable one, and the sum stays 1.
     """
-    if not others or label is Contact.FREE:
+    is_free = label is Contact.FREE
+    if not others or (is_free and len(others) < len(STATES) - 1):
         return probability
     alike = [state.column for state in (label, *others)]
-    giver = max((c for c in alike if c != Contact.FREE.column), key=lambda c: (probability[c], c == alike[0]))
+    contacts = [label.column] if is_free else [c for c in alike if c != Contact.FREE.column]
+    giver = max(contacts, key=lambda c: (probability[c], c == alike[0]))
     share = np.zeros(len(STATES))
     share[alike] = 1.0
     share[giver] = FIRST_CHOICE

@@ -10,9 +10,10 @@ from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.birth_proposals import named
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.landmarks.element_pairs import element_pairs
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.curved_motion import NOT_JUDGED, judged_online
 from contact_tracker.tracking.state import TrackerState, scales_of
 
 Array = NDArray[np.float64]
@@ -84,12 +85,24 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
         onset = int(state.banks[label.column].onset[state.best_rows[label.column]])
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
-    underused = ambiguity.underuses_freedom(label, since, onset < state.window.index[0])
-    others = ambiguity.indistinguishable(label, rivals, underused)
+    freedom = ambiguity.freedom_of(label, since, onset < state.window.index[0])
+    others = ambiguity.indistinguishable(label, rivals, freedom)
+    deliberate = ambiguity.p_deliberate(freedom.underused, since, state.model.tick_s)
+    if label is Contact.FREE and state.curved.probability > 0.5:
+        others, deliberate = CONTACTS, max(deliberate, state.curved.probability)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
-    deliberate = ambiguity.p_deliberate(underused, since, state.model.tick_s)
     probability = ambiguity.redistribute(belief.probability, label, inseparable, deliberate)
     return replace(belief, probability=probability, inseparable=inseparable, p_deliberate=deliberate)
+
+
+def with_curved_motion(state: TrackerState, label: Contact, judges: bool) -> TrackerState:
+    """Free motion is judged now and then, unless another one does that: it may keep to a curved surface."""
+    if label is not Contact.FREE:
+        return state._replace(curved=NOT_JUDGED)
+    if not judges:
+        return state
+    known = state.curved, state.window, state.free_since
+    return state._replace(curved=judged_online(*known, scales_of(state.model), state.knowledge))
 
 
 def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | None:

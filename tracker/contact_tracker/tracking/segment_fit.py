@@ -24,9 +24,10 @@ from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import FurtherContact, Segment
+from contact_tracker.tracking.curved_motion import judged_offline
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 
@@ -72,11 +73,13 @@ NO_FORMATION: Final = FittedFormation()
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """Of one segment, as in ``Belief``."""
+    """Of one segment, as in ``Belief``; ``curved`` is the probability in each tick (n,), or (1,) in all of
+    them, that it is free motion only in so far as none of the six contacts is."""
 
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...]
     restricted: float
+    curved: Array
     formation: FittedFormation = NO_FORMATION
 
 
@@ -92,16 +95,17 @@ def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
 def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     """By the fit of each contact to the segment's ``window``."""
     model, knowledge, label = segment.model, segment.knowledge, segment.contact
-    underused = ambiguity.underuses_freedom(label, window, older=False)
+    freedom = ambiguity.freedom_of(label, window, older=False)
     rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    others = ambiguity.indistinguishable(label, rivals, underused)
+    others = ambiguity.indistinguishable(label, rivals, freedom)
     inseparable = tuple(other for other in others if knowledge.allows(other))
-    restricted = ambiguity.p_deliberate(underused, window, model.tick_s)
+    restricted = ambiguity.p_deliberate(freedom.underused, window, model.tick_s)
     if label is Contact.FREE:
-        return SegmentFit(None, inseparable, restricted)
+        curved = judged_offline(segment.window, scales_of(model), knowledge)
+        return SegmentFit(None, inseparable, restricted, curved)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fits[label.column], contact, window, scales)
@@ -111,6 +115,7 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
         named(where, pair),
         inseparable,
         restricted,
+        np.zeros(1),
         _formation(segment, window, KnownContact(contact, fitted.x[0])),
     )
 
@@ -174,19 +179,23 @@ class FinishedSegment(NamedTuple):
         """The segment and the beliefs of its ticks."""
         contact = STATES[self.column]
         beliefs = np.zeros(len(self.rows), BELIEF)
-        for belief, given in zip(beliefs, self.posterior, strict=True):
-            told = ambiguity.redistribute(given, contact, fit.inseparable, fit.restricted)
+        curved = np.broadcast_to(fit.curved, len(beliefs))
+        restricted = np.maximum(fit.restricted, curved)
+        others = [CONTACTS if p > 0.5 else fit.inseparable for p in curved]
+        for belief, given, states, p in zip(beliefs, self.posterior, others, restricted, strict=True):
+            told = ambiguity.redistribute(given, contact, states, float(p))
             belief["probability"] = ambiguity.at_most(told, contact) if fit.formation.is_open else told
+            belief["inseparable"] = [state in states for state in STATES]
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
         beliefs["contact"], beliefs["residual"] = self.column, self.rows["residual"]
-        beliefs["inseparable"] = [state in fit.inseparable for state in STATES]
-        beliefs["restricted"] = fit.restricted
+        beliefs["restricted"] = restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"])
         probability = float(beliefs["probability"][:, self.column].mean())
-        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable, further)
+        inseparable = CONTACTS if np.mean(curved > 0.5) > 0.5 else fit.inseparable
+        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, inseparable, further)
         return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)], formations)
 
     def _further(self, formation: FittedFormation) -> tuple[FurtherContact, ...]:

@@ -20,6 +20,7 @@ from contact_tracker.motion.tick_grid import TickState
 from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.curved_motion import NOT_JUDGED, CurvedMotion
 from contact_tracker.tracking.transition_model import log_initial
 
 Array = NDArray[np.float64]
@@ -63,6 +64,8 @@ class TrackerState(NamedTuple):
     free_since: int
     """The tick since which the label is free."""
     free_since_ns: int
+    curved: CurvedMotion
+    """What free motion was judged to be."""
     hazard_exposure: float
     """To a change of state at the last boundary, in ticks of motion."""
     log_transition: Array
@@ -123,6 +126,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         label=None,
         free_since=0,
         free_since_ns=0,
+        curved=NOT_JUDGED,
         hazard_exposure=0.0,
         log_transition=np.zeros((states, states)),
         log_birth_weight=initial,

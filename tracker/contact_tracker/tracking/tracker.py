@@ -22,6 +22,7 @@ from contact_tracker.tracking.posterior import (
     label_geometry,
     share_among_indistinguishable,
     state_posterior,
+    with_curved_motion,
 )
 from contact_tracker.tracking.state import TrackerState, scales_of, start
 
@@ -108,12 +109,17 @@ def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
     return state._replace(averaging=averaging), [tick]
 
 
-def update(state: TrackerState, tick: Tick, detail: Detail = Detail.FORMATION) -> tuple[TrackerState, Belief]:
-    """Take in one tick, and tell of it in ``detail``."""
+def update(
+    state: TrackerState, tick: Tick, detail: Detail = Detail.FORMATION, judges: bool = True
+) -> tuple[TrackerState, Belief]:
+    """Take in one tick, and tell of it in ``detail``.
+
+    It ``judges`` whether free motion keeps to a curved surface, unless another one does that for it.
+    """
     sliding = measurement_update.advanced_window(state, tick)
     if measurement_update.is_uninformative(state, tick):
         return skip_update(state, tick, sliding)
-    return read_posterior(measurement_update.update_hypotheses(state, tick, sliding), tick, detail)
+    return read_posterior(measurement_update.update_hypotheses(state, tick, sliding), tick, detail, judges)
 
 
 def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tuple[TrackerState, Belief]:
@@ -125,11 +131,14 @@ def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tupl
     )
 
 
-def read_posterior(state: TrackerState, tick: Tick, detail: Detail) -> tuple[TrackerState, Belief]:
+def read_posterior(
+    state: TrackerState, tick: Tick, detail: Detail, judges: bool = True
+) -> tuple[TrackerState, Belief]:
     """See what is believed after the tick, which has just been weighed, and learn from it."""
     belief = state_posterior(state, tick.stamp_ns)
     shared, learns = belief, _should_update_map(state, belief)
     if learns or detail >= Detail.SHARED:  # which leaves the label no more than it has
+        state = with_curved_motion(state, belief.contact, judges)
         shared = share_among_indistinguishable(state, belief)
         learns = learns and _should_update_map(state, shared)
     if detail >= Detail.SHARED:

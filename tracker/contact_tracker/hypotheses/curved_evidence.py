@@ -1,0 +1,160 @@
+"""How much better a curved contact explains motion than free motion does (docs/theory.md, section 11).
+
+Motion that none of the six contacts explains is called free. Where it keeps a constraint of
+``curved_contact`` it is not. Such contacts have many parameters: the first half of the motion tells them,
+and what counts is how well they foretell the second half.
+"""
+
+from functools import cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.hypotheses.curved_contact import CURVED_CONTACTS, CurvedContact, Touch
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.motion.lifted_pose import R, T
+from contact_tracker.motion.window import Window
+
+Array = NDArray[np.float64]
+
+STARTS: Final = 16
+FIRST_STEPS: Final = 15
+FIRST_STRIDE: Final = 2
+"""From each start by every second tick; then the best few go on."""
+BEST_STARTS: Final = 3
+LAST_STEPS: Final = 15
+HOPELESS_NATS: Final = 100.0
+"""What is no better than that in a tick, after the first steps, is given up."""
+MOST_TICKS: Final = 60
+SURFACE_M: Final = 1e-4
+"""Deviation of surfaces from their ideal shape, and of the mean of a tick from the arc that it went along."""
+FIRST_DAMPING: Final = 1.0
+DAMPING: Final = (0.2, 5.0)
+"""Factors after a step that lowers the cost, and after another one."""
+MOST_DAMPING: Final = 1e9
+SEED: Final = 7
+
+
+def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
+    """Log evidence (nats) of the best curved contact against free motion in the second half of the window.
+
+    As T17 and T19, where the first half says where the elements are, and neither earns nor costs, and free
+    motion is all by which the object moves: elements that are known do not follow smooth motion.
+    """
+    rows = np.linspace(0, len(window) - 1, min(len(window), MOST_TICKS)).astype(int)
+    excess = np.maximum(window.innovation_excess, window.travel)[rows]
+    lifts, variance = window.zeta[rows], window.variance[rows]
+    return max(_evidence(_Fit.of(contact, lifts, variance, scales), excess) for contact in CURVED_CONTACTS)
+
+
+class _Fit(NamedTuple):
+    """Of one ``contact`` to ``rotation`` (N, 3, 3), ``position`` (N, 3) of frame 1 in frame 2 with noise of
+    ``variance`` (N, 2): parameters ``x`` (S, p), expected at ``centre`` with ``information`` (p,)."""
+
+    contact: CurvedContact
+    scales: EvidenceParameters
+    rotation: Array
+    position: Array
+    variance: Array
+    information: Array
+    centre: Array
+    x: Array
+
+    @classmethod
+    def of(cls, contact: CurvedContact, lifts: Array, variance: Array, scales: EvidenceParameters) -> "_Fit":
+        """The best of the minima from several starts."""
+        rotation = lifts[:, R].reshape(-1, 3, 3)
+        position = lifts[:, T] - lifts[:, T].mean(axis=0)
+        if contact.of_inverse:
+            rotation = rotation.transpose(0, 2, 1)
+            position = -(rotation @ position[..., None])[..., 0]
+        deviation = np.full(contact.size, scales.reach_m)
+        for number in contact.directions:
+            deviation[number : number + 3] = 1.0
+        start = deviation * _draws(contact.size)
+        fit = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
+        some = slice(None, None, FIRST_STRIDE)
+        few = fit._replace(rotation=rotation[some], position=position[some], variance=variance[some])
+        first, cost = few.minimised(FIRST_STEPS)
+        best = np.argsort(cost)[:BEST_STARTS]
+        fit = fit._replace(centre=start[best], x=first.x[best])
+        if cost[best[0]] > HOPELESS_NATS * len(few.variance):
+            return fit
+        return fit.minimised(LAST_STEPS)[0]
+
+    def minimised(self, steps: int) -> tuple["_Fit", Array]:
+        """After so many steps of Levenberg and Marquardt, and the cost (S,)."""
+        fit, damping = self, np.full(len(self.x), FIRST_DAMPING)
+        touch, noise, cost = fit.look()
+        for _ in range(steps):
+            hessian, gradient = _quadratic(touch, noise)
+            gradient += self.information * (fit.x - self.centre)
+            damped = hessian * (1.0 + damping[:, None, None] * np.eye(self.contact.size))
+            step = np.linalg.solve(damped + np.diag(self.information), gradient[..., None])[..., 0]
+            ahead = fit._replace(x=fit.x - step)
+            tried = ahead.look()
+            better = tried.cost < cost
+            damping = np.minimum(damping * np.where(better, *DAMPING), MOST_DAMPING)
+            fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
+            cost, noise = np.where(better, tried.cost, cost), _chosen(better, tried.noise, noise)
+            touch = Touch(*(_chosen(better, *both) for both in zip(tried.touch, touch, strict=True)))
+        return fit, cost
+
+    def look(self) -> "_Look":
+        """At the residuals; the size of the noise costs as well, or long levers would pay."""
+        touch = self.contact.touch(self.x, self.rotation, self.position)
+        noise = self.along_normal(touch, self.variance) + SURFACE_M**2
+        misfit = (touch.residual**2 / noise + np.log(noise / SURFACE_M**2)).sum(axis=1)
+        away = (self.information * (self.x - self.centre) ** 2).sum(axis=1)
+        return _Look(touch, noise, 0.5 * (misfit + away))
+
+    def along_normal(self, touch: Touch, of_pose: Array) -> Array:
+        """Variance (S, N) of the distance where position and orientation have ``of_pose`` (N, 2): T16."""
+        arm = (self.rotation @ touch.point[..., None])[..., 0]  # from the origin that orientations turn about
+        if self.contact.of_inverse:
+            arm = arm + self.position
+        lever_sq = (arm * arm).sum(axis=-1) - (arm * touch.normal).sum(axis=-1) ** 2
+        return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
+
+
+class _Look(NamedTuple):
+    touch: Touch
+    noise: Array
+    cost: Array
+
+
+def _evidence(fit: _Fit, excess: Array) -> float:
+    """Of a fit, where free motion has variances ``excess`` (N, 2) in each tick beyond the noise."""
+    touch, noise, _ = fit.look()
+    lever = fit.scales.body_radius_m**2 * excess[:, 1]
+    free = noise + lever + fit.along_normal(touch, excess)
+    gain, half = 0.5 * np.log(free / noise), len(excess) // 2
+    misfit = 0.5 * touch.residual**2 * (1.0 / noise - 1.0 / free)
+    first = Touch(*(part[:, :half] for part in touch))
+    before, _ = _quadratic(first, noise[:, :half])
+    after, _ = _quadratic(touch, noise)
+    price = 0.5 * (
+        _log_volume(after + np.diag(fit.information)) - _log_volume(before + np.diag(fit.information))
+    )
+    ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - price
+    return fit.scales.likelihood_exponent * float(ratio.max())
+
+
+def _log_volume(information: Array) -> Array:
+    return np.asarray(np.linalg.slogdet(information)[1])
+
+
+def _quadratic(touch: Touch, noise: Array) -> tuple[Array, Array]:
+    """Hessian (S, p, p) and gradient (S, p) of the misfit."""
+    weighted = (touch.jacobian / noise[..., None]).transpose(0, 2, 1)
+    return weighted @ touch.jacobian, (weighted @ touch.residual[..., None])[..., 0]
+
+
+@cache
+def _draws(size: int) -> Array:
+    return np.random.default_rng(SEED).normal(size=(STARTS, size))
+
+
+def _chosen(which: NDArray[np.bool_], new: Array, old: Array) -> Array:
+    return np.where(which.reshape(-1, *(1 for _ in new.shape[1:])), new, old)

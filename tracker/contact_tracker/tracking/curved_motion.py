@@ -1,0 +1,65 @@
+"""Whether motion that is called free keeps to a curved surface: then it is none of the six contacts."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.hypotheses.curved_evidence import curved_evidence
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.motion.window import Window
+from contact_tracker.tracking.ambiguity import p_curved
+
+Array = NDArray[np.float64]
+
+SPAN_TICKS: Final = 60
+"""So many ticks are judged together."""
+LEAST_TICKS: Final = 40
+"""In fewer, motion as smooth as a hand's may fit by chance."""
+LEAST_ACTIVITY: Final = 10.0
+"""With less motion in them nothing is said."""
+AGAIN: Final = 1.5
+"""Free motion is judged again whenever it has lasted so many times as long."""
+
+
+class CurvedMotion(NamedTuple):
+    """Free motion since tick ``since`` was judged ``after`` so many ticks, and keeps to a curved surface with
+    this ``probability``."""
+
+    since: int
+    after: int
+    probability: float
+
+
+NOT_JUDGED: Final = CurvedMotion(-1, 0, 0.0)
+
+
+def judged_online(
+    before: CurvedMotion, window: Window, since: int, scales: EvidenceParameters, knowledge: PriorMap
+) -> CurvedMotion:
+    """After another tick of free motion ``since`` some tick; ``window`` are the last ticks."""
+    known = before if before.since == since else CurvedMotion(since, 0, 0.0)
+    age = int(window.index[-1]) + 1 - since
+    if age < max(LEAST_TICKS, AGAIN * known.after):
+        return known
+    first = max(int(window.index.searchsorted(since)), len(window) - SPAN_TICKS)
+    return CurvedMotion(since, age, _probability(window.cut(first, None), scales, knowledge))
+
+
+def judged_offline(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> Array:
+    """Probability (n,) in each tick of a segment of free motion: it is judged in pieces."""
+    pieces = max(len(window) // SPAN_TICKS, 1)
+    found = np.zeros(len(window))
+    for rows in np.array_split(np.arange(len(window)), pieces):
+        if len(rows) >= LEAST_TICKS:
+            piece = window.cut(int(rows[0]), int(rows[-1]) + 1)
+            found[rows] = _probability(piece, scales, knowledge)
+    return found
+
+
+def _probability(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> float:
+    """Of an object all of whose flat elements are given none is expected."""
+    if knowledge.object_complete or float(window.motion_ratio.sum()) < LEAST_ACTIVITY:
+        return 0.0
+    return p_curved(curved_evidence(window, scales))
