@@ -120,7 +120,7 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
         return beside._replace(queue=(), found=())
     if beside.queue:
         return _searched(beside, ticks, motion, first, origin_m)
-    return _looked(beside, ticks, motion, first, origin_m) if looks else beside
+    return _looked(beside, ticks, motion) if looks else beside
 
 
 def interrupted(beside: Beside) -> Beside:
@@ -171,15 +171,13 @@ def _weighed(
     return now, candidate.presence.runs
 
 
-def _looked(
-    beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact, origin_m: Array
-) -> Beside:
+def _looked(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Beside:
     """What is remembered may touch; if it does not, kinds of constraints that the last ticks may keep."""
     beside = beside._replace(waited=0.0, wait=max(beside.wait, LOOK_TICKS))
     candidates = [weigh(ticks, motion, one.known) for one in beside.remembered]
     best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
     if best is not None:
-        return _accepted(beside, best, [], ticks, motion, first, origin_m)
+        return _with_all_kinds(beside, best, longest(best.presence))
     for span in SPANS:
         some = motion.cut(len(motion) - min(span, len(motion)), len(motion))
         models = promising_kinds(some)
@@ -207,9 +205,13 @@ def _searched(
         return beside._replace(found=(), wait=min(2.0 * beside.wait, LONGEST_WAIT_TICKS), is_open=False)
     if beside.kinds:
         return _accepted(beside, best, candidates, ticks, motion, first, origin_m)
-    return beside._replace(
-        queue=CONTACTS, found=(Elements(best.known.model.contact, best.known.x),), kinds=True
-    )
+    return _with_all_kinds(beside, best, longest(best.presence))
+
+
+def _with_all_kinds(beside: Beside, best: Candidate, run: Run) -> Beside:
+    """About to search for all kinds in the ticks in which the best one holds: others may explain as much."""
+    elements = Elements(best.known.model.contact, best.known.x)
+    return beside._replace(queue=CONTACTS, span=run.end - run.first, found=(elements,), kinds=True)
 
 
 def _candidates(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:

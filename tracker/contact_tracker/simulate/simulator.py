@@ -69,11 +69,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     stamp_ns = stamps(sensor_rng, sum(counts), scenario)
     poses = measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
-    shapes = {
-        "object_vertices_m": json.dumps(_moved(object, body).tolist()),
-        "surroundings_vertices_m": json.dumps(_moved(scene, world).tolist()),
-    }
-    return Simulated(poses, truth, _metadata(scenario, seed) | shapes)
+    return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), _moved(scene, world)))
 
 
 def _simulate_corner(
@@ -99,8 +95,7 @@ def _simulate_corner(
     whole = int(stamp_ns[0]), int(stamp_ns[-1])
     geometry = moved.first.geometry(body, world)
     truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
-    shape = {"object_vertices_m": json.dumps(_moved(object, body).tolist())}
-    return Simulated(poses, truth, _metadata(scenario, seed) | shape)
+    return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), None))
 
 
 def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
@@ -145,7 +140,9 @@ def _moved(shape: Polyhedron, frame: Rigid) -> Array:
     return np.asarray(shape.vertices @ frame.rotation.T + frame.translation, float)
 
 
-def _metadata(scenario: Scenario, seed: int) -> dict[str, str]:
+def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array | None) -> dict[str, str]:
+    """What a recording says of itself; table and wall have no vertices."""
+    vertices = {} if surroundings is None else {"surroundings_vertices_m": json.dumps(surroundings.tolist())}
     noise = {
         "rate": scenario.rate_hz,
         "pos_std_m": scenario.sigma_position_m,
@@ -162,6 +159,8 @@ def _metadata(scenario: Scenario, seed: int) -> dict[str, str]:
         "seed": str(seed),
         "generator": "contact_tracker.simulate",
         "object": scenario.object,
+        "object_vertices_m": json.dumps(object.tolist()),
         "surroundings": scenario.surroundings,
+        **vertices,
         "noise": json.dumps(noise),
     }
