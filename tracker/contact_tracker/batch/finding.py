@@ -54,7 +54,7 @@ def _found(name: str) -> Iterator[Found]:
             yield Found(name, "")
             return
         inside = recordings_among(files)
-        yield from (Found(one, _joined(files[part] for part in parts)) for one, parts in inside.items())
+        yield from (Found(one, remote.joined(files[part] for part in parts)) for one, parts in inside.items())
     else:
         name = os.path.abspath(name)
         if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
@@ -69,12 +69,6 @@ def _found(name: str) -> Iterator[Found]:
         )
 
 
-def _joined(signatures: Iterable[str]) -> str:
-    """Empty if one of them is."""
-    given = list(signatures)
-    return " ".join(given) if all(given) else ""
-
-
 def _files_in(folder: str) -> Mapping[str, str]:
     return dict.fromkeys(
         (os.path.join(where, name) for where, _, names in os.walk(folder) for name in names), ""
@@ -84,16 +78,14 @@ def _files_in(folder: str) -> Mapping[str, str]:
 def recordings_among(files: Mapping[str, str]) -> dict[str, Sequence[str]]:
     """The recordings among the paths ``files`` with the files that each consists of, sorted.
 
-    A folder with a ``metadata.yaml`` is one, all its files of the ``SUFFIXES`` are its parts.
+    A folder with a ``metadata.yaml`` is one of all files in it.
     """
-    wanted = sorted(path for path in files if path.lower().endswith(SUFFIXES))
     whole = {_folder(path) for path in files if _base(path) == _METADATA}
     found: dict[str, list[str]] = {}
-    for path in wanted:
-        folder = _folder(path)
-        if folder in whole:
-            found.setdefault(folder, [f"{path[: len(folder) + 1]}{_METADATA}"]).append(path)
-        else:
+    for path in sorted(files):
+        if _folder(path) in whole:
+            found.setdefault(_folder(path), []).append(path)
+        elif path.lower().endswith(SUFFIXES):
             found[path] = [path]
     return {name: found[name] for name in sorted(found)}
 

@@ -102,18 +102,20 @@ class _Lane:
         return future
 
     def stop(self) -> None:
-        """End the process, also in the middle of something."""
-        if self._executor is None or self._started is None:
-            return
-        self._executor.shutdown(wait=False, cancel_futures=True)
+        """End the process in the middle of what it is at; ``join`` waits for it."""
         is_at_work = any(not future.done() for _, future in self.tasks)
-        if is_at_work and self._started.done() and self._started.exception() is None:
+        if (
+            is_at_work
+            and self._started is not None
+            and self._started.done()
+            and self._started.exception() is None
+        ):
             with suppress(OSError):
                 os.kill(self._started.result(), signal.SIGTERM)
 
     def join(self) -> None:
         if self._executor is not None:
-            self._executor.shutdown()
+            self._executor.shutdown(cancel_futures=True)
 
 
 def _start(lanes: Iterable[_Lane], prepare: Callable[[], None]) -> None:

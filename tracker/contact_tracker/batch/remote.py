@@ -3,7 +3,7 @@
 import os
 import posixpath
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -42,24 +42,31 @@ def files_in(url: str) -> Mapping[str, str] | None:
         The folder cannot be listed.
     """
     filesystem, path = _opened(url)
-    try:
-        if not url.endswith("/") and (posixpath.splitext(path)[1] or not filesystem.isdir(path)):
-            return None
-        found = filesystem.find(path, detail=True)
-    except Exception as error:  # each store raises its own
-        raise UnreadableRecording(f"{url}: {_line(error)}") from error
-    return {str(filesystem.unstrip_protocol(name)): _signature(info) for name, info in found.items()}
+    with _told_of(url):
+        return _files_in(filesystem, path) if _is_folder(filesystem, url, path) else None
 
 
 def signature_of(url: str) -> str:
-    """Size and version of a file as its store tells them; empty where it tells no version."""
+    """Size and version of a file, or of all in a folder, as the store tells them; empty where it does not.
+
+    Raises
+    ------
+    UnreadableRecording
+        It is not there, or cannot be reached.
+    """
     filesystem, path = _opened(url)
-    try:
-        if filesystem.isdir(path):
-            return ""
-        return _signature(filesystem.info(path))
-    except Exception as error:
-        raise UnreadableRecording(f"{url}: {_line(error)}") from error
+    with _told_of(url):
+        if not _is_folder(filesystem, url, path):
+            return _signature(filesystem.info(path))
+        depth = url.rstrip("/").count("/") + 1
+        files = {name: told for name, told in _files_in(filesystem, path).items() if name.count("/") == depth}
+        return joined(files[name] for name in sorted(files))
+
+
+def joined(signatures: Iterable[str]) -> str:
+    """That of several files; empty if one of them is."""
+    given = list(signatures)
+    return " ".join(given) if all(given) else ""
 
 
 @contextmanager
@@ -67,13 +74,32 @@ def local_copy(url: str) -> Iterator[str]:
     """A copy on this machine, as long as it is needed; raises UnreadableRecording."""
     filesystem, path = _opened(url)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
-        base = os.path.basename(path.rstrip("/")) or "recording"
-        target = os.path.join(folder, base)
-        try:
-            filesystem.get(path, target, recursive=filesystem.isdir(path))
-        except Exception as error:
-            raise UnreadableRecording(f"{url}: {_line(error)}") from error
+        target = os.path.join(folder, posixpath.basename(path.rstrip("/")) or "recording")
+        with _told_of(url):
+            if _is_folder(filesystem, url, path):
+                filesystem.get(path, target, recursive=True)
+            else:
+                filesystem.get_file(path, target)
         yield target
+
+
+def _is_folder(filesystem: Any, url: str, path: str) -> bool:
+    """What has a suffix is not asked for: some stores send all of it as the answer."""
+    return url.endswith("/") or (not posixpath.splitext(path)[1] and bool(filesystem.isdir(path)))
+
+
+def _files_in(filesystem: Any, path: str) -> dict[str, str]:
+    found = filesystem.find(path, detail=True)
+    return {str(filesystem.unstrip_protocol(name)): _signature(info) for name, info in found.items()}
+
+
+@contextmanager
+def _told_of(url: str) -> Iterator[None]:
+    """Each store raises errors of its own."""
+    try:
+        yield
+    except Exception as error:
+        raise UnreadableRecording(f"{url}: {_line(error)}") from error
 
 
 def _opened(url: str) -> tuple[Any, str]:
@@ -83,7 +109,7 @@ def _opened(url: str) -> tuple[Any, str]:
         return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
     except ImportError as error:  # the library for this store
         raise MissingExtra(f"{url}: {' '.join(str(error).split())}") from error
-    except Exception as error:
+    except Exception as error:  # each store raises its own
         raise UnreadableRecording(f"{url}: {_line(error)}") from error
 
 

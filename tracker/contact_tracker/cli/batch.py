@@ -51,7 +51,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--processes",
         type=_processes,
-        default=os.cpu_count() or 1,
         metavar="N",
         help="recordings at once (default: as many as there are cores)",
     )
@@ -127,7 +126,7 @@ def _workers(args: argparse.Namespace) -> "AbstractContextManager[Jobs]":
     if args.scheduler is None:
         from contact_tracker.batch.processes import local_processes
 
-        return local_processes(args.processes, take_over_warnings)
+        return local_processes(args.processes or os.cpu_count() or 1, take_over_warnings)
     with extra("cluster", "--scheduler"):
         from contact_tracker.batch.cluster import dask_cluster
     return dask_cluster(args.scheduler)

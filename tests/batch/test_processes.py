@@ -1,0 +1,95 @@
+"""Processes that a batch works in: those that are killed, interrupted, or left alone."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from contact_tracker.batch.processes import KILLED, local_processes
+from contact_tracker.errors import ContactTrackerError
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
+
+
+def prepare() -> None:
+    """Nothing has to be done first."""
+
+
+def square(number: int, fatal: tuple[int, ...], once: str) -> int:
+    """Of a ``fatal`` number the process is killed, and of 100 the first time only."""
+    time.sleep(0.01)
+    if number in fatal:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == 100 and not Path(once).exists():
+        Path(once).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == 404:
+        raise OSError(28, "No space left on device", "there")
+    return number**2
+
+
+@pytest.mark.parametrize("processes", [1, 3])
+def test_a_job_that_kills_twice_is_given_up_and_no_other_is_lost(processes: int, tmp_path: Path) -> None:
+    fatal, numbers = (3, 4, 17), [*range(20), 100, *range(20, 30)]
+    jobs = ((number, fatal, str(tmp_path / "once")) for number in numbers)
+    with local_processes(processes, prepare) as call:
+        answers = [(job[0], answer) for job, answer in call(square, jobs)]
+    assert len(answers) == len(numbers)
+    assert dict(answers) == {number: KILLED if number in fatal else number**2 for number in numbers}
+
+
+def test_what_a_function_raises_ends_the_run() -> None:
+    jobs = [(404, (), ""), *((number, (), "") for number in range(50))]
+    with (
+        pytest.raises(OSError, match="No space left on device: 'there'"),
+        local_processes(2, prepare) as call,
+    ):
+        list(call(square, jobs))
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_processes_that_cannot_start_are_told() -> None:
+    with (
+        pytest.raises(ContactTrackerError, match="ended as soon as it was started"),
+        local_processes(2, die) as call,
+    ):
+        list(call(square, [(1, (), "")]))
+
+
+def wait_for_ever(folder: str) -> None:
+    """Clears away what it has begun."""
+    try:
+        (Path(folder) / f"{os.getpid()}").touch()
+        time.sleep(600)
+    finally:
+        (Path(folder) / f"{os.getpid()}").unlink()
+
+
+@contextmanager
+def interrupted_after(seconds: float) -> Iterator[None]:
+    before = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_what_is_at_work_is_ended_at_once_and_clears_away(tmp_path: Path) -> None:
+    begin_s = time.monotonic()
+    with (
+        pytest.raises(KeyboardInterrupt),
+        local_processes(2, prepare) as call,
+        interrupted_after(3.0),
+    ):
+        next(call(wait_for_ever, [(str(tmp_path),)] * 5))
+    assert time.monotonic() - begin_s < 100
+    assert list(tmp_path.iterdir()) == []

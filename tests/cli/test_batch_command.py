@@ -1,0 +1,251 @@
+"""``contact-tracker batch`` as a user meets it: killed, interrupted, on a cluster, over the network."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import polars as pl
+import pytest
+from test_killed_workers import PROC, helpers_of, is_running
+
+from batches import BROKEN, contents, run, write_broken, write_recordings
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
+PROGRAM = [sys.executable, "-m", "contact_tracker", "batch"]
+LIES = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
+
+
+def batch(
+    *arguments: object, stdin: bytes | None = None, **options: object
+) -> "subprocess.CompletedProcess[str]":
+    command = [*PROGRAM, *map(str, arguments)]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, input=stdin, timeout=300)
+    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve recordings that take some tenths of a second each."""
+    folder = tmp_path_factory.mktemp("batch") / "logs"
+    write_recordings(folder, 12, poses=200)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(logs: Path) -> dict[str, bytes]:
+    """What an uninterrupted run leaves."""
+    dataset = logs.parent / "whole"
+    done = batch(logs, "--output", dataset, "--processes", 2)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    (line,) = done.stderr.splitlines()
+    told = "12 recordings: 12 done now, 0 unchanged; of all, 0 cannot be used and 0 are damaged"
+    assert line == f"contact-tracker: {told}; {dataset / 'summary.parquet'}"
+    return contents(dataset)
+
+
+@contextmanager
+def in_the_middle(logs: Path, dataset: Path) -> "Iterator[subprocess.Popen[bytes]]":
+    """A run of which some recordings are done and some are not."""
+    with subprocess.Popen(
+        [*PROGRAM, str(logs), "--output", str(dataset), "--processes", "2"],
+        env=ENVIRONMENT,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    ) as process:
+        while len(list(dataset.glob("segments/*/*.parquet"))) < 4:
+            assert process.poll() is None
+            time.sleep(0.01)
+        yield process
+
+
+def test_a_run_that_was_killed_goes_on_to_the_same_dataset(
+    logs: Path, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    dataset = tmp_path / "dataset"
+    with in_the_middle(logs, dataset) as process:
+        helpers = helpers_of(process.pid) if PROC.is_dir() else []
+        process.kill()
+        process.communicate()
+    give_up = time.monotonic() + 60
+    while any(is_running(helper) for helper in helpers):  # they write no more
+        assert time.monotonic() < give_up
+        time.sleep(0.02)
+    done = batch(logs, "--output", dataset, "--processes", 2)
+    assert done.returncode == 0, done.stderr
+    assert "0 unchanged" not in done.stderr
+    assert contents(dataset) == whole
+
+
+def test_an_interrupt_ends_it_in_order(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+    """All processes get it, as from a terminal; what was recorded is in the summary."""
+    dataset = tmp_path / "dataset"
+    with in_the_middle(logs, dataset) as process:
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (130, b"")
+    files = contents(dataset)
+    assert not [name for name in files if name.endswith(".part")]
+    rows = pl.read_parquet(dataset / "summary.parquet")
+    assert 2 <= len(rows) < 12
+    assert set(rows["file"]) <= {name.removeprefix("segments/") for name in files}
+    assert batch(logs, "--output", dataset).returncode == 0
+    assert contents(dataset) == whole
+
+
+@LIES
+def test_a_worker_that_is_killed_loses_nothing(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+    with in_the_middle(logs, tmp_path / "dataset") as process:
+        os.kill(helpers_of(process.pid)[0], signal.SIGKILL)
+        _, said = process.communicate(timeout=120)
+    assert process.returncode == 0, said
+    assert contents(tmp_path / "dataset") == whole
+
+
+def test_a_cluster_makes_the_same_dataset(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    environment = {"PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
+        patch.setenv(*next(iter(environment.items())))
+        done = batch(logs, "--output", tmp_path / "dataset", "--scheduler", cluster.scheduler_address)
+    assert done.returncode == 0, done.stderr
+    assert contents(tmp_path / "dataset") == whole
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(logs: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    done = batch(logs, "--output", tmp_path / "dataset", "--scheduler", "tcp://127.0.0.1:9")
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("contact-tracker: error: no Dask scheduler answers at tcp://127.0.0.1:9: ")
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\0"])
+def test_names_come_on_standard_input_and_bad_ones_are_3(end: bytes, tmp_path: Path) -> None:
+    names = [*write_recordings(tmp_path / "logs", 1), *write_broken(tmp_path / "broken")]
+    stdin = b"".join(os.fsencode(name) + end for name in names)
+    done = batch("-", "--output", tmp_path / "dataset", stdin=stdin)
+    assert (done.returncode, done.stdout) == (3, "")
+    lines = done.stderr.splitlines()
+    assert len(lines) == BROKEN + 1
+    assert all(line.startswith("contact-tracker: warning: ") for line in lines[:-1])
+    assert (
+        f"{len(names)} recordings: {len(names)} done now, 0 unchanged; of all, {BROKEN} cannot" in lines[-1]
+    )
+    assert len(pl.read_parquet(tmp_path / "dataset" / "summary.parquet")) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["-"], "there are no names of recordings on standard input"),
+        (["nothing/"], ""),
+        (["x.mcap", "--model", "no_such"], "no_such"),
+        (["x.mcap", "--processes", "0"], "'0' is not a whole number from 1 to 1024"),
+        (["x.mcap", "--processes", "2", "--scheduler", "tcp://a:1"], "not allowed with argument"),
+    ],
+)
+def test_mistakes_are_one_line(arguments: list[str], said: str, tmp_path: Path) -> None:
+    if arguments == ["nothing/"]:
+        (tmp_path / "nothing").mkdir()
+        arguments, said = [str(tmp_path / "nothing")], "this folder holds no recording"
+    done = batch(*arguments, "--output", tmp_path / "dataset", stdin=b"\n")
+    assert done.returncode in (1, 2)
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("contact-tracker: error: ")
+    assert said in line
+    assert not (tmp_path / "dataset").exists()
+
+
+@pytest.mark.parametrize(
+    ("library", "extra", "arguments"),
+    [
+        ("pyarrow", "parquet", []),
+        ("distributed", "cluster", ["--scheduler", "tcp://127.0.0.1:9"]),
+        ("fsspec", "remote", ["memory://x.mcap"]),
+    ],
+)
+def test_a_missing_extra_is_one_line(library: str, extra: str, arguments: list[str], tmp_path: Path) -> None:
+    (log,) = write_recordings(tmp_path / "logs", 1)
+    program = f"import sys; sys.modules[{library!r}] = None; from contact_tracker.__main__ import main; "
+    command = [sys.executable, "-c", program + "sys.exit(main())", "batch", str(log), *arguments]
+    done = subprocess.run(
+        [*command, "-o", str(tmp_path / "dataset")], env=ENVIRONMENT, capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert f"needs {library}: pip install 'contact-tracker[{extra}]'" in line
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """The address of a web server for a folder, and the paths that were asked of it."""
+    asked: list[str] = []
+
+    class Handler(SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            asked.append(f"{self.command} {self.path}")
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(folder)))
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}", asked
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
+    """A server that tells no version of a file: each run reads it, and finds it unchanged."""
+    pytest.importorskip("aiohttp")
+    write_recordings(tmp_path / "logs", 2)
+    with served(tmp_path / "logs") as (address, asked):
+        for expected in ("2 done now, 0 unchanged", "0 done now, 2 unchanged"):
+            asked.clear()
+            done = batch(f"{address}/", "--output", tmp_path / "dataset", "--processes", 1)
+            assert done.returncode == 0, done.stderr
+            assert expected in done.stderr
+            assert sum(line.startswith("GET /0.mcap") for line in asked) == 1
+        done = batch(f"{address}/gone.mcap", "--output", tmp_path / "dataset", "--processes", 1)
+        assert done.returncode == 3
+    table = pl.read_parquet(tmp_path / "dataset" / "summary.parquet")
+    assert table["recording"].to_list() == [f"{address}/{name}.mcap" for name in ("0", "1", "gone")]
+    assert table["exit_code"].to_list() == [0, 0, 1]
+    assert "FileNotFoundError" in table["error"][2]
+
+
+def test_recordings_are_read_from_a_store_that_tells_versions(tmp_path: Path) -> None:
+    """Those that are as they were are not read again; a folder with its metadata is one recording."""
+    fsspec = pytest.importorskip("fsspec")
+    store = fsspec.filesystem("memory")
+    for path in write_recordings(tmp_path / "logs", 2):
+        store.pipe(f"/bucket/logs/{path.name}", path.read_bytes())
+        store.pipe(f"/bucket/logs/bag/bag_{path.name}", path.read_bytes())
+    store.pipe("/bucket/logs/bag/metadata.yaml", b"rosbag2_bagfile_information: {}\n")
+    try:
+        outcome = run(["memory://bucket/logs"], tmp_path / "dataset")
+        assert (outcome.done, outcome.bad) == (3, 0)
+        table = pl.read_parquet(tmp_path / "dataset" / "summary.parquet")
+        assert table["recording"].to_list() == [
+            f"memory:///bucket/logs/{name}" for name in ("0.mcap", "1.mcap", "bag")
+        ]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("contact_tracker.batch.remote.local_copy", pytest.fail)
+            assert run(["memory://bucket/logs"], tmp_path / "dataset").unchanged == 2 + 1
+        store.pipe("/bucket/logs/0.mcap", (tmp_path / "logs" / "1.mcap").read_bytes())
+        assert run(["memory://bucket/logs"], tmp_path / "dataset").done == 1
+    finally:
+        store.rm("/bucket", recursive=True)
