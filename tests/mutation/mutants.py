@@ -172,6 +172,9 @@ def apply(mutant: Mutant, module: ModuleType, others: list[ModuleType]) -> None:
         path = mutant.place.removesuffix("()").split(".")
         function = _function(module, path)
         function.__code__ = _code(code, path)
+        for value in [value for other in others for value in vars(other).values()]:
+            if hasattr(value, "cache_clear"):
+                value.cache_clear()
         return
     namespace = {key: vars(module)[key] for key in ("__name__", "__file__", "__package__", "__spec__")}
     exec(code, namespace)
