@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import zstandard
 
+from contact_tracker import atomic_file
 from contact_tracker.cli.main import run
 from contact_tracker.config.shipped import shipped
 from contact_tracker.ground_truth import Truth
@@ -143,6 +144,52 @@ WRITES = [
     ("calibrate log.mcap --only transitions --folds 0 --processes 1 -o", "out.toml"),
     ("simulate vision_30hz -o", "out.mcap"),
 ]
+
+
+def appears_at_the_end(monkeypatch: pytest.MonkeyPatch, happen) -> None:
+    """Have that happen when the output is complete, before it takes its place."""
+    real = atomic_file._finish
+
+    def finish(*arguments) -> None:
+        real(*arguments)
+        happen()
+
+    monkeypatch.setattr(atomic_file, "_finish", finish)
+
+
+@pytest.mark.parametrize("how", [os.link, os.symlink, os.rename])
+@pytest.mark.parametrize(("command", "output"), WRITES[:4])
+def test_an_input_that_takes_the_place_of_the_output_meanwhile_is_not_replaced(
+    command: str,
+    output: str,
+    how,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nor where it has lost its name, and where recordings may be replaced."""
+    before = Path("log.mcap").read_bytes()
+    appears_at_the_end(monkeypatch, lambda: how("log.mcap", output))
+    assert run([*command.split(), output, "--overwrite"]) == 2
+    done = capsys.readouterr()
+    assert "it is the input log.mcap; name another file" in done.err
+    assert Path(output).read_bytes() == before
+    assert not [path for path in Path().iterdir() if path.suffix == ".part"]
+
+
+@pytest.mark.parametrize(("command", "output"), WRITES)
+def test_a_recording_that_takes_the_place_of_the_output_meanwhile_is_not_replaced(
+    command: str,
+    output: str,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = Path("parts/log_0.mcap").read_bytes()
+    appears_at_the_end(monkeypatch, lambda: os.rename("parts/log_0.mcap", output))
+    assert run([*command.split(), output]) == 2
+    assert "it is a recording; --overwrite replaces it" in capsys.readouterr().err
+    assert Path(output).read_bytes() == before
 
 
 def compressed(data: bytes) -> bytes:

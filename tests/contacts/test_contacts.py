@@ -378,3 +378,60 @@ def test_scale_is_one_but_for_the_sine_of_crossing_edges(model, seed):
         for e in np.eye(len(x))
     ]
     np.testing.assert_allclose(model.family.log_scale_sq_derivative(x, moments), numeric, atol=1e-6)
+
+
+# --- edges that are nearly parallel, and relaxed problems that leave much open ---------------------------
+
+
+def crossing(angle_deg, apart_m=0.01):
+    """x of two edges in planes ``apart_m`` from each other that cross at an angle, and a pose at rest."""
+    angle = np.radians(angle_deg)
+    d2 = np.array([np.cos(angle), np.sin(angle), 0.0])
+    x = np.concatenate([[1.0, 0.0, 0.0], np.zeros(3), d2, [0.0, 0.0, apart_m]])
+    return x, lifted_pose.lift(np.eye(3)[None], np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("angle_deg", [0.6, 0.7, 2.0, 45.0])
+def test_edges_that_cross_at_more_than_half_a_degree_are_as_far_apart_as_they_are(angle_deg):
+    x, zeta = crossing(angle_deg)
+    model = CONTACT_MODELS[Contact.EE.column]
+    assert abs(model.measure(x[None], zeta).residual[0, 0, 0]) == pytest.approx(0.01, rel=1e-9)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 0.1, 0.3, 0.5])
+def test_edges_that_are_nearer_to_parallel_are_not_as_far_apart_but_finite(angle_deg):
+    """Where their distance is measured is open: it counts by the sine, and the lever is bounded."""
+    x, zeta = crossing(angle_deg)
+    model = CONTACT_MODELS[Contact.EE.column]
+    reference = abs(model.measure(crossing(0.5)[0][None], zeta).residual[0, 0, 0])
+    measured = model.measure(x[None], zeta)
+    share = np.sin(np.radians(angle_deg)) / np.sin(np.radians(0.5))
+    assert abs(measured.residual[0, 0, 0]) == pytest.approx(share * reference, rel=1e-6, abs=1e-15)
+    assert np.isfinite(measured.lever_sq).all()
+
+
+@pytest.mark.parametrize("contact", [Contact.EE, Contact.VF])
+def test_starts_do_not_change_with_the_number_of_poses(contact):
+    """Moments of a million times as many poses have the same directions, also where the ridge holds what so
+    little turning leaves open."""
+    model = CONTACT_MODELS[contact.column]
+    t = touching(contact, np.random.default_rng(3), swing=1e-3)
+    zeta = model.lifted(lifted_pose.lift(t.rotation, t.position_m))
+    moments = (zeta.T @ zeta)[None]
+    few, many = model.family.starts(moments)[0], model.family.starts(1e6 * moments)[0]
+    directions = parameter_layout.directions(model.family.FORM)
+    np.testing.assert_allclose(np.abs(few[:, directions]), np.abs(many[:, directions]), atol=1e-6)
+
+
+@pytest.mark.parametrize("contact", [Contact.EE, Contact.VF, Contact.FV])
+def test_starts_of_an_exact_motion_hold_the_truth(contact):
+    """Within 3 degrees: the ridge that holds what is open is far below what the motion tells."""
+    model = CONTACT_MODELS[contact.column]
+    for seed in range(5):
+        t = touching(contact, np.random.default_rng(seed))
+        zeta = model.lifted(lifted_pose.lift(t.rotation, t.position_m))
+        starts = model.family.starts((zeta.T @ zeta)[None])[0]
+        directions = parameter_layout.directions(model.family.FORM)
+        true = x_of(contact, t.object, t.environment)[directions].reshape(-1, 3)
+        cosine = np.abs(np.einsum("nds,ds->nd", starts[:, directions].reshape(len(starts), -1, 3), true))
+        assert cosine.min(axis=1).max() > np.cos(np.radians(3.0))

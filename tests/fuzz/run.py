@@ -6,7 +6,7 @@
 
 Each case has a number, from which its input follows; one that breaks a promise is named and kept, and the
 exit code is 1. Promises: errors of ours in one line, the documented exit codes, nothing on the terminal that
-others wrote, probabilities that are distributions, and at most 10 s of CPU time and 600 MB a case.
+others wrote, probabilities that are distributions, and at most 5 s of CPU time and 300 MB a case.
 """
 
 import argparse
@@ -28,8 +28,8 @@ sys.path[:0] = [str(ROOT / "tests" / "support"), str(Path(__file__).parent)]
 
 from targets import TARGETS, Violation  # noqa: E402  the path comes first
 
-CASE_S = 10.0
-CASE_BYTES = 600 * 2**20
+CASE_S = 5.0
+CASE_BYTES = 300 * 2**20
 STEP = 1_000_003
 
 

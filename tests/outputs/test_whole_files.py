@@ -105,6 +105,54 @@ def test_the_mode_of_what_is_replaced_is_kept(tmp_path: Path, before: int) -> No
     assert (target.read_text(), mode(target)) == ("new", before)
 
 
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root gives files away")
+def test_the_owner_and_group_of_what_is_replaced_are_kept(tmp_path: Path) -> None:
+    target = tmp_path / "out.csv"
+    target.write_text("old")
+    os.chown(target, 12345, 54321)
+    target.chmod(0o640)
+    write(target)
+    there = target.stat()
+    assert (target.read_text(), there.st_uid, there.st_gid, mode(target)) == ("new", 12345, 54321, 0o640)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root gives files away")
+@pytest.mark.parametrize(("before", "after"), [(0o660, 0o600), (0o664, 0o644), (0o674, 0o644)])
+def test_where_the_group_cannot_be_kept_the_other_group_may_do_what_everybody_may(
+    tmp_path: Path, before: int, after: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "out.csv"
+    target.write_text("old")
+    os.chown(target, -1, 54321)
+    target.chmod(before)
+
+    def refuse(*_: int) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(atomic_file.os, "fchown", refuse)
+    write(target)
+    assert (target.read_text(), target.stat().st_gid, mode(target)) == ("new", os.getegid(), after)
+
+
+def test_what_the_check_refuses_right_before_the_rename_stays(tmp_path: Path) -> None:
+    target, checked = tmp_path / "out.csv", list[str]()
+
+    def check() -> None:
+        checked.append(target.read_text())
+        raise OSError("not that one")
+
+    def make() -> None:
+        with whole_file(target, check) as temporary:
+            temporary.write_text("new")
+            assert not checked
+            target.write_text("there since")
+
+    with pytest.raises(OSError, match="not that one"):
+        make()
+    assert checked == [target.read_text()] == ["there since"]
+    assert os.listdir(tmp_path) == ["out.csv"]
+
+
 @pytest.mark.parametrize("mask", [0o022, 0o027, 0o002])
 def test_a_new_file_has_the_mode_that_the_user_asks_for(tmp_path: Path, mask: int) -> None:
     before = os.umask(mask)

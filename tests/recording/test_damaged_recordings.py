@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 
-from contact_tracker.errors import ContactTrackerError, NoTruth, UnreadableRecording
+from contact_tracker.errors import ContactTrackerError, NoPoses, NoTruth, UnreadableRecording
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import (
@@ -33,7 +33,8 @@ from contact_tracker.recording import (
     summarise,
     write_recording,
 )
-from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.container import MAGIC
+from contact_tracker.recording.limits import TooMuchWork, WorkBudget
 from contact_tracker.states import Contact
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
 
@@ -523,3 +524,26 @@ def test_endless_records_that_nobody_knows_are_refused(tmp_path: Path) -> None:
     path.write_bytes(zstandard.ZstdCompressor().compress(plain[:8] + records + plain[8:]))
     with pytest.raises(UnreadableRecording, match=r"more records than \d+ bytes explain"):
         open_log(str(path))
+
+
+def test_a_chunk_becomes_no_more_than_memory_allows_whatever_its_size_explains() -> None:
+    """docs/conventions.md: 256 MB in any case, also where 50 times its size is more."""
+    large = 100 * 2**20
+    WorkBudget().check_record(large, 256 * 2**20)
+    with pytest.raises(TooMuchWork, match="are to become"):
+        WorkBudget().check_record(large, 256 * 2**20 + 1)
+
+
+def test_a_record_beyond_all_memory_is_not_read(tmp_path: Path) -> None:
+    """A file with a hole, which takes no room: what claims more than 256 MB is no record, and is not read."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        file.write(MAGIC + struct.pack("<BQ", 6, 300 * 2**20))
+        file.truncate(301 * 2**20)
+    tracemalloc.start()
+    try:
+        with pytest.raises((UnreadableRecording, NoPoses), match="no MCAP record at byte 8"):
+            list(open_log(str(path)))
+        assert tracemalloc.get_traced_memory()[1] < 50 * 2**20
+    finally:
+        tracemalloc.stop()

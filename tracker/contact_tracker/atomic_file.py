@@ -5,7 +5,7 @@ import os
 import platform
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -28,13 +28,22 @@ def why_not_replaceable(path: Path) -> str | None:
     return why_not_regular(mode)
 
 
+def whatever_is_there() -> None:
+    """The check of ``whole_file`` where any file may be replaced."""
+
+
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path, check: Callable[[], None] = whatever_is_there) -> Iterator[Path]:
     """Give a temporary file beside ``path``; it becomes ``path`` on success and vanishes on any failure.
 
     It lies in the same folder, so that the last step is one rename, and does not end in the suffix of
-    ``path``, so that nobody takes it for a result. Its name cannot be known beforehand. The mode of a file
-    that is replaced is kept. What processes of this host that were killed have left of ``path`` is removed.
+    ``path``, so that nobody takes it for a result. Its name cannot be known beforehand. A file that is
+    replaced leaves its mode, and where that is permitted its owner and group. What processes of this host
+    that were killed have left of ``path`` is removed.
+
+    Parameters
+    ----------
+    check : called right before the rename: what it raises leaves the file at ``path`` as it is.
 
     Raises
     ------
@@ -46,13 +55,15 @@ def whole_file(path: Path) -> Iterator[Path]:
     if refusal is not None:
         raise OSError(errno.EINVAL, f"cannot be written: {refusal}", str(path))
     target = Path(os.path.realpath(path))
-    mode = _mode(target)
+    replaced = _status(target)
     _sweep(target)
     temporary = target.with_name(f"{_begin(target)}{os.getpid()}.{os.urandom(8).hex()}.part")
     try:
         # only its user reads what replaces a file that perhaps others may not read
         descriptor = os.open(
-            str(temporary), os.O_CREAT | os.O_EXCL | os.O_RDWR | _NO_LINK, 0o666 if mode is None else 0o600
+            str(temporary),
+            os.O_CREAT | os.O_EXCL | os.O_RDWR | _NO_LINK,
+            0o666 if replaced is None else 0o600,
         )
     except OSError as error:
         error.filename = str(path)
@@ -61,9 +72,10 @@ def whole_file(path: Path) -> Iterator[Path]:
         try:
             _lock(descriptor)
             yield temporary
-            _finish(temporary, descriptor, mode)
+            _finish(temporary, descriptor, replaced)
         finally:
             os.close(descriptor)  # Windows renames and removes no open file
+        check()
         os.replace(temporary, target)
     except OSError as error:
         if error.filename == str(temporary):
@@ -73,20 +85,27 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def _mode(target: Path) -> int | None:
-    """Who may read and write ``target``, None where there is none."""
+def _status(target: Path) -> os.stat_result | None:
+    """Whose ``target`` is, and who may read and write it; None where there is none."""
     try:
-        return stat.S_IMODE(os.lstat(target).st_mode) & 0o777
+        return os.lstat(target)
     except FileNotFoundError:
         return None
 
 
-def _finish(temporary: Path, descriptor: int, mode: int | None) -> None:
-    """See that ``temporary`` is still the file that was made, and give it its mode."""
+def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
+    """See that ``temporary`` is still the file that was made, and give it the owner and mode of the other."""
     if not os.path.samestat(os.fstat(descriptor), os.lstat(str(temporary))):
         raise OSError(errno.EBUSY, "another file was put in its place", str(temporary))
-    if mode is not None and hasattr(os, "fchmod"):
-        os.fchmod(descriptor, mode)
+    if replaced is None or os.name != "posix":
+        return
+    for owner, group in ((replaced.st_uid, -1), (-1, replaced.st_gid)):
+        with suppress(OSError):  # only root gives files away, and others only to groups of theirs
+            os.fchown(descriptor, owner, group)
+    mode = stat.S_IMODE(replaced.st_mode) & 0o777
+    if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group reads no more than everybody does
+        mode &= ~0o070 | mode << 3
+    os.fchmod(descriptor, mode)
 
 
 def _begin(target: Path) -> str:

@@ -164,10 +164,10 @@ class Result:
         if path.suffix.lower() not in suffixes:
             raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
         log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
-        check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
+        check = check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
         require_library(path)
         if path.suffix.lower() not in WHOLE:
-            write_pieces([self.segmentation], path, lambda: self._origin_ns)
+            write_pieces([self.segmentation], path, lambda: self._origin_ns, check)
             return
         source = trajectory.source
         outcome = Outcome(
@@ -182,7 +182,7 @@ class Result:
             "" if source is None else source.child_frame_id,
             trajectory.vertices_m,
         )
-        write_outcome(outcome, path, log, trajectory.log_offset_ns)
+        write_outcome(outcome, path, log, trajectory.log_offset_ns, check)
 
 
 def segment(

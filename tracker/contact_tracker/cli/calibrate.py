@@ -4,6 +4,7 @@ import argparse
 import os
 import shlex
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -96,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.calibration.report import to_text
     from contact_tracker.config.loading import load_model
 
-    check_output(
+    check = check_output(
         args.output,
         args.overwrite,
         files_read(recordings(args.logs, "calibrate"), args.start, args.known),
@@ -114,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
             set_done(done)
 
         found = calibrate(plan, Runner(args.processes, count, take_over_warnings))
-    _write(found, args)
+    _write(found, args, check)
     show(to_text(found))
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
         loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
@@ -154,14 +155,14 @@ def _how_many_folds(asked: int | None, recordings: int) -> int:
     return asked
 
 
-def _write(found: "Calibration", args: argparse.Namespace) -> None:
+def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], None]) -> None:
     from dataclasses import replace
 
     from contact_tracker.atomic_file import whole_file
     from contact_tracker.calibration.writing import model_text
 
     model = replace(found.lesson.model, name=args.output.stem)
-    with whole_file(args.output) as temporary:
+    with whole_file(args.output, check) as temporary:
         temporary.write_text(model_text(model, _header(found, args)), encoding="utf-8")
     say(f"wrote {args.output}")
 

@@ -84,14 +84,14 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
+    check = check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
     if args.output is not None:
-        check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
         require_library(args.output)
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
     log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to)
     source = Source(log, args)
-    with _viewer(args) as viewer, StatusLine() as status, _Ticks(args.output) as ticks:
+    with _viewer(args) as viewer, StatusLine() as status, _Ticks(args.output, check) as ticks:
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
@@ -145,8 +145,8 @@ def _viewer(args: argparse.Namespace) -> "LiveView":
 class _Ticks:
     """The file that gets all ticks, if there is one."""
 
-    def __init__(self, path: Path | None) -> None:
-        self._path = path
+    def __init__(self, path: Path | None, check: Callable[[], None]) -> None:
+        self._path, self._check = path, check
         self._open = ExitStack()
         self._new: list[Belief] = []
         self._append: Callable[[Iterable[Belief]], None] | None = None
@@ -155,7 +155,7 @@ class _Ticks:
         if self._path is not None:
             from contact_tracker.exports.writing import open_ticks
 
-            self._append = self._open.enter_context(open_ticks(self._path))
+            self._append = self._open.enter_context(open_ticks(self._path, self._check))
         return self
 
     def __exit__(self, *error: Any) -> None:

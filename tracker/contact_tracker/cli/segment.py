@@ -87,7 +87,7 @@ def _segment(args: argparse.Namespace, tracker: "OfflineTracker") -> int:
     from contact_tracker.tracking.belief import Detail
 
     read = [*args.logs, *files_read([args.log], args.model, args.known)]
-    check_output(args.output, args.overwrite, read)
+    check = check_output(args.output, args.overwrite, read)
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to)
     source = Source(log, args)
     with progress("segment", "poses", source.expected) as set_done:
@@ -95,7 +95,7 @@ def _segment(args: argparse.Namespace, tracker: "OfflineTracker") -> int:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]
         else:
-            _write(source, log, tracker, set_done, args)
+            _write(source, log, tracker, set_done, args, check)
             detail(f"wrote {args.output}")
     if args.output is None:
         _print(segments, source.origin_ns)
@@ -116,6 +116,7 @@ def _write(
     tracker: "OfflineTracker",
     set_done: Callable[[int], None],
     args: argparse.Namespace,
+    check: Callable[[], None],
 ) -> None:
     """Piece by piece where that is possible: what is written need not be kept."""
     from contact_tracker.exports.writing import write_outcome, write_pieces
@@ -128,10 +129,11 @@ def _write(
         return source.counted(tracker.pieces(poses, set_done, Detail.WEIGHTS))
 
     if args.output.suffix.lower() not in WHOLE:
-        write_pieces(pieces(source), args.output, lambda: source.origin_ns)
+        write_pieces(pieces(source), args.output, lambda: source.origin_ns, check)
         return
     kept: list[Poses] = []
     found = Segmentation.join(list(watched(source, pieces, kept.append)))
     outcome = source.outcome(Poses.join(kept), found, tracker.report)
     is_readable = not source.is_stdin and os.path.exists(args.log)
-    write_outcome(outcome, args.output, args.log if is_readable else None, log.stamping.log_offset_ns)
+    read = args.log if is_readable else None
+    write_outcome(outcome, args.output, read, log.stamping.log_offset_ns, check)

@@ -38,13 +38,13 @@ def run(args: argparse.Namespace) -> int:
         return _list(args.seed)
     if args.scenario is None or args.output is None:
         raise UsageError("simulate needs a SCENARIO and -o FILE.mcap, or --list")
-    check_output(args.output, args.overwrite)
+    check = check_output(args.output, args.overwrite)
 
     from contact_tracker.recording import write_recording
     from contact_tracker.simulate import simulate
 
     made = simulate(args.scenario, args.seed)
-    write_recording(str(args.output), made.poses, made.truth, made.metadata)
+    write_recording(str(args.output), made.poses, made.truth, made.metadata, check)
     say(f"{len(made.poses)} poses, {len(made.truth.intervals)} intervals in {args.output}")
     return DONE
 

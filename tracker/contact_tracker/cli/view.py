@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.offline import open_viewer, write_rrd
 
-    check_output(args.save, args.overwrite, files_read([args.log], args.model, args.known))
+    check = check_output(args.save, args.overwrite, files_read([args.log], args.model, args.known))
     tracker = OfflineTracker(model_of(args), knowledge_of(args))
     source = Source(open_log(args.log, args.topic, args.frame, relative_to=args.relative_to), args)
     truth, vertices_m = read_truth(args.log), vertices_from_metadata(read_metadata(args.log))
@@ -54,5 +54,5 @@ def run(args: argparse.Namespace) -> int:
         if args.save is None:
             open_viewer(source, found, truth, vertices_m, paper=True)
         else:
-            write_rrd(args.save, source, found, truth, vertices_m, paper=True)
+            write_rrd(args.save, source, found, truth, vertices_m, paper=True, check=check)
     return source.finish(tracker.report)

@@ -2,8 +2,9 @@
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError
@@ -11,26 +12,50 @@ from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError
 
 def check_output(
     path: Path | None, overwrite: bool, read: Iterable[str] = (), how: str = "--overwrite"
-) -> None:
+) -> Callable[[], None]:
     """Refuse to write onto one of the files ``read``, whatever it is called, or onto a recording.
 
     ``how`` to have a recording replaced after all is part of the message.
+
+    Returns
+    -------
+    The same check once more, for ``whole_file``: files may be renamed and linked while the work is done.
 
     Raises
     ------
     UsageError
         Says what to do instead.
     """
+    names = tuple(read)
+    check = partial(_check, path, overwrite, how, names, tuple(map(_status, names)))
+    check()
+    return check
+
+
+def _check(
+    path: Path | None,
+    overwrite: bool,
+    how: str,
+    names: tuple[str, ...],
+    before: tuple[os.stat_result | None, ...],
+) -> None:
+    """``before`` are the files that the ``names`` led to at first."""
     if path is None or not path.exists():
         return
     there = os.stat(path)
-    for name in read:
-        with suppress(OSError, ValueError):  # who reads it says why it cannot be read
-            if os.path.samestat(there, os.fstat(sys.stdin.fileno()) if name == "-" else os.stat(name)):
-                shown = "standard input" if name == "-" else name
-                raise UsageError(f"cannot write {path}: it is the input {shown}; name another file")
+    for name, first in zip(names, before, strict=True):
+        if any(one is not None and os.path.samestat(there, one) for one in (first, _status(name))):
+            shown = "standard input" if name == "-" else name
+            raise UsageError(f"cannot write {path}: it is the input {shown}; name another file")
     if not overwrite and (reason := _why_kept(path)):
         raise UsageError(f"cannot write {path}: {reason}; {how} replaces it")
+
+
+def _status(name: str) -> os.stat_result | None:
+    """None for what cannot be looked at: who reads it says why."""
+    with suppress(OSError, ValueError):
+        return os.fstat(sys.stdin.fileno()) if name == "-" else os.stat(name)
+    return None
 
 
 def _why_kept(path: Path) -> str | None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from contact_tracker.atomic_file import whole_file
+from contact_tracker.atomic_file import whatever_is_there, whole_file
 from contact_tracker.exports.columns import BELIEF_COLUMNS, belief_columns
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.subtitles import write_srt
@@ -15,13 +15,15 @@ from contact_tracker.tracking.segmentation import Segmentation
 
 
 @contextmanager
-def open_ticks(path: Path) -> Iterator[Callable[[Iterable[Belief]], None]]:
+def open_ticks(
+    path: Path, check: Callable[[], None] = whatever_is_there
+) -> Iterator[Callable[[Iterable[Belief]], None]]:
     """Give the function that appends beliefs to a file of JSON lines or Parquet, which appears at the end.
 
-    On any failure it does not appear at all.
+    On any failure it does not appear at all, nor if what is in its place then does not pass the ``check``.
     """
     require_library(path)
-    with whole_file(path) as temporary:
+    with whole_file(path, check) as temporary:
         if path.suffix.lower() == ".parquet":
             from contact_tracker.exports.parquet import open_parquet
 
@@ -32,21 +34,27 @@ def open_ticks(path: Path) -> Iterator[Callable[[Iterable[Belief]], None]]:
                 yield lambda beliefs: write_jsonl(beliefs, file)
 
 
-def write_pieces(found: Iterable[Segmentation], path: Path, origin_ns: Callable[[], int]) -> None:
+def write_pieces(
+    found: Iterable[Segmentation],
+    path: Path,
+    origin_ns: Callable[[], int],
+    check: Callable[[], None] = whatever_is_there,
+) -> None:
     """Write a segmentation as it comes, whole or not at all: CSV, JSON lines, Parquet or subtitles.
 
     Parameters
     ----------
     path : its suffix says which, in whatever case.
     origin_ns : gives the stamp from which times for people count, once the first piece is there.
+    check : of what is replaced, as of ``whole_file``.
     """
     suffix = path.suffix.lower()
     if suffix in TICKS:
-        with open_ticks(path) as append:
+        with open_ticks(path, check) as append:
             for piece in found:
                 append(piece.beliefs)
         return
-    with whole_file(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+    with whole_file(path, check) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         segments = (one for piece in found for one in piece.segments)
         if suffix == ".csv":
             write_csv(segments, file)
@@ -54,15 +62,22 @@ def write_pieces(found: Iterable[Segmentation], path: Path, origin_ns: Callable[
             write_srt(segments, file, origin_ns)
 
 
-def write_outcome(outcome: Outcome, path: Path, log: str | None = None, log_offset_ns: int = 0) -> None:
+def write_outcome(
+    outcome: Outcome,
+    path: Path,
+    log: str | None = None,
+    log_offset_ns: int = 0,
+    check: Callable[[], None] = whatever_is_there,
+) -> None:
     """Write what is made of a whole recording, whole or not at all: MCAP for Foxglove or a report.
 
     Parameters
     ----------
     log, log_offset_ns : as of ``foxglove_scene.write_mcap``.
+    check : of what is replaced, as of ``whole_file``.
     """
     require_library(path)
-    with whole_file(path) as temporary:
+    with whole_file(path, check) as temporary:
         if path.suffix.lower() == ".mcap":
             from contact_tracker.exports.foxglove_scene import write_mcap
 

@@ -1,13 +1,13 @@
 """Write labelled recordings that open everywhere: profile ros2, CDR, zstd chunks with indexes."""
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Final
 
 from mcap.writer import Writer
 
-from contact_tracker.atomic_file import whole_file
+from contact_tracker.atomic_file import whatever_is_there, whole_file
 from contact_tracker.ground_truth import UNSCORED, Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
@@ -53,7 +53,13 @@ _POSE_CDR: Final = struct.Struct("<4siII6s6x7d")
 _FRAME: Final = WORLD_FRAME.encode() + b"\0"
 
 
-def write_recording(path: str, poses: Poses, truth: Truth | None, metadata: Mapping[str, str]) -> None:
+def write_recording(
+    path: str,
+    poses: Poses,
+    truth: Truth | None,
+    metadata: Mapping[str, str],
+    check: Callable[[], None] = whatever_is_there,
+) -> None:
     """Write a recording, whole or not at all; the same input gives the same bytes.
 
     Parameters
@@ -62,6 +68,7 @@ def write_recording(path: str, poses: Poses, truth: Truth | None, metadata: Mapp
     poses : to ``/object/pose``, log time = header stamp; stamps from 0 to 2^31 s.
     truth : to ``/contact/truth`` at each change of contact, and as the attachment ``truth.json``.
     metadata : the metadata record ``recording``.
+    check : of what is replaced, as of ``whole_file``.
 
     Raises
     ------
@@ -72,7 +79,7 @@ def write_recording(path: str, poses: Poses, truth: Truth | None, metadata: Mapp
     """
     if len(poses) and not 0 <= int(poses.stamp_ns.min()) <= int(poses.stamp_ns.max()) < 2**31 * 10**9:
         raise ValueError("stamps of a recording lie between 0 and 2^31 s")
-    with whole_file(Path(path)) as temporary, temporary.open("wb") as file:
+    with whole_file(Path(path), check) as temporary, temporary.open("wb") as file:
         _write(file, poses, truth, metadata)
 
 

@@ -1,10 +1,10 @@
 """A whole recording with its segmentation: written to a file or shown in the viewer, piece by piece."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import chain
 from pathlib import Path
 
-from contact_tracker.atomic_file import whole_file
+from contact_tracker.atomic_file import whatever_is_there, whole_file
 from contact_tracker.geometry.elements import Array
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose
@@ -21,6 +21,7 @@ def write_rrd(
     truth: Truth | None = None,
     vertices_m: Array | None = None,
     paper: bool = False,
+    check: Callable[[], None] = whatever_is_there,
 ) -> None:
     """Write a rerun recording with its blueprint, whole or not at all.
 
@@ -34,12 +35,13 @@ def write_rrd(
     pieces : what segments them.
     vertices_m : (V, 3) of the object in the body frame, where known: its hull is drawn faintly.
     paper : whether to draw the paper's objective functions as well.
+    check : of what is replaced, as of ``whole_file``.
 
     Raises
     ------
     OSError : the file cannot be written.
     """
-    with whole_file(path) as temporary:
+    with whole_file(path, check) as temporary:
         _show(to_file(temporary), poses, pieces, truth, vertices_m, paper)
 
 

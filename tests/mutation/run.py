@@ -1,0 +1,247 @@
+"""Put small faults into the core, one at a time, and see which of them no test notices.
+
+    python tests/mutation/run.py
+    python tests/mutation/run.py --only hmm --processes 2
+    python tests/mutation/run.py --only hypotheses/evidence.py --show
+
+Tests run once, and are watched: a fault is tried with those that run its line, the quick ones first, until
+one fails, or those of ``--budget`` seconds have passed. Survivors that tests/mutation/survivors.toml does not
+name are printed, and the exit code is 1; so are names of survivors that a test kills by now.
+"""
+
+import argparse
+import importlib
+import os
+import resource
+import sys
+import time
+import tomllib
+from collections import defaultdict
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import hypothesis
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "tracker" / "contact_tracker"
+sys.path.insert(0, str(Path(__file__).parent))
+
+from mutants import Mutant, apply, mutants_of  # noqa: E402  the path comes first
+
+TESTS: dict[str, list[str]] = {
+    "contacts": ["contacts", "hypotheses"],
+    "hypotheses/evidence.py": ["hypotheses"],
+    "hmm": ["hmm"],
+    "motion/pose_validation.py": ["motion"],
+    "motion/tick_averaging.py": ["motion"],
+    "motion/window.py": ["motion", "hypotheses"],
+    "tracking/ambiguity.py": ["tracking/test_ambiguity.py"],
+}
+"""Folders or files of the package, and where under tests/ their tests are."""
+SURVIVORS = Path(__file__).with_name("survivors.toml")
+EXAMPLES = 10
+SLOW = {"test_compiled_build.py"}
+"""It compiles."""
+LIMIT_S = 10.0
+LIMIT_BYTES = 4 * 2**30
+
+
+class Seen(NamedTuple):
+    """What the tests ran: by test its seconds, and by (file, line) the tests."""
+
+    seconds: dict[str, float]
+    lines: dict[tuple[str, int], set[str]]
+
+
+class Plugin:
+    """Runs inside pytest once the tests are collected, in place of its own loop."""
+
+    def __init__(
+        self, files: list[str], budget_s: float, processes: int, every: int, first: int, verbose: bool
+    ) -> None:
+        self.files, self.budget_s, self.processes, self.verbose = files, budget_s, processes, verbose
+        self.every, self.first = every, first
+        self.failed = False
+        self.survivors = list[str]()
+        self.tried = 0
+        self.unreached = 0
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        self.failed |= report.failed
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        self.items = {item.nodeid: item for item in session.items if not (SLOW & set(item.path.parts))}
+        for item in self.items.values():
+            _try_few_examples(item)
+        seen = self._watch()
+        names = [f"contact_tracker.{file.removesuffix('.py').replace('/', '.')}" for file in self.files]
+        modules = [importlib.import_module(name.removesuffix(".__init__")) for name in names]
+        ours = [m for n, m in sys.modules.items() if n.startswith("contact_tracker")]
+        running: dict[int, Mutant] = {}
+        for file, module in zip(self.files, modules, strict=True):
+            for mutant in islice(mutants_of(PACKAGE, file), self.first, None, self.every):
+                tests = self._tests(mutant, seen)
+                self.tried += 1
+                if not tests:
+                    self.unreached += 1
+                    self.survivors.append(mutant.name)
+                    continue
+                while len(running) >= self.processes:
+                    self._collect(running)
+                pid = os.fork()
+                if not pid:
+                    self._child(mutant, module, ours, tests, sum(seen.seconds[test] for test in tests))
+                running[pid] = mutant
+        while running:
+            self._collect(running)
+        return True
+
+    def _watch(self) -> Seen:
+        """Run the tests once, each line of the files traced."""
+        watched = {str(PACKAGE / file): file for file in self.files}
+        seconds, lines = dict[str, float](), defaultdict[tuple[str, int], set[str]](set)
+        now = ""
+
+        def trace(frame: Any, event: str, _: Any) -> Any:
+            file = watched.get(frame.f_code.co_filename)
+            if file is None:
+                return None
+            lines[file, frame.f_lineno].add(now)
+            return trace
+
+        for name, item in self.items.items():
+            now, begin_s = name, time.process_time()
+            sys.settrace(trace)
+            try:
+                self._run(item)
+            finally:
+                sys.settrace(None)
+            seconds[name] = time.process_time() - begin_s
+            if self.failed:
+                raise pytest.UsageError(f"{name} fails as it is")
+        if self.verbose:
+            print(f"{len(seconds)} tests in {sum(seconds.values()):.0f} s", file=sys.stderr, flush=True)
+        return Seen(seconds, lines)
+
+    def _tests(self, mutant: Mutant, seen: Seen) -> list[str]:
+        found = set[str]()
+        if mutant.place.endswith("()"):
+            found = set(seen.lines.get((mutant.file, mutant.line), ()))
+        else:  # a constant: whatever runs a line with its name, or any line of the file
+            text = (PACKAGE / mutant.file).read_text(encoding="utf-8").splitlines()
+            named = [n for n, line in enumerate(text, 1) if mutant.place.split(".")[0] in line]
+            found = set().union(*(seen.lines.get((mutant.file, n), set()) for n in named))
+            if not found:
+                found = set().union(
+                    *(tests for (file, _), tests in seen.lines.items() if file == mutant.file)
+                )
+        chosen, left_s = list[str](), self.budget_s
+        for name in sorted(found, key=lambda test: (seen.seconds[test], test)):
+            left_s -= seen.seconds[name]
+            if chosen and left_s < 0.0:
+                break
+            chosen.append(name)
+        return chosen
+
+    def _run(self, item: Any) -> None:
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=None)
+
+    def _child(self, mutant: Mutant, module: Any, ours: list[Any], tests: list[str], usual_s: float) -> None:
+        """Never returns; a fault that takes time or memory without end ends the process, as a test would."""
+        limit_s = int(LIMIT_S + 5.0 * usual_s)
+        resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
+        resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
+        code = 1
+        try:
+            apply(mutant, module, ours)
+            for name in tests:
+                self._run(self.items[name])
+                if self.failed:
+                    break
+            code = 1 if self.failed else 0
+        finally:
+            os._exit(code)
+
+    def _collect(self, running: dict[int, Mutant]) -> None:
+        """Wait for one of them."""
+        pid, status = os.wait()
+        mutant = running.pop(pid)
+        if status == 0:
+            self.survivors.append(mutant.name)
+            if self.verbose:
+                print(f"survives: {mutant.name}", flush=True)
+        if self.verbose and not self.tried % 50:
+            print(f"{self.tried} tried", file=sys.stderr, flush=True)
+
+
+def _try_few_examples(item: Any) -> None:
+    """Faults show in the first examples, or hardly ever."""
+    name = "_hypothesis_internal_use_settings"
+    if (given := getattr(getattr(item, "obj", None), name, None)) is not None:
+        setattr(item.obj, name, hypothesis.settings(given, max_examples=min(given.max_examples, EXAMPLES)))
+
+
+def files_of(only: str | None) -> tuple[list[str], list[str]]:
+    """The files to put faults into, and the tests."""
+    files, tests = list[str](), list[str]()
+    for name, where in TESTS.items():
+        path = PACKAGE / name
+        some = (
+            [p.relative_to(PACKAGE).as_posix() for p in sorted(path.glob("*.py"))]
+            if path.is_dir()
+            else [name]
+        )
+        some = [file for file in some if only is None or file.startswith(only)]
+        if some:
+            files += some
+            tests += [str(ROOT / "tests" / place) for place in where]
+    return files, sorted(set(tests))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", help="files of the package whose path begins so")
+    parser.add_argument("--budget", type=float, default=2.0, help="seconds of tests a fault (default: 2)")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="try one of N faults only")
+    parser.add_argument("--first", type=int, default=0, help="which of these (default: 0)")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument(
+        "--show",
+        action="store_true",
+        help="print survivors as they are found, and how many faults were tried",
+    )
+    args = parser.parse_args()
+    files, tests = files_of(args.only)
+    if not files:
+        parser.error(f"no file of {PACKAGE.name} begins with {args.only!r}")
+    quick = {"derandomize": True, "database": None, "deadline": None}
+    phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
+    hypothesis.settings.register_profile("mutation", phases=phases, **quick)
+    hypothesis.settings.load_profile("mutation")
+    plugin = Plugin(files, args.budget, args.processes, args.every, args.first, args.show)
+    options = ["-p", "no:cacheprovider", "-p", "no:terminal", "-p", "no:xdist", f"--rootdir={ROOT}"]
+    code = pytest.main([*options, "-c", str(ROOT / "pyproject.toml"), *tests], plugins=[plugin])
+    if code:
+        return int(code)
+    reasons: dict[str, str] = (
+        tomllib.loads(SURVIVORS.read_text(encoding="utf-8")) if SURVIVORS.exists() else {}
+    )
+    named = {name for group in reasons.values() for name in group["faults"]}  # type: ignore[index]
+    alive = set(plugin.survivors)
+    new = [name for name in plugin.survivors if name not in named]
+    killed = sorted(n for n in named - alive if n.split(" ")[0] in files)
+    print(
+        f"{plugin.tried} faults, {plugin.tried - len(alive)} found, {len(alive)} not "
+        f"({plugin.unreached} in lines that no test runs), {len(alive - named)} of these without a reason"
+    )
+    print(*(f"survives: {name}" for name in new), *(f"is found by now: {n}" for n in killed), sep="\n")
+    return 1 if alive - named or killed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
