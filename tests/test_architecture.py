@@ -25,7 +25,7 @@ LAYERS = (
     ("tracking",),
     ("adaptation",),
     ("recording", "simulate", "evaluation", "prior_map_files", "saved_state", "interrupts"),
-    ("calibration", "outputs"),
+    ("calibration", "outputs", "replication"),
     ("viewer",),
     ("cli",),
 )
