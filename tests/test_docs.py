@@ -20,12 +20,14 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
+from contact_tracker.recording.message_types import POSE_TYPES
 from contact_tracker.states import Contact
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
 CONVENTIONS = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
 MODELS = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
+EXAMPLES = ROOT / "docs" / "examples"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 TUTORIAL = (ROOT / "docs" / "tutorial_first_segmentation.md").read_text(encoding="utf-8")
 FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -99,20 +101,57 @@ def assert_shown(step: Step, output: str) -> None:
     assert got == expected, f"$ {step.code}"
 
 
+def with_short_recording(folder: Path, name: str) -> Path:
+    """The first two seconds of one of the repository's recordings, by the same name."""
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    first = Poses.collect(islice(open_log(str(ROOT / name)), 400))
+    write_recording(str(folder / name), first, None, {})
+    return folder
+
+
 def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
     """On the first two seconds of the recording that it names."""
     (block,) = [text for language, text in FENCED.findall(README) if language == "python"]
     (name,) = set(re.findall(r"recordings/\w+\.mcap", block))
-    (tmp_path / "recordings").mkdir()
-    first = Poses.collect(islice(open_log(str(ROOT / name)), 400))
-    write_recording(str(tmp_path / name), first, None, {})
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker")}
-    command = [sys.executable, "-c", block]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = carried_out(Step("python", block, ""), with_short_recording(tmp_path, name))
     assert done.returncode == 0, done.stderr
-    lines = [line.split() for line in done.stdout.splitlines()]
+    table, ticks = done.stdout.split("\n1700000000", 1)
+    assert table.split()[:4] == ["start", "s", "end", "s"]
+    lines = [line.split() for line in f"1700000000{ticks}".splitlines()]
     assert len(lines) > 10
     assert all(stamp.isdecimal() and contact in list(Contact) for stamp, contact, _ in lines)
+
+
+def test_the_page_on_python_runs_from_top_to_bottom(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    code = "\n".join(text for language, text in FENCED.findall(page) if language == "python")
+    with_short_recording(tmp_path, "recordings/paper_experiment.mcap")
+    done = carried_out(Step("python", code, ""), tmp_path)
+    assert done.returncode == 0, done.stderr
+    made = {
+        "labels.png",
+        "ticks.parquet",
+        "for_foxglove.mcap",
+        "report.html",
+        "segments.csv",
+        "tracker.state",
+    }
+    assert made <= {path.name for path in tmp_path.iterdir() if path.stat().st_size > 0}
+
+
+def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a kernel of its own, where it lies; what it shows is a table and a figure."""
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT / "tracker"))
+    notebook = nbformat.read(EXAMPLES / "first_steps.ipynb", as_version=4)
+    resources = {"metadata": {"path": str(EXAMPLES)}}
+    nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3", resources=resources).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    shown = [kind for output in outputs for kind in output.get("data", {})]
+    assert "text/html" in shown
+    assert "image/png" in shown
+    assert float(outputs[-1]["data"]["text/plain"]) > 0.8
 
 
 def counted_kinds() -> set[str]:
@@ -124,12 +163,13 @@ def counted_kinds() -> set[str]:
         "motion/default_poses.py",
         "motion/excursions.py",
         "recording/log.py",
+        "recording/composition.py",
     ):
         for node in ast.walk(ast.parse((PACKAGE / name).read_text(encoding="utf-8"))):
             match node:
                 case (
                     ast.Subscript(value=ast.Name("counts"), slice=ast.Constant(kind))
-                    | ast.Subscript(value=ast.Attribute(attr="_counts"), slice=ast.Constant(kind))
+                    | ast.Subscript(value=ast.Attribute(attr="_counts" | "counts"), slice=ast.Constant(kind))
                 ):
                     kinds.add(str(kind))
     return kinds
@@ -139,6 +179,25 @@ def test_the_conventions_name_every_count() -> None:
     table = CONVENTIONS.partition("| kind |")[2]
     by_the_tracker = {"outlier"}
     assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == counted_kinds() | by_the_tracker
+
+
+def test_every_input_format_names_tests_that_are_there() -> None:
+    """Each row of docs/formats.md, and each test by its name."""
+    text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if re.match(r"\| (?!---|file|type|encoding)", line)]
+    assert len(rows) > 20
+    for row in rows:
+        named = re.findall(r"`(test_\w+\.py)(?:: (test_\w+))?`", row)
+        assert named, row
+        for file, test in named:
+            source = (ROOT / "tests" / "recording" / file).read_text(encoding="utf-8")
+            assert f"def {test or 'test_'}" in source, row
+
+
+def test_every_pose_type_is_in_the_table_of_formats() -> None:
+    text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    for name in POSE_TYPES:
+        assert re.split(r"[/.]", name)[-1] in text, name
 
 
 def tables_of(kind: Any, name: str = "") -> dict[str, Any]:

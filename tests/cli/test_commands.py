@@ -164,8 +164,11 @@ def test_version() -> None:
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        ([], ["COMMAND"]),
-        (["lve", "x.mcap"], ["lve"]),
+        (["lve", "x.mcap"], ["lve", "did you mean live?"]),
+        (["segment", "x.mcap", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
+        (["segment", "x.mcap", "--ovrwrite=1"], ["did you mean --overwrite?"]),
+        (["segment", "x.mcap", "-q", "-v"], ["-v", "-q"]),
+        (["--print-completion", "fish"], ["bash, zsh, tcsh"]),
         (["live"], ["LOG"]),
         (["live", "x.mcap", "--start", "-1"], ["--start", "negative"]),
         (["live", "x.mcap", "--rate", "0"], ["--rate", "not above zero"]),
@@ -173,7 +176,10 @@ def test_version() -> None:
         (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
         (["segment", "x.mcap", "--duration", "1e301"], ["--duration", "beyond"]),
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
-        (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv or .jsonl"]),
+        (
+            ["segment", "x.mcap", "-o", "out.txt"],
+            ["out.txt", ".csv or .jsonl or .parquet or .mcap"],
+        ),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
         (["segment", "x.mcap", "--json"], ["--json", "contact-tracker segment --help"]),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
@@ -213,7 +219,8 @@ def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -
     assert stamps == sorted(set(stamps))
     assert START_NS < stamps[0] < stamps[-1] == START_NS + round((LENGTH_S - 1 / RATE_HZ) * 1e9)
     for belief in beliefs:
-        assert list(belief) == ["stamp_ns", "contact", "probability", "onset_ns", "inseparable", "geometry"]
+        keys = ["stamp_ns", "contact", "probability", "onset_ns", "inseparable", "geometry"]
+        assert list(belief) == [*keys, "inseparable_names", "object", "environment"]
         assert set(belief["inseparable"]) <= set(NAMES) - {belief["contact"]}
         assert list(belief["probability"]) == NAMES
         assert sum(belief["probability"].values()) == pytest.approx(1)

@@ -598,10 +598,16 @@ def test_sources_of_a_long_file_are_found_by_its_index(
 @pytest.mark.parametrize(
     ("topic", "message"),
     [
-        (Topic("/p", "geometry_msgs/PoseStamped", [(1, b"x")], "ros1", "ros1msg"), "ros1 with ros1msg"),
-        (Topic("/p", "foxglove.PoseInFrame", [(1, b"{}")], "json", "jsonschema"), "json with jsonschema"),
-        (Topic("/p", "foxglove.PoseInFrame", [(1, b"x")], "protobuf", "protobuf"), "protobuf"),
-        (Topic("/p", "geometry_msgs/msg/PoseStamped", [(1, b"x")], "cdr", "ros2idl"), "cdr with ros2idl"),
+        (Topic("/p", "foxglove.PoseInFrame", [(1, b"x")], "flatbuffer", "flatbuffer"), "in flatbuffer with"),
+        (
+            Topic("/p", "foxglove.PoseInFrame", [(1, b"{}")], "json", "jsonschema"),
+            "no pose on /p can be read",
+        ),
+        (
+            Topic("/p", "nav_msgs/msg/Path", [(1, b"x")]),
+            "nav_msgs/msg/Path, which is no pose; poses are Pose",
+        ),
+        (Topic("/p", "", [(1, b"x")], "cdr", ""), "/p is of no type in cdr with "),
         (Topic("/p", "geometry_msgs/msg/PoseStamped", [(1, b"x")]), "no pose on /p can be read"),
         (Topic("/s", "std_msgs/msg/String", [(1, {"data": "f-f"})]), "no pose topic among /s"),
     ],

@@ -1,6 +1,53 @@
 """Tell from the motion of a rigid object how it touches its world.
 
-Nothing is imported here, so that the command line starts quickly; see the README for the functions to use.
+The names below are imported when they are asked for, so that the command line starts quickly.
 """
 
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from contact_tracker.api import Result, Tracker, Trajectory, read, segment
+    from contact_tracker.errors import ContactTrackerError
+    from contact_tracker.states import Contact
+    from contact_tracker.tracking.belief import Belief, Segment
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "Belief",
+    "Contact",
+    "ContactTrackerError",
+    "Result",
+    "Segment",
+    "Tracker",
+    "Trajectory",
+    "__version__",
+    "read",
+    "segment",
+]
+
+_HOMES = {
+    "Belief": "tracking.belief",
+    "Contact": "states",
+    "ContactTrackerError": "errors",
+    "Result": "api",
+    "Segment": "tracking.belief",
+    "Tracker": "api",
+    "Trajectory": "api",
+    "read": "api",
+    "segment": "api",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -12,6 +12,7 @@
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
         |-- AmbiguousSource       several pose sources: choose with --topic / --frame
+        |-- MissingExtra          a format needs a library that is not installed
         |-- ModelError            a model file with a missing or impossible value
         `-- KnowledgeError        what the user says to know is impossible or cannot be read
 
@@ -66,6 +67,10 @@ class UsageError(ContactTrackerError):
 
 class AmbiguousSource(UsageError):
     """Several pose sources; one has to be chosen."""
+
+
+class MissingExtra(UsageError):
+    """An input or output needs a library that comes with an extra of this package."""
 
 
 class ModelError(UsageError):

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
+SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
+"""What people and systems end a command with."""
 _AGAIN_S: Final = 0.02
 _IMPORTS: Final = "<frozen importlib."
 
@@ -39,17 +41,26 @@ def kept_from_children() -> Iterator[None]:
 
     A terminal interrupts all processes of a command, but one of them has to say what becomes of the others.
     """
-    waiting = []
-    ours = threading.current_thread() is threading.main_thread()  # only there can handlers be set
-    handler = signal.signal(signal.SIGINT, lambda *_: waiting.append(True)) if ours else None
+    with deferred("SIGINT"), _blocked():
+        yield
+
+
+@contextmanager
+def deferred(*names: str) -> Iterator[None]:
+    """The signals with these names, as far as there are such and somebody heeds them, wait for the end."""
+    arrived: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # only there can handlers be set
+        for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                handlers[number] = signal.signal(number, lambda number, _: arrived.append(number))
     try:
-        with _blocked():
-            yield
+        yield
     finally:
-        if ours:
-            signal.signal(signal.SIGINT, handler)
-            if waiting:
-                signal.raise_signal(signal.SIGINT)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if arrived:
+            signal.raise_signal(arrived[0])
 
 
 @contextmanager

@@ -39,6 +39,7 @@ class Source:
     frame: str | None = None
     believe_truth: bool = True
     knowledge: PriorMap = EMPTY_MAP
+    relative_to: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ def judge(source: Source, model: Model) -> Judged:
 
 def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
     truth = read_truth(source.name)
-    log = open_log(source.name, source.topic, source.frame)
+    log = open_log(source.name, source.topic, source.frame, relative_to=source.relative_to)
     poses = Poses.collect(log)
     if not len(poses):
         raise NoPoses(f"{source.name}: no pose that can be used")

@@ -3,7 +3,6 @@
 import argparse
 import math
 import os
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -15,18 +14,14 @@ from contact_tracker.errors import UsageError
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
 
-_LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_ANGLES: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
-_UNITS: Final = _LENGTHS | _ANGLES
-_QUANTITY: Final = re.compile(r"([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-z]+)")
-_PLAUSIBLE: Final = ((1e-9, 1.0), (1e-9, 1.0))
+LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
 _MOST: Final = 1e9
 """A longer time in seconds, about 30 years, is a slip of the hand."""
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """``LOG`` and which of its poses to take."""
-    parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
+    parser.add_argument("log", metavar="LOG", help=LOG_HELP)
     add_source(parser)
     parser.add_argument(
         "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
@@ -35,9 +30,17 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
-    """``--topic`` and ``--frame``."""
-    parser.add_argument("--topic", help="take the poses of this topic")
-    parser.add_argument("--frame", help="take the poses of this frame: CHILD or 'PARENT->CHILD'")
+    """``--topic``, ``--frame`` and ``--relative-to``."""
+    parser.add_argument("--topic", help="take the poses of this topic: TOPIC or TOPIC:TYPE")
+    parser.add_argument(
+        "--frame",
+        help="take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
+    )
+    parser.add_argument(
+        "--relative-to",
+        metavar="TOPIC|FRAME",
+        help="poses in this frame, or relative to the body of this topic, which may move",
+    )
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
@@ -59,22 +62,23 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 def model_of(args: argparse.Namespace) -> "Model":
     """The model that ``--model`` and ``--noise`` ask for; raises ModelError."""
-    from contact_tracker.config.loading import load_model
+    from contact_tracker.cli.terminal import detail
+    from contact_tracker.config.loading import load_model, model_file
+    from contact_tracker.hypotheses import compiled
 
+    detail(f"model {model_file(args.model)}, {compiled.described()}")
     model = load_model(args.model)
     return model if args.noise is None else model.with_noise(*args.noise)
 
 
 def _deviations(text: str) -> tuple[float, float]:
     """A length and an angle with their units, in metres and radians."""
-    parts = [_QUANTITY.fullmatch(part.strip()) for part in text.split(",")]
-    values = [float(part[1]) * _UNITS[part[2]] for part in parts if part and part[2] in _UNITS]
-    units = [part[2] for part in parts if part]
-    if len(parts) != 2 or len(values) != 2 or units[0] not in _LENGTHS or units[1] not in _ANGLES:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length and an angle with units: 0.3mm,0.15deg")
-    if not all(low < value < high for value, (low, high) in zip(values, _PLAUSIBLE, strict=True)):
-        raise argparse.ArgumentTypeError(f"{text!r} is no noise of a pose: 1e-9 to 1 m and 1e-9 to 1 rad")
-    return values[0], values[1]
+    from contact_tracker.config.quantities import deviations
+
+    try:
+        return deviations(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def seconds(text: str) -> float:

@@ -11,11 +11,12 @@ from contact_tracker import __version__
 from contact_tracker.cli.arguments import add_source, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
-from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
+from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
+from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from contact_tracker.calibration.calibrate import Calibration
@@ -136,7 +137,7 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
 
     names = recordings(args.logs, "calibrate")
-    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args)
+    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
@@ -185,6 +186,7 @@ def _command(args: argparse.Namespace) -> str:
     words = ["contact-tracker", "calibrate", *map(os.path.relpath, args.logs)]
     words += ["--topic", args.topic] if args.topic else []
     words += ["--frame", args.frame] if args.frame else []
+    words += ["--relative-to", args.relative_to] if args.relative_to else []
     words += ["--known", os.path.relpath(args.known)] if args.known else []
     words += ["--start", start] if args.start != "default" else []
     words += ["--unlabelled"] if args.unlabelled else []

@@ -61,8 +61,8 @@ def _evaluate(
     from contact_tracker.tracking.pose_buffer import watched
 
     judge = Judge(need_truth(name, args.topic, args.frame))
-    log = open_log(name, args.topic, args.frame)
-    with progress(name, "poses") as set_done:
+    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to)
+    with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge)
         for piece in watched(log, lambda poses: tracker.pieces(poses, set_done), judge.poses):
             judge.piece(piece)

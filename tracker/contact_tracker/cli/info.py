@@ -4,6 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Final
 
+from contact_tracker.cli.arguments import LOG_HELP
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import show, warn
 from contact_tracker.errors import NoPoses
@@ -22,7 +23,7 @@ TRACKED_SOURCES: Final = 4
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
+    parser.add_argument("log", metavar="LOG", help=LOG_HELP)
     parser.add_argument("--topic", help="the sources on this topic only")
     parser.add_argument("--frame", help="the sources of this frame only: PARENT->CHILD, or CHILD")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
@@ -37,7 +38,10 @@ def run(args: argparse.Namespace) -> int:
     summary = summarise(args.log)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and not chosen:
-        raise NoPoses(f"{args.log}: no pose source has this topic and frame")
+        raise NoPoses(
+            f"{args.log}: no pose source has this topic and frame; info shows what is published, "
+            "the other commands compose transforms"
+        )
     summary = replace(summary, sources=tuple(map(_with_noise, chosen)))
     tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
     reports = {source.source: _adapted(source) for source in tracked}
@@ -46,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         for line in summary_lines(summary, reports):
             show(line)
+    for line in summary.assumptions:
+        warn(f"{args.log}: {line}")
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not any(source.poses for source in summary.sources):

@@ -1,14 +1,27 @@
 """``contact-tracker live``: what holds now, from the data up to now."""
 
 import argparse
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
-from contact_tracker.cli.arguments import add_model, add_recording, model_of, positive, seconds
+from contact_tracker.cli.arguments import (
+    add_model,
+    add_recording,
+    model_of,
+    output_file,
+    positive,
+    seconds,
+)
 from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.status import INTERRUPTED
+from contact_tracker.cli.replacement import add_overwrite, files_read
+from contact_tracker.cli.status import DONE, INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine
 from contact_tracker.errors import UsageError
+from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.suffixes import TICKS, require_library
+from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
@@ -22,6 +35,8 @@ Follow the contacts of a recording or of a stream of poses, each answer from the
 time only. A line per change goes to stdout: time, contact, probability, onset and where the
 contact lies. Times are seconds since the recording's first pose."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
+
+_TOGETHER: Final = 256
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +61,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "ends or is interrupted; the last, partial tick waits there for what follows",
     )
     parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=output_file(*TICKS),
+        metavar="FILE",
+        help="write all ticks to FILE.jsonl or FILE.parquet as well; it is there when the stream has ended",
+    )
+    add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,12 +83,14 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.state is not None and (args.start or args.duration is not None):
         raise UsageError("--state carries on with all that comes: without --start and --duration")
+    if args.output is not None:
+        check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
+        require_library(args.output)
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
-    log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
+    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to)
     source = Source(log, args)
-    interrupted = False
-    with _viewer(args) as viewer, StatusLine() as status:
+    with _viewer(args) as viewer, StatusLine() as status, _Ticks(args.output) as ticks:
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
@@ -76,18 +101,24 @@ def run(args: argparse.Namespace) -> int:
 
         def say(beliefs: "list[Belief]") -> None:
             for belief in beliefs:
-                printer.show(belief)
-                viewer.belief(belief)
+                with deferred(*SIGNALS):  # what is printed is in the file, and whole
+                    printer.show(belief)
+                    viewer.belief(belief)
+                    ticks.add(belief)
 
+        ended = DONE
         try:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
                 state, beliefs = adaptation.advance(state, pose)
                 say(beliefs)
                 if saved is not None and saved.keep(state):
+                    ended = 128 + saved.signal
                     break
         except KeyboardInterrupt:
-            interrupted = True
+            ended = INTERRUPTED
+        except SystemExit as leave:  # another signal
+            ended = int(leave.code or DONE)
         if saved is None:
             state, beliefs = adaptation.finish(state)
             say(beliefs)
@@ -95,9 +126,7 @@ def run(args: argparse.Namespace) -> int:
             saved.save(state)
     source.outliers = state.outliers
     code = source.finish(adaptation.report(state))
-    if saved is not None and saved.signal:
-        return 128 + saved.signal
-    return INTERRUPTED if interrupted else code
+    return code if ended == DONE else ended
 
 
 def _viewer(args: argparse.Namespace) -> "LiveView":
@@ -110,6 +139,37 @@ def _viewer(args: argparse.Namespace) -> "LiveView":
     from contact_tracker.viewer.live import LiveViewer
 
     return LiveViewer(vertices_from_metadata(read_metadata(args.log)))
+
+
+class _Ticks:
+    """The file that gets all ticks, if there is one."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._open = ExitStack()
+        self._new: list[Belief] = []
+        self._append: Callable[[Iterable[Belief]], None] | None = None
+
+    def __enter__(self) -> Self:
+        if self._path is not None:
+            from contact_tracker.exports.writing import open_ticks
+
+            self._append = self._open.enter_context(open_ticks(self._path))
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        if self._append is not None and error[0] is None:
+            self._append(self._new)
+        self._open.__exit__(*error)
+
+    def add(self, belief: "Belief") -> None:
+        """The next."""
+        if self._append is None:
+            return
+        self._new.append(belief)
+        if len(self._new) == _TOGETHER:
+            self._append(self._new)
+            self._new = []
 
 
 class _Printer:

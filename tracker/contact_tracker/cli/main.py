@@ -14,8 +14,10 @@ from typing import Any, Final, NoReturn
 
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import calibrate, evaluate, info, live, segment, simulate, view
+from contact_tracker.cli.completion import SHELLS, PrintCompletion
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
-from contact_tracker.cli.terminal import fail, show, take_over_warnings
+from contact_tracker.cli.suggestions import meant, meant_option
+from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import ContactTrackerError, UsageError
 
 COMMANDS: Final = (live, segment, view, info, simulate, evaluate, calibrate)
@@ -42,6 +44,12 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            names = list(action.choices)
+            text = f"{value!r} is none of {', '.join(names)}{meant(str(value), names)}"
+            raise argparse.ArgumentError(action, text)
+
 
 class Version(argparse.Action):
     """Shows the version; which code computes is found out only then."""
@@ -58,6 +66,10 @@ def build_parser() -> argparse.ArgumentParser:
     parser = Parser(prog="contact-tracker", description=DESCRIPTION, epilog=EPILOG)
     about_version = "show the version, and whether it runs compiled"
     parser.add_argument("--version", action=Version, nargs=0, help=about_version)
+    about_completion = f"print what completes commands in a shell: {', '.join(SHELLS)}"
+    parser.add_argument(
+        "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=about_completion
+    )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for command in COMMANDS:
         sub = commands.add_parser(
@@ -67,8 +79,30 @@ def build_parser() -> argparse.ArgumentParser:
             epilog=f"example:\n  {command.EXAMPLE}",
         )
         command.configure(sub)
-        sub.set_defaults(run=command.run)
+        _add_verbosity(sub)
+        sub.set_defaults(run=command.run, parser=sub)
     return parser
+
+
+def _add_verbosity(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "-q",
+        "--quiet",
+        action="store_const",
+        dest="verbosity",
+        const=Verbosity.QUIET,
+        default=Verbosity.USUAL,
+        help="warnings and errors only on stderr, and no progress",
+    )
+    group.add_argument(
+        "-v",
+        "--verbose",
+        action="store_const",
+        dest="verbosity",
+        const=Verbosity.VERBOSE,
+        help="say which poses, model and code are used",
+    )
 
 
 def run(argv: Sequence[str] | None = None) -> int:
@@ -95,11 +129,17 @@ def run(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     try:
-        args, unknown = build_parser().parse_known_args(argv)
+        parser = build_parser()
+        if not (sys.argv[1:] if argv is None else argv):
+            parser.print_help(sys.stderr)
+            return USAGE
+        args, unknown = parser.parse_known_args(argv)
         if unknown:
             raise UsageError(
-                f"unrecognized arguments: {' '.join(unknown)} (see contact-tracker {args.command} --help)"
+                f"unrecognized arguments: {' '.join(unknown)}{meant_option(unknown, args.parser)} "
+                f"(see contact-tracker {args.command} --help)"
             )
+        set_verbosity(args.verbosity)
         code: int = args.run(args)
         return code
     except SystemExit as leave:  # argparse after --help or --version; a signal

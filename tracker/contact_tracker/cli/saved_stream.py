@@ -9,13 +9,13 @@ from typing import Final, Protocol
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.cli.source import Source
 from contact_tracker.errors import StateError, UsageError
+from contact_tracker.interrupts import SIGNALS
 from contact_tracker.recording import Follow, PoseLog
 from contact_tracker.recording.stamping import Stamping
 from contact_tracker.saved_state import Progress, is_same, load, save
 from contact_tracker.states import Contact
 
 EVERY_S: Final = 10.0
-_SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Shown(Protocol):
@@ -58,7 +58,7 @@ class SavedStream:
         self._saved_s = time.monotonic()
         if path.exists():
             self._carry_on(load(path))
-        for number in (getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)):
+        for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)
 

@@ -4,10 +4,11 @@ import argparse
 from typing import Final
 
 from contact_tracker.cli.arguments import output_file
-from contact_tracker.cli.replacement import add_overwrite, check_output
+from contact_tracker.cli.replacement import add_overwrite
 from contact_tracker.cli.status import DONE
 from contact_tracker.cli.terminal import say, show
 from contact_tracker.errors import UsageError
+from contact_tracker.exports.replacement import check_output
 
 HELP: Final = "make a labelled recording"
 DESCRIPTION: Final = """\

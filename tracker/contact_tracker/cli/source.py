@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.status import DAMAGED, DONE
-from contact_tracker.cli.terminal import say, warn
+from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import NoPoses
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import noise_text, warnings
@@ -15,6 +15,7 @@ from contact_tracker.recording import PoseLog
 
 if TYPE_CHECKING:
     from contact_tracker.adaptation import Report
+    from contact_tracker.exports.outcome import Outcome
     from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_WAIT_S: Final = 1e6
@@ -30,9 +31,12 @@ class Source:
     def __init__(self, log: PoseLog, args: argparse.Namespace) -> None:
         self._log = log
         self._name: str = args.log
+        detail(f"reading {log.source}")
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
         self._begin_s = time.monotonic()
+        if log.note is not None:
+            warn(f"{self._name}: {log.note}")
         self.origin_ns = 0
         self.first_ns = 0
         self.last_ns = 0
@@ -109,6 +113,38 @@ class Source:
             self.outliers += piece.outliers
             yield piece
 
+    @property
+    def expected(self) -> int | None:
+        """About how many poses there are, where the index of the recording tells."""
+        is_shared = self._log.source.type.endswith("TFMessage")  # of several frames
+        is_cut = self._start_ns > 0 or self._end_ns is not None
+        return None if is_shared or is_cut else self._log.source.messages
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What was dropped or repaired, by kind."""
+        kinds = {**self._log.counts, "outlier": self.outliers}
+        return {kind: count for kind, count in kinds.items() if count}
+
+    def outcome(self, poses: Poses, found: "Segmentation", adapted: "Report | None") -> "Outcome":
+        """All of it, for outputs that are made of the whole."""
+        from contact_tracker.exports.outcome import Outcome
+        from contact_tracker.recording import read_metadata
+        from contact_tracker.viewer.hull import vertices_from_metadata
+
+        return Outcome(
+            "standard input" if self.is_stdin else Path(self._name).name or self._name,
+            poses,
+            found,
+            self.origin_ns,
+            self.counts,
+            () if adapted is None else tuple(warnings(adapted)),
+            "" if adapted is None else noise_text(adapted),
+            self._log.source.frame_id,
+            self._log.source.child_frame_id,
+            vertices_from_metadata(read_metadata(self._name)),
+        )
+
     def finish(self, adapted: "Report | None") -> int:
         """Say what was read, what was not used of it, and what the tracker has adapted to; returns the exit
         code."""
@@ -118,6 +154,8 @@ class Source:
             say(noise_text(adapted))
             for line in warnings(adapted):
                 warn(line)
+        if self._log.assumption is not None:
+            warn(f"{self._name}: {self._log.assumption}")
         if self._log.counts.get("clock_reset") and Path(self._name).is_dir():
             warn(
                 f"{self._name}: time runs backward in it; if its files are recordings of their own, name one"
@@ -128,8 +166,7 @@ class Source:
         return DAMAGED
 
     def _noted(self) -> str:
-        kinds = {**self._log.counts, "outlier": self.outliers}
-        counts = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
+        counts = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())
         return f"; noted: {counts}" if counts else ""
 
 

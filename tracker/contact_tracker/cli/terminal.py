@@ -4,13 +4,18 @@ Data go to stdout, messages to stderr; progress and status only where somebody w
 """
 
 import logging
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from enum import IntEnum
+from typing import Any, Final
 
 from contact_tracker.errors import SlowUpdate, printable
+
+_YELLOW: Final = "33"
+_RED: Final = "31"
 
 
 def show(text: str) -> None:
@@ -19,17 +24,53 @@ def show(text: str) -> None:
         print(printable(line))
 
 
+class Verbosity(IntEnum):
+    """How much is said on stderr."""
+
+    QUIET = 0
+    """Warnings and errors."""
+    USUAL = 1
+    VERBOSE = 2
+
+
+_verbosity = Verbosity.USUAL
+
+
+def set_verbosity(verbosity: Verbosity) -> None:
+    """From now on."""
+    global _verbosity
+    _verbosity = verbosity
+
+
 def say(message: str) -> None:
     """A message beside the data, in one line."""
-    print(f"contact-tracker: {printable(message)}", file=sys.stderr, flush=True)
+    if _verbosity >= Verbosity.USUAL:
+        _write(message)
+
+
+def detail(message: str) -> None:
+    """The same, for those who have asked for more."""
+    if _verbosity >= Verbosity.VERBOSE:
+        _write(message)
 
 
 def warn(message: str) -> None:
-    say(f"warning: {message}")
+    _write(message, f"{_coloured('warning:', _YELLOW)} ")
 
 
 def fail(message: str) -> None:
-    say(f"error: {message}")
+    _write(message, f"{_coloured('error:', _RED)} ")
+
+
+def _write(message: str, kind: str = "") -> None:
+    print(f"contact-tracker: {kind}{printable(message)}", file=sys.stderr, flush=True)
+
+
+def _coloured(text: str, colour: str) -> str:
+    """On a terminal that can show it, unless the user wants none (https://no-color.org)."""
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or not sys.stderr.isatty():
+        return text
+    return f"\x1b[1;{colour}m{text}\x1b[0m"
 
 
 def take_over_warnings() -> None:
@@ -50,9 +91,10 @@ class _LogLine(logging.Handler):
 
 
 @contextmanager
-def progress(label: str, unit: str) -> Iterator[Callable[[int], None]]:
-    """A counter on a terminal's stderr; gives the function that sets how many units are done."""
-    with _bar(desc=printable(label), unit=f" {unit}") as bar:
+def progress(label: str, unit: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
+    """A counter on a terminal's stderr, a bar where the ``total`` is known; gives the function that sets how
+    many units are done."""
+    with _bar(desc=printable(label), unit=f" {unit}", total=total) as bar:
 
         def set_done(done: int) -> None:
             bar.update(done - bar.n)
@@ -86,4 +128,5 @@ class StatusLine:
 def _bar(**options: Any) -> Any:
     from tqdm import tqdm
 
-    return tqdm(file=sys.stderr, disable=None, leave=False, mininterval=0.1, miniters=1, **options)
+    disable = True if _verbosity < Verbosity.USUAL else None  # None: where there is no terminal
+    return tqdm(file=sys.stderr, disable=disable, leave=False, mininterval=0.1, miniters=1, **options)

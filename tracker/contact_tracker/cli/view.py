@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.replacement import add_overwrite, check_output, files_read
+from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.terminal import progress
+from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
     from contact_tracker.motion.poses import Pose
@@ -43,9 +44,9 @@ def run(args: argparse.Namespace) -> int:
 
     check_output(args.save, args.overwrite, files_read([args.log], args.model, args.known))
     tracker = OfflineTracker(model_of(args), knowledge_of(args))
-    source = Source(open_log(args.log, args.topic, args.frame), args)
+    source = Source(open_log(args.log, args.topic, args.frame, relative_to=args.relative_to), args)
     truth, vertices_m = read_truth(args.log), vertices_from_metadata(read_metadata(args.log))
-    with progress("segment", "poses") as set_done:
+    with progress("segment", "poses", source.expected) as set_done:
 
         def found(poses: "Iterable[Pose]") -> "Iterator[Segmentation]":
             return source.counted(tracker.pieces(poses, set_done))

@@ -55,9 +55,13 @@ _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validat
 
 def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     """What the gate passes on of a whole recording; ``counts`` is told what it dropped or repaired."""
-    passed = PoseGate(counts)
-    admitted = [kept for pose in poses for kept in passed.admit(pose)]
-    return Poses.collect([*admitted, *passed.finish()])
+    passed, parts = PoseGate(counts), list[Poses]()
+    for some in poses.batches() if isinstance(poses, Poses) else [poses]:
+        admitted = passed.admit_all(some) if isinstance(some, Poses) else None
+        if admitted is None:
+            admitted = Poses.collect([kept for pose in some for kept in passed.admit(pose)])
+        parts.append(admitted)
+    return Poses.join([*parts, Poses.collect(passed.finish())])
 
 
 def is_valid(pose: Pose, after_ns: int | None) -> bool:

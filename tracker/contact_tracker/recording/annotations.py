@@ -9,10 +9,10 @@ from contact_tracker.errors import NoTruth
 from contact_tracker.ground_truth import Truth
 from contact_tracker.recording.bytestream import is_regular, open_stream
 from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable
 from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.reading import Reading, parts_of, summary_of
-from contact_tracker.recording.ros import RosDecoder, Undecodable
 
 TRUTH_ATTACHMENT: Final = "truth.json"
 TRUTH_TOPIC: Final = "/contact/truth"
@@ -109,7 +109,7 @@ def _from_messages(path: str) -> Truth | None:
     if not any(map(_may_have_changes, parts_of(path))):
         return None
     changes: list[tuple[int, str]] = []
-    decoder = RosDecoder()
+    decoder = MessageDecoder()
     end_ns = 0
     for item in Reading(path, lambda channel: True):
         if isinstance(item, RawMessage):
@@ -131,7 +131,7 @@ def _is_truth(channel: Channel) -> bool:
     return channel.topic == TRUTH_TOPIC and channel.type == TRUTH_TYPE
 
 
-def _label(decoder: RosDecoder, message: RawMessage) -> str:
+def _label(decoder: MessageDecoder, message: RawMessage) -> str:
     try:
         return str(decoder.decode(message).data)
     except (Undecodable, AttributeError) as error:

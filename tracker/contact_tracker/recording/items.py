@@ -38,6 +38,10 @@ PARSE_ERRORS: Final = (
 )
 
 
+POSE_ROW: Final = "contact_tracker/pose_row"
+"""The encoding of rows of poses: ``<q7d``, stamp, position, quaternion; the schema is their frames."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """A topic with its message type: schema name, its encoding and its text."""
@@ -88,9 +92,7 @@ def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
         case "zstd":
             data = inflate_zstd(chunk.data, size)
         case "lz4":
-            import lz4.frame  # type: ignore[import-untyped]
-
-            data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
+            data = inflate_lz4(chunk.data, size)
         case unknown:
             raise ValueError(f"unknown compression {unknown!r}")
     if len(data) != size:
@@ -103,6 +105,13 @@ def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
 def inflate_zstd(data: bytes, limit: int) -> bytes:
     """At most ``limit`` bytes, whatever size the compressed data promises."""
     return zstandard.ZstdDecompressor().stream_reader(data).read(limit)
+
+
+def inflate_lz4(data: bytes, limit: int) -> bytes:
+    """The same of lz4."""
+    import lz4.frame  # type: ignore[import-untyped]
+
+    return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit))
 
 
 class Run(NamedTuple):

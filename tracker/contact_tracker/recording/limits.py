@@ -17,6 +17,11 @@ _TOTAL_RATIO: Final = 400
 _RECORDS: Final = 40_000
 _BYTES_PER_RECORD: Final = 12
 """So many records are in chunks, and one more for so many bytes that were read."""
+BYTES_PER_RECORD: Final = 128
+"""So many bytes of a message, or of a header, are as much work as a record."""
+_ROWS: Final = 100_000
+_BYTES_PER_ROW: Final = 4
+"""The same of rows of tables that are compressed: they are read in columns."""
 _ADVICE: Final = "if it is sound, decompress the file first"
 
 
@@ -31,6 +36,7 @@ class WorkBudget:
         self._read = 0
         self._inflated = 0
         self._records = 0
+        self._rows = 0
 
     def count_read(self, count: int) -> None:
         """So many bytes more were read from the file, as they lie on the disk."""
@@ -58,3 +64,9 @@ class WorkBudget:
         self._records += many
         if self._records > _RECORDS + self._read // _BYTES_PER_RECORD:
             raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
+
+    def count_rows(self, many: int) -> None:
+        """So many rows of a compressed table, for each body in it, are to be read; raises TooMuchWork."""
+        self._rows += many
+        if self._rows > _ROWS + self._read // _BYTES_PER_ROW:
+            raise TooMuchWork(f"more rows than {self._read} bytes explain; if it is sound, write it as CSV")

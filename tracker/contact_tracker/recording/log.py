@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
 from types import MappingProxyType
@@ -11,9 +12,20 @@ from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
+from contact_tracker.recording.composition import Composer, stamped
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text
+from contact_tracker.recording.extras import MissingExtra
+from contact_tracker.recording.frames import (
+    ARROW,
+    Chain,
+    FrameFilter,
+    chain_between,
+    chain_relative,
+    composed_source,
+    moving_parent_note,
+)
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
-from contact_tracker.recording.reading import Reading, parts_of, summary_of
-from contact_tracker.recording.ros import RosDecoder, Undecodable
+from contact_tracker.recording.reading import STDIN, Reading, parts_of, summary_of
 from contact_tracker.recording.sources import (
     ChannelFilter,
     PoseSource,
@@ -41,10 +53,12 @@ class PoseLog:
     source : where the poses come from.
     taken : so many poses of the source were read, valid or not; the first was logged at
         ``first_log_time_ns``.
+    note : one line if the frame of the poses may move itself.
     late_sources : what showed up after this source was taken for the only one that fits.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
-        ``undecodable`` (messages), ``other_source`` (poses of late sources), ``log_time_as_stamp`` (poses
-        whose header has no time, see ``contact_tracker.recording.stamping``).
+        ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
+        define, or not so that it can be used), ``other_source`` (poses of late sources),
+        ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.stamping``).
     damage : one line if the recording turned out truncated or damaged; final after iteration.
 
     Raises
@@ -58,16 +72,21 @@ class PoseLog:
         source: PoseSource,
         reading: Reading,
         items: Iterator[Item],
-        decoder: RosDecoder,
+        decoder: MessageDecoder,
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
+        composer: Composer | None = None,
+        note: str | None = None,
     ) -> None:
         self.source = source
+        self.note = note
+        self._composer = composer
         self.late_sources: tuple[PoseSource, ...] = ()
         self.taken = 0
         self.first_log_time_ns = prefix[0][1]
         self._skipped = 0
+        self._why: str | None = None
         self._counts: Counter[str] = Counter()
         self._gate = PoseGate(self._counts)
         self._reading = reading
@@ -80,11 +99,19 @@ class PoseLog:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        return MappingProxyType(self._counts)
+        composed = self._composer.counts if self._composer is not None else Counter[str]()
+        return MappingProxyType(self._counts + composed if composed else self._counts)
 
     @property
     def damage(self) -> str | None:
         return self._reading.damage
+
+    @property
+    def assumption(self) -> str | None:
+        """One line if the known definition of a type was used instead of one in the file."""
+        count = self.counts.get("known_definition", 0)
+        why = self._why or (self._composer.why if self._composer is not None else None)
+        return assumption_text(count, self.source.type, why) if count and why else None
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses
@@ -138,8 +165,16 @@ class PoseLog:
         if self._skipped or not observed.poses.stamp_ns.all():  # a stamp that is zero may be missing
             return None
         admitted = self._gate.admit_all(observed.poses)
-        self.taken += 0 if admitted is None else len(messages)
+        if admitted is not None:
+            self.taken += len(messages)
+            self._note_assumption(channel, len(messages))
         return admitted
+
+    def _note_assumption(self, channel: Channel, many: int) -> None:
+        why = self._decoder.assumption(channel)
+        if why is not None:
+            self._why = why
+            self._counts["known_definition"] += many
 
     def _is_meant(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
         source = self.source
@@ -169,6 +204,7 @@ class PoseLog:
                 self.taken += 1
                 if self.taken <= self._skipped:
                     continue
+                self._note_assumption(item.channel, 1)
                 if stamping.lacks_stamp(pose.stamp_ns, item.log_time_ns):
                     counts["log_time_as_stamp"] += 1
                     pose = pose._replace(stamp_ns=stamping.from_log_time(item.log_time_ns))
@@ -204,18 +240,20 @@ def open_log(
     frame: str | None = None,
     follow: Follow | None = None,
     count_late: bool = False,
+    relative_to: str | None = None,
 ) -> PoseLog:
     """Open the poses of a recording.
 
     Parameters
     ----------
-    path : MCAP file, folder of rosbag2 parts, or ``-`` for standard input.
-    topic : take poses from this topic only.
+    path : MCAP file, ROS bag, table, folder of rosbag2 parts, or ``-`` for standard input.
+    topic : take poses from this topic only, ``/topic:TYPE`` where it has several types.
     frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
-        header's frame.
+        header's frame. Where nothing is published from parent to child, transforms between them are composed.
     follow : read on while the file grows, until it is finished or ``follow.stop()`` is called.
     count_late : poses of a source that shows up later, and would have fitted, are counted; else, and without
         ``follow``, iteration ends with AmbiguousSource.
+    relative_to : a frame, or the topic of another body: poses in it instead of in the frame of their header.
 
     Raises
     ------
@@ -226,22 +264,74 @@ def open_log(
     AmbiguousSource
         Several sources fit.
     """
-    wanted = ChannelFilter(topic)
+    is_chain = relative_to is not None or (frame is not None and ARROW in frame)
+    wanted = FrameFilter(topic, relative_to) if is_chain else ChannelFilter(topic)
     reading = Reading(path, wanted, follow)
-    decoder = RosDecoder(reading.budget)
+    decoder = MessageDecoder(reading.budget)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)
-    found_sources = set(known)
-    head: list[RawMessage] = []
-    while not (fitting := [s for s in known if frame is None or s.is_named(frame)]):
-        head = take_prefix(items)
-        if not head:
-            raise _explain(path, frame, found_sources, wanted, reading.damage)
-        known = poses_by_source(head, decoder)
-        found_sources |= known.keys()
-    source = only_one(path, fitting)
     count_late = count_late or follow is not None
-    return PoseLog(source, reading, chain(head, items), decoder, known[source], frame, count_late)
+    all_known = dict(known)
+    head: list[RawMessage] = []
+    while True:
+        fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
+        if fitting and relative_to is None:
+            source = only_one(path, fitting)
+            if follow is None:
+                source = replace(source, messages=_messages_by_topic(path).get(source.topic))
+            note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)
+            rest = chain(head, items)
+            return PoseLog(source, reading, rest, decoder, known[source], frame, count_late, note=note)
+        found = _chain(path, all_known, fitting, frame, relative_to)
+        if found is not None:
+            steps, source = found
+            at_once = 1 if follow is not None or path == STDIN else BATCH
+            composer = Composer(steps, steps.body, source, decoder, at_once)
+            composer.learn_static(all_known)
+            stream = composer.compose(chain(head, items))
+            prefix = [(stamped(*logged), logged[1]) for logged in all_known[steps[steps.body].source]]
+            return PoseLog(source, reading, stream, decoder, prefix, None, count_late, composer)
+        more = take_prefix(items)
+        if not more:
+            raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
+        head = [*head, *more] if is_chain else more
+        known = poses_by_source(more, decoder)
+        for new, poses in known.items():
+            all_known.setdefault(new, poses)
+
+
+def _chain(
+    path: str,
+    known: Mapping[PoseSource, list[Logged]],
+    fitting: list[PoseSource],
+    frame: str | None,
+    relative_to: str | None,
+) -> tuple[Chain, PoseSource] | None:
+    """The transforms to compose, and what the composed poses are called; None where none are known yet."""
+    if relative_to is None:
+        steps = chain_between(known, frame) if frame is not None and ARROW in frame else None
+        parent, _, child = (frame or "").partition(ARROW)
+    else:
+        bodies = [s for s in fitting if s.topic != relative_to or s.is_named(frame or "")]
+        if not bodies:
+            return None
+        body = only_one(path, bodies)
+        steps = chain_relative(path, known, body, relative_to)
+        parent, child = relative_to, body.child_frame_id
+    return None if steps is None else (steps, composed_source(steps, parent, child))
+
+
+def _note(
+    path: str, source: PoseSource, known: Mapping[PoseSource, list[Logged]], follow: Follow | None
+) -> str | None:
+    """What to say of a frame that may move itself."""
+    if not source.frame_id:
+        return None
+    sources = set(known)
+    if follow is None:
+        with suppress(NoPoses, MissingExtra):
+            sources |= poses_by_source(peek(path, FrameFilter(None, None)), MessageDecoder()).keys()
+    return moving_parent_note(sources, source)
 
 
 def list_sources(path: str) -> list[PoseSource]:
@@ -257,19 +347,32 @@ def list_sources(path: str) -> list[PoseSource]:
         messages = peek(path, wanted) or take_prefix(iter(Reading(path, wanted)))
     except NoPoses:
         return []
+    counts = _messages_by_topic(path)
+    sources = sorted(poses_by_source(messages, MessageDecoder()))
+    return [replace(source, messages=counts.get(source.topic)) for source in sources]
+
+
+def _messages_by_topic(path: str) -> Counter[str]:
+    """As far as indexes tell."""
     counts: Counter[str] = Counter()
     for part in parts_of(path):
         summary = summary_of(part)
         for channel_id, count in message_counts(summary):
             assert summary is not None
             counts[channel_of(summary.channels[channel_id], summary.schemas).topic] += count
-    sources = sorted(poses_by_source(messages, RosDecoder()))
-    return [replace(source, messages=counts.get(source.topic)) for source in sources]
+    return counts
 
 
 def _explain(
-    path: str, frame: str | None, found_sources: set[PoseSource], wanted: ChannelFilter, damage: str | None
+    path: str,
+    frame: str | None,
+    found_sources: set[PoseSource],
+    wanted: ChannelFilter,
+    damage: str | None,
+    relative_to: str | None,
 ) -> Exception:
+    if found_sources and relative_to is not None:
+        return not_named(path, f"that leads to {relative_to}", found_sources)
     if found_sources and frame is not None:
         return not_named(path, frame, found_sources)
     if damage is not None:

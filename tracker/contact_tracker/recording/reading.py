@@ -3,42 +3,56 @@
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from heapq import heappop, heappush
-from itertools import count, pairwise
+from itertools import pairwise
 from typing import Final
 
 from mcap.reader import SeekingReader
+from mcap.records import ChunkIndex
 from mcap.summary import Summary
 
 from contact_tracker.errors import AmbiguousSource, UnreadableRecording
+from contact_tracker.recording.bags import is_bag, read_bag
 from contact_tracker.recording.bytestream import ZSTD_MAGIC, ByteStream, Follow, is_regular, open_stream
 from contact_tracker.recording.container import MAGIC, RecordLoop
 from contact_tracker.recording.damage import DamageReport
-from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item, RawMessage
+from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item
 from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
+from contact_tracker.recording.log_order import in_log_order
+from contact_tracker.recording.tables import is_table, read_table
 
 STDIN: Final = "-"
-_COMPRESSED: Final = ".zstd"
-_ENDINGS: Final = (".mcap", f".mcap{_COMPRESSED}")
+_COMPRESSED: Final = (".zstd", ".zst")
+_ENDINGS: Final = (".mcap", ".db3", *(f".mcap{end}" for end in _COMPRESSED))
+_PACKED: Final = {
+    b"\x04\x22\x4d\x18": "lz4 -d",
+    b"\x1f\x8b": "gunzip",
+    b"PK\x03\x04": "unzip",
+    b"BZh": "bunzip2",
+}
+"""How other compressed files begin, and what makes plain ones of them."""
+_LFS: Final = b"version https://git-lfs"
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
 """Parts of one recording overlap by no more, and no more lies between them."""
-_PENDING_BYTES: Final = 256 * 2**20
 _NAMED: Final = 4
+_BEGIN: Final = 64
+"""So many bytes tell what a file is."""
 
 
 def parts_of(path: str) -> list[str]:
-    """The files of a recording in their order: ``path`` itself, or what a rosbag2 folder holds.
+    """The files of a recording in their order: ``path`` itself, or what a rosbag2 folder holds. The
+    ``metadata.yaml`` of a folder stands for the folder.
 
     Parts are ordered by name with numbers as numbers; of a part that is there both plain and compressed
-    the plain one is taken.
+    the plain one is taken, of one in .mcap and .db3 the .mcap.
 
     Raises
     ------
     UnreadableRecording
         If there is no such file, or the folder holds no part.
     """
+    path = recording_of(path)
     if path == STDIN or not os.path.isdir(path):
         if path != STDIN and not os.path.exists(path):
             raise UnreadableRecording(f"{path}: no such file")
@@ -48,12 +62,32 @@ def parts_of(path: str) -> list[str]:
     except OSError as error:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
     if not names:
-        raise UnreadableRecording(f"{path}: this folder holds no .mcap file")
-    return [os.path.join(path, n) for n in names if (plain := _plain(n)) == n or plain not in names]
+        raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{_packed_in(path)}")
+    return [os.path.join(path, n) for n in names if not _is_there_twice(n, names)]
+
+
+def _is_there_twice(name: str, names: Sequence[str]) -> bool:
+    """Whether a part is there decompressed, or converted to MCAP, as well."""
+    plain = _plain(name)
+    if plain != name:
+        return plain in names
+    return name.lower().endswith(".db3") and f"{name[:-4]}.mcap" in names
+
+
+def recording_of(path: str) -> str:
+    """The recording that a name means: that of a folder's ``metadata.yaml`` is the folder."""
+    return os.path.dirname(path) or "." if os.path.basename(path) == _METADATA else path
+
+
+def _packed_in(folder: str) -> str:
+    """What to do with packed parts in a folder, if there are any."""
+    names = sorted(n for n in os.listdir(folder) if re.search(r"\.(mcap|db3)\.\w+$", n.lower()))
+    return f"; decompress {names[0]} first" if names else ""
 
 
 def may_be_recording(path: str) -> bool:
-    """Whether a file begins as an MCAP file does, or is compressed and what is in it cannot be told.
+    """Whether a file begins as an MCAP file or a ROS bag does, or is compressed and what is in it cannot be
+    told.
 
     Raises
     ------
@@ -61,7 +95,10 @@ def may_be_recording(path: str) -> bool:
         If it cannot be read.
     """
     with open(path, "rb") as file:
-        begin = file.read(len(MAGIC))
+        begin = file.read(_BEGIN)
+    if is_bag(begin):
+        return True
+    begin = begin[: len(MAGIC)]
     if begin.startswith(ZSTD_MAGIC):
         with open_stream(path) as stream:
             begin = stream.read(len(MAGIC))
@@ -111,7 +148,7 @@ def _may_follow(
 
 
 def _without_numbers(part: str) -> str:
-    return re.sub(r"\d+", "", os.path.basename(part).removesuffix(".zstd"))
+    return re.sub(r"\d+", "", _plain(os.path.basename(part)))
 
 
 def _interval_ns(part: str) -> tuple[int, int] | None:
@@ -146,6 +183,7 @@ class Reading:
     """
 
     def __init__(self, path: str, wanted: Callable[[Channel], bool], follow: Follow | None = None) -> None:
+        path = recording_of(path)
         if follow is None:
             refuse_unrelated(path, parts_of(path))
         self.path = path
@@ -167,7 +205,7 @@ class Reading:
                 yield from self._part(part, single)
                 readable = True
             except UnreadableRecording as error:
-                named = UnreadableRecording(f"{_shown(part)}: {error}")
+                named = type(error)(f"{_shown(part)}: {error}")
                 errors.append(named)
                 self._damage.add(str(named))
         if errors and not readable:
@@ -175,6 +213,14 @@ class Reading:
 
     def _part(self, part: str, single: bool) -> Iterator[Item]:
         prefix = "" if single else f"{os.path.basename(part)}: "
+        begin = _begin(part)
+        _refuse_packed(part, begin)
+        read = read_bag if is_bag(begin) else read_table if is_table(part, begin) else None
+        if read is not None:
+            if self._follow:
+                raise UnreadableRecording("only an MCAP file can be followed")
+            yield from read(part, self._wanted, lambda text: self._damage.add(prefix + text), self.budget)
+            return
         summary = None if self._follow else summary_of(part)
         with open_stream(part, self._follow, self.budget) as stream:
             if summary is not None and _is_sortable(summary) and not is_in_log_order(summary):
@@ -193,20 +239,14 @@ class Reading:
         their log time. Chunks are held as long as others may have earlier messages."""
         places = [a.offset for a in summary.attachment_indexes] + [m.offset for m in summary.metadata_indexes]
         yield from self._read(RecordLoop(stream, self._wanted, summary, places=places), prefix)
-        pending, pending_bytes, number = list[tuple[int, int, RawMessage]](), 0, count()
         chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
-        for chunk in chunks:
-            while pending and (pending[0][0] < chunk.message_start_time or pending_bytes > _PENDING_BYTES):
-                _, _, earliest = heappop(pending)
-                pending_bytes -= len(earliest.data)
-                yield earliest
-            loop = RecordLoop(stream, self._wanted, summary, places=[chunk.chunk_start_offset])
-            for item in self._read(loop, prefix):
-                if isinstance(item, RawMessage):
-                    heappush(pending, (item.log_time_ns, next(number), item))
-                    pending_bytes += len(item.data)
-        while pending:
-            yield heappop(pending)[2]
+        yield from in_log_order(
+            (c.message_start_time, self._chunk(stream, summary, c, prefix)) for c in chunks
+        )
+
+    def _chunk(self, stream: ByteStream, summary: Summary, chunk: ChunkIndex, prefix: str) -> Iterator[Item]:
+        loop = RecordLoop(stream, self._wanted, summary, places=[chunk.chunk_start_offset])
+        return self._read(loop, prefix)
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
         """Parts in order, and whether there is only the one; when following, those to come too."""
@@ -224,6 +264,25 @@ class Reading:
         return os.path.exists(os.path.join(self.path, _METADATA))
 
 
+def _begin(part: str) -> bytes:
+    """The first bytes of a file; none of what can be read only once."""
+    if not is_regular(part):
+        return b""
+    try:
+        with open(part, "rb") as file:
+            return file.read(_BEGIN)
+    except OSError:
+        return b""
+
+
+def _refuse_packed(part: str, begin: bytes) -> None:
+    for magic, command in _PACKED.items():
+        if begin.startswith(magic):
+            raise UnreadableRecording(f"it is compressed: {command} {os.path.basename(part)} first")
+    if begin.startswith(_LFS):
+        raise UnreadableRecording("it is a pointer of Git LFS, not the file itself: git lfs pull")
+
+
 def _is_sortable(summary: Summary) -> bool:
     """Whether the index knows all that is in the file."""
     known = summary.statistics
@@ -235,7 +294,8 @@ def _is_sortable(summary: Summary) -> bool:
 
 def _plain(name: str) -> str:
     """The name of a part without the ending of compressed files, in whatever case."""
-    return name[: -len(_COMPRESSED)] if name.lower().endswith(_COMPRESSED) else name
+    ending = next((end for end in _COMPRESSED if name.lower().endswith(end)), "")
+    return name.removesuffix(name[len(name) - len(ending) :]) if ending else name
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -5,11 +5,12 @@ frames from a prefix that starts at the first chunk that holds each. Everything 
 truncated and index-less files) is judged by the prefix of the whole. A prefix is one second of log time from
 its first pose, and at most 2000 pose messages. Where another source that fits shows up only later, the user
 has to choose; a live stream goes on with the first one, and says so.
-`/tf_static` does not move and counts as a source only when its topic is asked for.
+`/tf_static` does not move, and `/contact/frames` are those of a result: they count as sources only when their
+topic is asked for.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Final
@@ -19,15 +20,17 @@ from mcap.summary import Summary
 from contact_tracker.errors import AmbiguousSource, NoPoses
 from contact_tracker.recording.bytestream import open_stream
 from contact_tracker.recording.container import RecordLoop
+from contact_tracker.recording.decoding import READ, MessageDecoder, Undecodable, is_readable, may_have_poses
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
 from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.message_types import USUAL, canonical
 from contact_tracker.recording.reading import parts_of, summary_of
-from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
+from contact_tracker.recording.result_topics import FRAMES_TOPIC, RESULT_TOPICS
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
 
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
-_POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage")
+_POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
 
 
 @dataclass(frozen=True, order=True)
@@ -54,37 +57,56 @@ class PoseSource:
 
 
 class ChannelFilter:
-    """Whether a channel may carry the poses that are meant; remembers all channels it was asked about."""
+    """Whether a channel may carry the poses that are meant; remembers all channels it was asked about.
+
+    Parameters
+    ----------
+    topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
+    """
 
     def __init__(self, topic: str | None) -> None:
         self._topic = topic
-        self.seen: dict[str, Channel] = {}
+        self.seen: dict[tuple[str, str, str], Channel] = {}
 
     def __call__(self, channel: Channel) -> bool:
-        self.seen[channel.topic] = channel
-        if channel.type not in POSE_TYPES or not is_ros2(channel):
-            return False
+        self.seen[channel.topic, channel.type, channel.encoding] = channel
+        return may_have_poses(channel) and self._is_asked(channel)
+
+    def takes(self, source: PoseSource) -> bool:
+        """Whether the poses themselves may be of this source, among those of the channels that are read."""
+        return True
+
+    def _is_asked(self, channel: Channel) -> bool:
         if self._topic is None:
-            return not channel.topic.endswith("tf_static")
-        return channel.topic == self._topic
+            return not channel.topic.endswith("tf_static") and channel.topic not in RESULT_TOPICS
+        if channel.topic == self._topic:
+            return True
+        topic, colon, kind = self._topic.rpartition(":")
+        names = (channel.type, canonical(channel.type), re.split(r"[/.]", channel.type)[-1])
+        return bool(colon) and channel.topic == topic and kind in names
 
     def nothing_found(self, path: str) -> NoPoses:
         """The error that says what the recording holds instead of the poses that were asked for."""
-        asked = self.seen.get(self._topic) if self._topic is not None else None
-        if asked is not None and self(asked):
-            return NoPoses(f"{path}: no message on {asked.topic} can be decoded")
-        if asked is not None:
-            return NoPoses(f"{path}: {_unsuitable(asked)}")
-        poses = [c for c in self.seen.values() if c.type in POSE_TYPES and is_ros2(c)]
-        alike = [c for c in self.seen.values() if _POSE_LIKE.search(c.type) and not is_ros2(c)]
+        seen = list(self.seen.values())
+        asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
+        if any(map(self, asked)):
+            return NoPoses(f"{path}: no message on {asked[0].topic} can be decoded")
+        if asked:
+            return NoPoses(f"{path}: {_reasons(asked)}")
+        poses = [c for c in seen if may_have_poses(c)]
+        alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
         if self._topic is not None:
-            topics = _listing(c.topic for c in (poses or self.seen.values()))
+            topics = _listing(dict.fromkeys(c.topic for c in (poses or seen)))
             return NoPoses(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
+        if any(c.topic == FRAMES_TOPIC for c in poses):
+            return NoPoses(f"{path}: it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it")
         if poses:
             return NoPoses(f"{path}: no pose on {_listing(c.topic for c in poses)} can be read")
+        alike = alike or [c for c in seen if not is_readable(c)]
         if alike:
-            return NoPoses(f"{path}: {'; '.join(map(_unsuitable, alike[:_LISTED]))}")
-        return NoPoses(f"{path}: no pose topic among {_listing(self.seen) or 'no topics at all'}")
+            return NoPoses(f"{path}: {_reasons(alike)}")
+        topics = _listing(f"{c.topic} ({c.type})" for c in seen)
+        return NoPoses(f"{path}: no pose topic among {topics or 'no topics at all'}; poses are {USUAL}")
 
 
 def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
@@ -173,7 +195,9 @@ def _is_full(prefix: list[RawMessage]) -> bool:
     return len(prefix) >= PREFIX_MESSAGES or prefix[-1].log_time_ns - prefix[0].log_time_ns >= PREFIX_NS
 
 
-def poses_by_source(messages: Iterable[RawMessage], decoder: RosDecoder) -> dict[PoseSource, list[Logged]]:
+def poses_by_source(
+    messages: Iterable[RawMessage], decoder: MessageDecoder
+) -> dict[PoseSource, list[Logged]]:
     """The sources in some messages, each with its poses; what cannot be decoded is passed over."""
     poses: dict[PoseSource, list[Logged]] = {}
     for message in messages:
@@ -206,11 +230,19 @@ def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> NoPoses:
     return NoPoses(f"{path}: no pose source has the frame {frame}; there is {listing}")
 
 
+def _reasons(channels: Sequence[Channel]) -> str:
+    """Why these are no sources of poses, and what would be."""
+    reasons = [_unsuitable(channel) for channel in channels[:_LISTED]]
+    advice = [f"poses are {USUAL}"] if any(map(is_readable, channels)) else []
+    if not all(map(is_readable, channels)):
+        advice.append(f"only {READ} with their schemas are read: record or convert it so")
+    return "; ".join(reasons + advice)
+
+
 def _unsuitable(channel: Channel) -> str:
-    if not is_ros2(channel):
+    if not is_readable(channel) or not channel.type:
         how = f"{channel.encoding or 'no encoding'} with {channel.schema_encoding or 'no schema'}"
-        kind = channel.type or "of no type"
-        return _printable(f"{channel.topic} is {kind} in {how}") + "; only cdr with ros2msg is read"
+        return _printable(f"{channel.topic} is {channel.type or 'of no type'} in {how}")
     return _printable(f"{channel.topic} is {channel.type}, which is no pose")
 
 

@@ -40,6 +40,11 @@ class Stamping:
         self._near_zero_ns = max(PREFIX_NS, max(good)[0] - min(good)[0]) if good else PREFIX_NS
 
     @property
+    def log_offset_ns(self) -> int:
+        """By how much later than its stamp a pose was logged, usually."""
+        return 0 if self.by_log_time or self._offset_ns is None else self._offset_ns
+
+    @property
     def values(self) -> tuple[bool, int | None, int]:
         """All that it has taken from the prefix."""
         return self.by_log_time, self._offset_ns, self._near_zero_ns

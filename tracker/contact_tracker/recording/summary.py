@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
+from contact_tracker.recording.decoding import MessageDecoder, Undecodable, assumption_text, may_have_poses
 from contact_tracker.recording.items import Attachment, Channel, Metadata, RawMessage
 from contact_tracker.recording.reading import Reading
-from contact_tracker.recording.ros import POSE_TYPES, RosDecoder, Undecodable, is_ros2
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged, Stamping
 
@@ -77,6 +77,7 @@ class RecordingSummary:
     metadata : records by name. attachments : their names.
     undecodable : messages of pose topics that are not what their schema promises.
     damage : one line if it is truncated or damaged.
+    assumptions : one line for each source whose type was not defined in the file, or not usably.
     """
 
     sources: tuple[SourceSummary, ...]
@@ -86,6 +87,7 @@ class RecordingSummary:
     undecodable: int
     damage: str | None
     more_sources: bool = False
+    assumptions: tuple[str, ...] = ()
 
 
 def summarise(path: str) -> RecordingSummary:
@@ -100,7 +102,7 @@ def summarise(path: str) -> RecordingSummary:
     metadata: dict[str, Mapping[str, str]] = {}
     attachments: list[str] = []
     reading = Reading(path, lambda channel: True)
-    tallies = _Tallies(RosDecoder(reading.budget))
+    tallies = _Tallies(MessageDecoder(reading.budget))
     for item in reading:
         match item:
             case Metadata(name, values):
@@ -122,23 +124,29 @@ def summarise(path: str) -> RecordingSummary:
         tallies.undecodable,
         reading.damage,
         tallies.more_sources,
+        tallies.assumptions,
     )
 
 
 class _Tallies:
     """Running figures of all sources, from messages that wait until there are many of a channel."""
 
-    def __init__(self, decoder: RosDecoder) -> None:
+    def __init__(self, decoder: MessageDecoder) -> None:
         self.undecodable = 0
         self.more_sources = False
         self._decoder = decoder
+        self._current: Channel | None = None
+        self._has_poses = False
         self._waiting: dict[Channel, list[RawMessage]] = {}
         self._tallies: dict[PoseSource, _Tally] = {}
         self._kept = 0
+        self._assumed: dict[PoseSource, str] = {}
 
     def add(self, message: RawMessage) -> None:
         channel = message.channel
-        if channel.type not in POSE_TYPES or not is_ros2(channel):
+        if channel is not self._current:
+            self._current, self._has_poses = channel, may_have_poses(channel)
+        if not self._has_poses:
             return
         waiting = self._waiting.setdefault(channel, [])
         waiting.append(message)
@@ -150,6 +158,14 @@ class _Tallies:
             self._tally(waiting)
         return tuple(self._tallies[source].summary(source) for source in sorted(self._tallies))
 
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What was read by known definitions, in words."""
+        return tuple(
+            f"{source.topic}: {assumption_text(self._tallies[source].observed, source.type, why)}"
+            for source, why in sorted(self._assumed.items())
+        )
+
     def _tally(self, messages: list[RawMessage]) -> None:
         """Take in messages of one channel."""
         channel = messages[0].channel
@@ -157,7 +173,7 @@ class _Tallies:
         if columns is not None:
             source = PoseSource(channel.topic, channel.type, columns.frame_id, columns.child_frame_id)
             log_times_ns = [message.log_time_ns for message in messages]
-            self._add(source, columns.poses, log_times_ns)
+            self._add(source, columns.poses, log_times_ns, channel)
             return
         observed = dict[PoseSource, list[Logged]]()
         for message in messages:
@@ -170,15 +186,22 @@ class _Tallies:
                 source = PoseSource(channel.topic, channel.type, frame_id, child_frame_id)
                 observed.setdefault(source, []).append((pose, message.log_time_ns))
         for source, logged in observed.items():
-            self._add(source, [pose for pose, _ in logged], [log_time_ns for _, log_time_ns in logged])
+            poses, log_times_ns = [pose for pose, _ in logged], [log_time_ns for _, log_time_ns in logged]
+            self._add(source, poses, log_times_ns, channel)
 
-    def _add(self, source: PoseSource, poses: Poses | list[Pose], log_times_ns: list[int]) -> None:
+    def _add(
+        self, source: PoseSource, poses: Poses | list[Pose], log_times_ns: list[int], channel: Channel
+    ) -> None:
         tally = self._tallies.get(source)
         if tally is None:
             if len(self._tallies) >= SOURCES_KEPT:
                 self.more_sources = True
                 return
             tally = self._tallies[source] = _Tally()
+        why = self._decoder.assumption(channel)
+        if why is not None:
+            self._assumed[source] = why
+            tally.counts["known_definition"] += len(poses)
         kept = tally.kept
         tally.add(poses, log_times_ns, keep=self._kept < KEPT_POSES)
         self._kept += tally.kept - kept
@@ -202,13 +225,13 @@ class _Sample:
 
 
 class _Tally:
-    """Running figures of one source; ``kept`` poses of its beginning."""
+    """Running figures of one source; ``kept`` poses of its beginning, of ``observed`` that were published."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self.kept = 0
         self._gate = PoseGate(self.counts)
-        self._observed = 0
+        self.observed = 0
         self._prefix: list[Logged] = []
         self._stamping: Stamping | None = None
         self._poses = 0
@@ -223,7 +246,7 @@ class _Tally:
 
     def add(self, observed: Poses | list[Pose], log_times_ns: list[int], keep: bool) -> None:
         """Take in poses; the first wait until there are enough to say which stamps they get."""
-        self._observed += len(observed)
+        self.observed += len(observed)
         if isinstance(observed, Poses) and self._stamping is not None:
             self._note_offsets(observed.stamp_ns, log_times_ns)
             if not self._stamping.by_log_time and observed.stamp_ns.all():
@@ -289,7 +312,7 @@ class _Tally:
         return SourceSummary(
             source=source,
             poses=self._poses,
-            observed=self._observed,
+            observed=self.observed,
             first_ns=self._first_ns if self._poses else None,
             last_ns=int(self._last.stamp_ns[0]) if self._poses else None,
             median_rate_hz=1e9 / period_ns,

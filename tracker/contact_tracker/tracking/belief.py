@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.flat import flat
 from contact_tracker.states import STATES, Contact
 
 Array = NDArray[np.float64]
@@ -65,6 +66,9 @@ class Belief:
             "onset_ns": int(self.onset_ns),
             "inseparable": [state.value for state in self.inseparable],
             "geometry": self.geometry.to_json() if self.geometry else {},
+            "inseparable_names": " ".join(self.inseparable),
+            "object": flat(self.geometry.object if self.geometry else None),
+            "environment": flat(self.geometry.environment if self.geometry else None),
         }
 
 

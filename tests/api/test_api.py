@@ -1,0 +1,271 @@
+"""The functions that programs use: the same answers as inside, and each mistake told in one line."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import contact_tracker
+from contact_tracker import Trajectory
+from contact_tracker.adaptation import advance, finish, start
+from contact_tracker.adaptation import segment as segment_inside
+from contact_tracker.config.loading import load_model
+from contact_tracker.errors import (
+    AmbiguousSource,
+    InvalidPose,
+    KnowledgeError,
+    MissingExtra,
+    ModelError,
+    NoPoses,
+    StateError,
+    UnreadableRecording,
+    UsageError,
+)
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import write_recording
+from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+from short_recordings import FACE_TO_EDGE, recorded
+
+WXYZ = [3, 0, 1, 2]
+
+
+@pytest.fixture(scope="module")
+def poses() -> Poses:
+    return recorded(FACE_TO_EDGE).poses
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory, poses: Poses) -> Path:
+    path = tmp_path_factory.mktemp("api") / "cube.mcap"
+    write_recording(str(path), poses, None, {})
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(log: Path) -> contact_tracker.Result:
+    return contact_tracker.segment(log)
+
+
+def arrays(poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return poses.stamp_ns, poses.position_m, poses.quat_xyzw
+
+
+def test_all_names_are_there_and_nothing_is_imported_before_they_are_asked_for() -> None:
+    assert all(hasattr(contact_tracker, name) for name in contact_tracker.__all__)
+    assert set(contact_tracker.__all__) <= set(dir(contact_tracker))
+    with pytest.raises(AttributeError, match="no attribute 'sgement'"):
+        contact_tracker.sgement  # noqa: B018
+    code = (
+        "import sys, contact_tracker; assert 'numpy' not in sys.modules; contact_tracker.segment;"
+        "print(*{'pandas', 'polars', 'pyarrow', 'plotly', 'foxglove', 'rerun'} & set(sys.modules))"
+    )
+    path = str(Path(contact_tracker.__file__).parent.parent)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={"PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (0, "\n"), done.stderr
+
+
+def test_a_recording_is_read_as_the_command_reads_it(log: Path, poses: Poses) -> None:
+    trajectory = contact_tracker.read(log)
+    for got, expected in zip(
+        (trajectory.stamp_ns, trajectory.position_m, trajectory.quat_xyzw), arrays(poses), strict=True
+    ):
+        np.testing.assert_allclose(got, expected, atol=1e-15)
+    assert (trajectory.counts, trajectory.damage, trajectory.name) == ({}, None, "cube.mcap")
+    assert "cube.mcap" in repr(trajectory)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1)])
+def test_stamps_may_have_any_unit(poses: Poses, unit: str, factor: int) -> None:
+    whole = (poses.stamp_ns - poses.stamp_ns[0]) / factor
+    trajectory = Trajectory.from_arrays(whole, poses.position_m, poses.quat_xyzw, unit=unit)
+    np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns - poses.stamp_ns[0])
+
+
+def test_quaternions_may_start_with_w_and_dates_are_stamps(poses: Poses) -> None:
+    dates = poses.stamp_ns.astype("datetime64[ns]")
+    trajectory = Trajectory.from_arrays(dates, poses.position_m, poses.quat_xyzw[:, WXYZ], order="wxyz")
+    np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns)
+    np.testing.assert_allclose(trajectory.quat_xyzw, poses.quat_xyzw, atol=1e-15)
+
+
+def test_what_is_wrong_with_single_poses_is_counted(poses: Poses) -> None:
+    stamps, places, turns = (column[:600].astype(float) for column in arrays(poses))
+    stamps = (stamps - stamps[0]) * 1e-9
+    stamps[30], stamps[40], stamps[50] = np.nan, 1e30, stamps[49]
+    places, turns = places.copy(), turns.copy()
+    places[60, 1], turns[70] = np.inf, 0.0
+    trajectory = Trajectory.from_arrays(stamps, places, turns)
+    assert trajectory.counts == {
+        "nonfinite": 2,
+        "out_of_range": 1,
+        "repeated_stamp": 1,
+        "bad_quaternion": 1,
+    }
+    assert len(trajectory) == 595
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars", "dict"])
+def test_tables_are_read_by_the_names_of_their_columns(poses: Poses, library: str) -> None:
+    columns = {"stamp_ns": poses.stamp_ns}
+    columns |= dict(zip(("x", "y", "z"), poses.position_m.T, strict=True))
+    columns |= dict(zip(("qx", "qy", "qz", "qw"), poses.quat_xyzw.T, strict=True))
+    table = columns if library == "dict" else pytest.importorskip(library).DataFrame(columns)
+    trajectory = Trajectory.from_dataframe(table)
+    np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns)
+    with pytest.raises(UsageError, match="no column 'quat_x'; there are"):
+        Trajectory.from_dataframe(table, quat_xyzw=("quat_x", "qy", "qz", "qw"))
+
+
+def test_dates_of_pandas_with_a_zone_are_stamps(poses: Poses) -> None:
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(
+        np.hstack([poses.position_m, poses.quat_xyzw]), columns=[*"xyz", "a", "b", "c", "d"]
+    )
+    table["time"] = pandas.to_datetime(poses.stamp_ns, utc=True)
+    trajectory = Trajectory.from_dataframe(table, "time", quat_xyzw=("a", "b", "c", "d"))
+    np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns)
+
+
+def test_a_result_is_what_is_found_inside(result: contact_tracker.Result, poses: Poses) -> None:
+    expected = segment_inside(gate(poses), load_model())
+    assert [s.contact.value for s in result.segments] == ["f-f", "e-f"]
+    assert [(s.start_ns, s.end_ns) for s in result.segments] == [
+        (s.start_ns, s.end_ns) for s in expected.segments
+    ]
+    np.testing.assert_array_equal(result.beliefs.probability, expected.beliefs.probability)
+    assert str(result).splitlines()[1].split()[2] == "f-f"
+    assert result.warnings == ()
+
+
+def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_path: Path) -> None:
+    short = Trajectory(poses[:300])
+    (tmp_path / "known.toml").write_text("[up]\ndirection = [0, 0, 1]\n")
+    given = [
+        {"model": "mocap_200hz", "noise": "0.3mm,0.15deg", "known": str(tmp_path / "known.toml")},
+        {
+            "model": load_model("mocap_200hz"),
+            "noise": (3e-4, np.radians(0.15)),
+            "known": {"up": {"direction": [0, 0, 1]}},
+        },
+    ]
+    first, second = (contact_tracker.segment(short, **options) for options in given)
+    np.testing.assert_allclose(first.beliefs.probability, second.beliefs.probability, atol=1e-9)
+    assert first.report is not None
+    assert first.report.noise == pytest.approx((3e-4, np.radians(0.15)))
+
+
+def test_a_tracker_says_what_the_command_says_and_carries_on_to_the_last_bit(
+    poses: Poses, tmp_path: Path
+) -> None:
+    state, expected = start(load_model()), []
+    for pose in gate(poses):
+        state, said = advance(state, pose)
+        expected += said[-1:]
+    expected += finish(state)[1]
+    tracker, beliefs = contact_tracker.Tracker(), []
+    for number, pose in enumerate(poses):
+        beliefs += filter(None, [tracker.update(*pose)])
+        if number == 700:
+            tracker.save(tmp_path / "state")
+            tracker = contact_tracker.Tracker.load(tmp_path / "state")
+    beliefs += tracker.finish()
+    assert [belief.to_json() for belief in beliefs] == [belief.to_json() for belief in expected]
+
+
+def test_a_tracker_counts_what_it_drops_and_takes_arrays(poses: Poses) -> None:
+    tracker = contact_tracker.Tracker()
+    stamps, places, turns = arrays(poses)
+    for i in range(100):
+        tracker.update(stamps[i], places[i], turns[i])
+    tracker.update(stamps[99], places[99], turns[99])
+    tracker.update(stamps[100], [np.nan] * 3, turns[100])
+    assert tracker.counts == {"repeated_stamp": 1, "nonfinite": 1}
+    for stamp, place, turn in ((1.5, (0, 0, 0), (0, 0, 0, 1)), (1, (0, 0), (0, 0, 0, 1)), (1, (0, 0, 0), 1)):
+        with pytest.raises(InvalidPose):
+            tracker.update(stamp, place, turn)
+
+
+def test_mistakes_are_errors_of_the_package(poses: Poses, log: Path, tmp_path: Path) -> None:
+    stamps, places, turns = arrays(poses)
+    write_log(tmp_path / "two.mcap", [poses_topic(smooth_poses(50), name) for name in ("/a", "/b")])
+    (tmp_path / "text.state").write_text("no state")
+    mistakes = [
+        (UsageError, "not int", lambda: contact_tracker.segment(3)),
+        (UnreadableRecording, "no such file", lambda: contact_tracker.read(tmp_path / "absent.mcap")),
+        (AmbiguousSource, "/a", lambda: contact_tracker.read(tmp_path / "two.mcap")),
+        (UsageError, "standard input", lambda: contact_tracker.read("-")),
+        (UsageError, "unit is", lambda: Trajectory.from_arrays(stamps, places, turns, unit="min")),
+        (UsageError, "order is", lambda: Trajectory.from_arrays(stamps, places, turns, order="zyx")),
+        (UsageError, "1 stamps", lambda: Trajectory.from_arrays([1], places, turns)),
+        (UsageError, r"\(N, 3\)", lambda: Trajectory.from_arrays(stamps, places.T, turns)),
+        (UsageError, "no numbers", lambda: Trajectory.from_arrays(["a"], places[:1], turns[:1])),
+        (NoPoses, "unit of the stamps", lambda: Trajectory.from_arrays(stamps, places, turns)),
+        (NoPoses, "no pose", lambda: Trajectory.from_arrays([], np.zeros((0, 3)), np.zeros((0, 4)))),
+        (ModelError, "defualt", lambda: contact_tracker.segment(log, model="defualt")),
+        (KnowledgeError, "wall", lambda: contact_tracker.segment(log, known={"wall": 1})),
+        (UsageError, "noise is", lambda: contact_tracker.segment(log, noise="a lot")),
+        (UsageError, "noise is", lambda: contact_tracker.segment(log, noise=(1.0, 2.0, 3.0))),
+        (UsageError, "lag_s", lambda: contact_tracker.Tracker(lag_s=-1.0)),
+        (StateError, "no saved state", lambda: contact_tracker.Tracker.load(tmp_path / "text.state")),
+    ]
+    for kind, text, mistake in mistakes:
+        with pytest.raises(kind, match=text):
+            mistake()
+
+
+def test_a_frame_in_another_is_composed_of_the_transforms_between(tmp_path: Path) -> None:
+    moving, mount = smooth_poses(40), (0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    rows = [(p.stamp_ns, {"transforms": [transform(*p, frame="base", child="tool")]}) for p in moving]
+    fixed = [(int(moving.stamp_ns[0]), {"transforms": [transform(*mount, frame="world", child="base")]})]
+    kind = "tf2_msgs/msg/TFMessage"
+    path = write_log(tmp_path / "tf.mcap", [Topic("/tf_static", kind, fixed), Topic("/tf", kind, rows)])
+    child = contact_tracker.read(path, child="tool")
+    composed = contact_tracker.read(path, parent="world", child="tool")
+    np.testing.assert_allclose(child.position_m, moving.position_m)
+    np.testing.assert_allclose(composed.position_m, np.add(child.position_m, (1.0, 2.0, 3.0)))
+    with pytest.raises(UsageError, match="parent needs child"):
+        contact_tracker.read(path, parent="world")
+
+
+def test_results_replace_no_recording_that_they_are_not_told_to(
+    result: contact_tracker.Result, log: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match="it is the input"):
+        result.to_mcap(log, overwrite=True)
+    (tmp_path / "other.mcap").write_bytes(log.read_bytes())
+    with pytest.raises(UsageError, match="overwrite=True"):
+        result.to_mcap(tmp_path / "other.mcap")
+    with pytest.raises(UsageError, match=r"must end in \.parquet"):
+        result.to_parquet(tmp_path / "ticks.csv")
+    with pytest.raises(UsageError, match="'ticks' or 'segments'"):
+        result.to_pandas("poses")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("library", "name"),
+    [
+        ("pandas", "to_pandas"),
+        ("polars", "to_polars"),
+        ("matplotlib", "plot"),
+        ("pyarrow", "to_parquet"),
+        ("foxglove", "to_mcap"),
+        ("plotly", "to_html"),
+    ],
+)
+def test_a_library_that_is_missing_is_told_with_its_extra(
+    result: contact_tracker.Result, tmp_path: Path, library: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in [
+        m for m in sys.modules if m.split(".")[0] == library or m.startswith("contact_tracker.exports")
+    ]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, library, None)
+    suffix = {"to_parquet": ".parquet", "to_mcap": ".mcap", "to_html": ".html"}.get(name)
+    with pytest.raises(MissingExtra, match=rf"needs {library}: pip install 'contact-tracker\[\w+\]'"):
+        getattr(result, name)(*([tmp_path / f"out{suffix}"] if suffix else []))
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,202 @@
+"""What makes the command line pleasant: help, completion, colours, verbosity, and outputs by their suffix."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import write_recording
+from mcap_logs import smooth_poses
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = [sys.executable, "-m", "contact_tracker"]
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": str(ROOT / "tracker"),
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+
+
+@pytest.fixture(scope="module")
+def poses() -> Poses:
+    return smooth_poses(400)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory, poses: Poses) -> Path:
+    path = tmp_path_factory.mktemp("cli") / "log.mcap"
+    write_recording(str(path), poses, None, {})
+    return path
+
+
+def run(*arguments: object, stdin: bytes | None = None) -> "subprocess.CompletedProcess[bytes]":
+    command = [*PROGRAM, *map(str, arguments)]
+    return subprocess.run(command, env=ENVIRONMENT, capture_output=True, input=stdin, timeout=120)
+
+
+def on_a_terminal(*arguments: object, **environment: str) -> str:
+    """All that a terminal would get."""
+    pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
+    controller, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (24, 100))
+    command = [*PROGRAM, *map(str, arguments)]
+    variables = {k: v for k, v in ENVIRONMENT.items() if k != "NO_COLOR"} | {"TERM": "xterm"} | environment
+    with subprocess.Popen(command, env=variables, stdout=terminal, stderr=terminal) as process:
+        os.close(terminal)
+        shown = bytearray()
+        while True:
+            try:
+                data = os.read(controller, 65536)
+            except OSError:  # Linux: the other side is closed
+                break
+            if not data:
+                break
+            shown += data
+        process.wait()
+    os.close(controller)
+    return shown.decode()
+
+
+def test_without_arguments_there_is_help_and_it_is_no_success() -> None:
+    done = run()
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert done.stderr == run("--help").stdout
+
+
+def test_a_shell_completes_commands_and_options() -> None:
+    pytest.importorskip("shtab")
+    done = run("--print-completion", "bash")
+    assert done.returncode == 0, done.stderr
+    script = done.stdout.decode() + (
+        "\nCOMP_WORDS=(contact-tracker segment --to); COMP_CWORD=2; COMP_LINE='contact-tracker segment --to'"
+        "\n_shtab_contact_tracker; printf '%s\\n' \"${COMPREPLY[@]}\""
+        "\nCOMP_WORDS=(contact-tracker se); COMP_CWORD=1"
+        "\n_shtab_contact_tracker; printf '%s\\n' \"${COMPREPLY[@]}\""
+    )
+    shell = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+    assert shell.stdout.split() == ["--topic", "segment"], shell.stderr
+
+
+def test_colours_are_for_terminals_and_for_those_who_want_them(log: Path, tmp_path: Path) -> None:
+    absent = tmp_path / "absent.mcap"
+    assert "\x1b[1;31merror:\x1b[0m" in on_a_terminal("info", absent)
+    for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
+        assert "\x1b" not in on_a_terminal("info", absent, **environment)
+    assert b"\x1b" not in run("info", absent).stderr
+
+
+def test_progress_has_a_total_where_it_is_known() -> None:
+    recording = ROOT / "recordings" / "robot_1khz.mcap"  # a shorter one is done before anything is shown
+    assert re.search(r"\d+%.*\d+/10500 ", on_a_terminal("segment", recording))
+    assert "poses" in (shown := on_a_terminal("segment", recording, "--duration", "4"))
+    assert "/10500" not in shown
+    assert "poses" not in on_a_terminal("segment", recording, "-q")
+
+
+def test_quiet_says_nothing_and_verbose_says_what_is_used(log: Path) -> None:
+    usual, quiet, verbose = (run("segment", log, *more) for more in ((), ("-q",), ("-v",)))
+    assert usual.stdout == quiet.stdout == verbose.stdout
+    assert len(quiet.stderr) < len(usual.stderr) < len(verbose.stderr)
+    assert all(line.startswith(b"contact-tracker: warning:") for line in quiet.stderr.splitlines())
+    assert b"/object/pose" in verbose.stderr
+    assert b"default.toml" in verbose.stderr
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "MCAP", "Html", "srt", "CSV", "jsonl"])
+def test_every_suffix_is_an_output_in_whatever_case(log: Path, tmp_path: Path, suffix: str) -> None:
+    done = run("segment", log, "-o", tmp_path / f"out.{suffix}")
+    assert (done.returncode, done.stdout) == (0, b""), done.stderr
+    content = (tmp_path / f"out.{suffix}").read_bytes()
+    begins = {
+        "parquet": b"PAR1",
+        "mcap": b"\x89MCAP0",
+        "html": b"<!DOCTYPE html>",
+        "srt": b"1\n00:00:00,000 --> ",
+        "csv": b"start_ns,end_ns",
+        "jsonl": b'{"stamp_ns"',
+    }
+    assert content.startswith(begins[suffix.lower()])
+    assert [path.name for path in tmp_path.iterdir()] == [f"out.{suffix}"]
+
+
+def test_a_recording_for_foxglove_never_replaces_its_own_recording(log: Path, tmp_path: Path) -> None:
+    before = log.read_bytes()
+    for more in ((), ("--overwrite",)):
+        done = run("segment", log, "-o", log, *more)
+        assert (done.returncode, log.read_bytes()) == (2, before)
+    (tmp_path / "other.mcap").write_bytes(before)
+    assert run("segment", log, "-o", tmp_path / "other.mcap").returncode == 2
+    assert run("segment", log, "-o", tmp_path / "other.mcap", "--overwrite").returncode == 0
+
+
+def test_standard_input_gives_the_channels_of_ours_alone(log: Path, tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    done = run("segment", "-", "-o", tmp_path / "out.mcap", stdin=log.read_bytes())
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "out.mcap").open("rb") as file:
+        topics = {channel.topic for channel in reader.make_reader(file).get_summary().channels.values()}
+    assert topics == {"/contact/belief", "/contact/frames", "/contact/scene"}
+
+
+@pytest.mark.parametrize("suffix", ["jsonl", "PARQUET"])
+def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path, suffix: str) -> None:
+    done = run("live", log, "--json", "-o", tmp_path / f"out.{suffix}")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.decode().splitlines()
+    if suffix == "jsonl":
+        assert (tmp_path / "out.jsonl").read_text().splitlines() == lines
+    else:
+        table = pytest.importorskip("polars").read_parquet(tmp_path / "out.PARQUET")
+        beliefs = [json.loads(line) for line in lines]
+        assert table["stamp_ns"].to_list() == [belief["stamp_ns"] for belief in beliefs]
+        assert table["p_free"].to_list() == [belief["probability"]["free"] for belief in beliefs]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_live_leaves_its_ticks_when_it_is_interrupted(log: Path, tmp_path: Path, number: int) -> None:
+    arguments = ["live", str(log), "--json", "--rate", "1", "-o", str(tmp_path / "out.jsonl")]
+    with subprocess.Popen(
+        [*PROGRAM, *arguments], env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdout is not None
+        lines = [running.stdout.readline() for _ in range(5)]
+        running.send_signal(number)
+        lines += running.stdout.readlines()
+    assert running.returncode == 128 + number
+    assert (tmp_path / "out.jsonl").read_text().splitlines(keepends=True) == lines
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_missing_extra_is_one_line_before_any_work(log: Path, tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['foxglove'] = None;"
+        "from contact_tracker.cli.main import run; sys.exit(run(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", code, "segment", str(log), "-o", str(tmp_path / "out.mcap")]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "contact-tracker: error: an MCAP file for Foxglove needs foxglove: "
+        "pip install 'contact-tracker[foxglove]'\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_table_of_outputs_has_all_of_them() -> None:
+    """As many rows of ``segment -o`` and ``live -o`` as their help names, and the extras that exist."""
+    import tomllib
+
+    page = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8").partition("## Outputs")[2]
+    rows = re.findall(r"^\| `(\w+) -o FILE(\.\w+)` \|.*\| (?:`(\w+)` )?\|$", page, re.MULTILINE)
+    for command in ("segment", "live"):
+        suffixes = {suffix for name, suffix, _ in rows if name == command}
+        wrong = run(command, "x", "-o", "x.none").stderr.decode()
+        assert suffixes == set(re.findall(r"(\.\w+)(?= or|$)", wrong.partition("must end in ")[2].strip()))
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert {extra for *_, extra in rows if extra} <= extras.keys()

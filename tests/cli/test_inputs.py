@@ -1,0 +1,72 @@
+"""The commands on logs that are no plain MCAP of poses: tables, chains of transforms, other bodies."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_commands import assert_one_line_error, run
+
+from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+
+POSES = smooth_poses(300)
+
+
+def write_chain(path: Path) -> Path:
+    pairs = zip(POSES, smooth_poses(300, seed=4), strict=True)
+    rows = [
+        (a.stamp_ns, {"transforms": [transform(*a, "world", "flange"), transform(*b, "flange", "cup")]})
+        for a, b in pairs
+    ]
+    topics = [Topic("/tf", "tf2_msgs/msg/TFMessage", rows), poses_topic(POSES, "/tray")]
+    return write_log(path, topics)
+
+
+@pytest.mark.parametrize("command", ["live", "segment"])
+def test_a_chain_of_transforms(tmp_path: Path, command: str) -> None:
+    path = write_chain(tmp_path / "a.mcap")
+    done = run(command, path, "--frame", "world->cup")
+    assert done.returncode == 0, done.stderr
+    assert "300 poses" in done.stderr
+    assert "may move" not in done.stderr
+    done = run(command, path, "--topic", "/tf", "--frame", "cup")
+    assert "warning: " + str(path) + ": poses are in flange, which may move in world" in done.stderr
+    assert "--frame 'world->cup'" in done.stderr
+
+
+def test_relative_to_another_body(tmp_path: Path) -> None:
+    path = write_chain(tmp_path / "a.mcap")
+    done = run("segment", path, "--frame", "world->flange", "--topic", "/tf", "--relative-to", "/tray")
+    assert done.returncode == 0, done.stderr
+    assert "300 poses" in done.stderr
+    done = run("segment", path, "--frame", "cup", "--relative-to", "moon")
+    assert_one_line_error(done, 1, "no pose source has the frame that leads to moon")
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "info"])
+def test_a_table(tmp_path: Path, command: str) -> None:
+    pytest.importorskip("polars")
+    path = tmp_path / "a.txt"
+    numbers = np.column_stack([POSES.stamp_ns / 1e9, POSES.position_m, POSES.quat_xyzw])
+    np.savetxt(path, numbers, fmt="%.9f")
+    done = run(command, path)
+    assert done.returncode == 0, done.stderr
+    assert "300" in (done.stdout if command == "info" else done.stderr)
+
+
+def test_the_state_of_a_stream_along_a_chain_carries_on(tmp_path: Path) -> None:
+    path, state = write_chain(tmp_path / "a.mcap"), tmp_path / "state"
+    first = run("live", path, "--frame", "world->cup", "--state", state, "--json")
+    assert first.returncode == 0, first.stderr
+    again = run("live", path, "--frame", "world->cup", "--state", state, "--json")
+    assert again.returncode == 0, again.stderr
+    assert again.stdout == ""
+    stamps = [json.loads(line)["stamp_ns"] for line in first.stdout.splitlines()]
+    assert stamps == sorted(set(stamps))
+
+
+def test_only_mcap_is_followed(tmp_path: Path) -> None:
+    pytest.importorskip("polars")
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
+    assert_one_line_error(run("live", path, "--follow"), 1, "only an MCAP file can be followed")

@@ -1,0 +1,384 @@
+"""Every output of ``segment -o``, read back by a reader that is not ours and compared with what was found."""
+
+import csv
+import html
+import json
+import re
+from collections import Counter
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import contact_tracker
+from contact_tracker import Trajectory
+from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
+from contact_tracker.exports.outcome import Outcome
+from contact_tracker.exports.writing import write_outcome
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
+from contact_tracker.geometry.flat import TYPES, flat
+from contact_tracker.motion.poses import Poses
+from contact_tracker.paper import window_curves
+from contact_tracker.recording import write_recording
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.segmentation import Segmentation
+from mcap_logs import Topic, poses_topic, write_log
+from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, recorded
+
+ROOT = Path(__file__).resolve().parents[2]
+LOG_OFFSET_NS = 12_000_000
+
+
+@pytest.fixture(scope="module")
+def poses() -> Poses:
+    """Three kinds of elements: faces, edges, both."""
+    first, second = recorded(FACE_TO_EDGE).poses, recorded(EDGE_TO_EDGES).poses
+    later = second.stamp_ns - second.stamp_ns[0] + first.stamp_ns[-1] + 5_000_000
+    return Poses.join([first, Poses(later, second.position_m, second.quat_xyzw)])
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory, poses: Poses) -> Path:
+    """Logged later than stamped, beside a topic of something else."""
+    said = [(int(t) + LOG_OFFSET_NS, {"data": "hello"}) for t in poses.stamp_ns[:3]]
+    topics = [
+        poses_topic(poses, offset_ns=LOG_OFFSET_NS),
+        Topic("/chatter", "std_msgs/msg/String", said),
+    ]
+    return write_log(tmp_path_factory.mktemp("exports") / "cube.mcap", topics)
+
+
+@pytest.fixture(scope="module")
+def result(log: Path) -> contact_tracker.Result:
+    return contact_tracker.segment(log)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, result: contact_tracker.Result) -> Path:
+    """All outputs, as ``out.SUFFIX``."""
+    folder = tmp_path_factory.mktemp("outputs")
+    for suffix in ("csv", "jsonl", "parquet", "mcap", "html", "srt"):
+        result.save(folder / f"out.{suffix}")
+    return folder
+
+
+def assert_rows_are_those_of(rows: list[dict[str, Any]], result: contact_tracker.Result) -> None:
+    """Rows of flat columns by tick."""
+    assert len(rows) == len(result.beliefs)
+    for row, belief in zip(rows, result.beliefs, strict=True):
+        assert (row["stamp_ns"], row["onset_ns"]) == (belief.stamp_ns, belief.onset_ns)
+        assert row["contact"] == belief.contact.value
+        shares = [row[f"p_{state.value.replace('-', '')}"] for state in STATES]
+        np.testing.assert_array_equal(shares, belief.probability)
+        assert row["probability"] == belief.probability.max() or row["contact"] != str(
+            STATES[int(belief.probability.argmax())]
+        )
+        assert row["inseparable"].split() == list(belief.inseparable)
+        told = belief.geometry.to_json() if belief.geometry else {}
+        for side in ("object", "environment"):
+            assert_element(row, side, told.get(side))
+
+
+def assert_element(row: dict[str, Any], side: str, told: dict[str, Any] | None) -> None:
+    def numbers(name: str, unit: str = "") -> list[float]:
+        return [row[f"{side}_{name}_{axis}{unit}"] for axis in "xyz"]
+
+    if told is None:
+        assert row[f"{side}_type"] is None
+        assert numbers("axis") == numbers("point", "_m") == [None] * 3
+        return
+    assert json.loads(row[f"{side}_unobserved"]) == told["unobserved"]
+    assert row[f"{side}_name"] == told["name"]
+    match row[f"{side}_type"]:
+        case "face":
+            assert numbers("axis") == told["plane"]["normal"]
+            offset_m = np.dot(numbers("axis"), numbers("point", "_m"))
+            assert offset_m == pytest.approx(told["plane"]["offset_m"], abs=1e-12)
+        case "edge":
+            assert numbers("axis") == told["line"]["direction"]
+            assert numbers("point", "_m") == told["line"]["point_m"]
+            assert numbers("point_sd", "_m") == told["line"]["point_sd_m"]
+        case "vertex":
+            assert numbers("point", "_m") == told["point_m"]
+            assert numbers("axis") == [None] * 3
+
+
+def test_parquet_reads_back_with_polars_and_with_pyarrow(
+    folder: Path, result: contact_tracker.Result
+) -> None:
+    polars, parquet = pytest.importorskip("polars"), pytest.importorskip("pyarrow.parquet")
+    table = polars.read_parquet(folder / "out.parquet")
+    assert table.columns == list(BELIEF_COLUMNS)
+    assert_rows_are_those_of(table.to_dicts(), result)
+    assert {"face", "edge"} <= set(table["environment_type"]) | set(table["object_type"])
+    kinds = {"integer": "int64", "number": "double", "text": "string"}
+    schema = parquet.read_schema(folder / "out.parquet")
+    assert {field.name: str(field.type) for field in schema} == {
+        name: kinds[kind] for name, kind in BELIEF_COLUMNS.items()
+    }
+
+
+@pytest.mark.parametrize("rows", ["ticks", "segments"])
+def test_data_frames_of_both_libraries_are_alike_and_have_one_schema(
+    result: contact_tracker.Result, poses: Poses, rows: Any
+) -> None:
+    pytest.importorskip("pandas")
+    pytest.importorskip("polars")
+    pandas_table, polars_table = result.to_pandas(rows), result.to_polars(rows)
+    assert list(pandas_table.columns) == polars_table.columns
+    assert list(pandas_table.columns) == list(BELIEF_COLUMNS if rows == "ticks" else SEGMENT_COLUMNS)
+    assert polars_table["contact"].to_list() == list(pandas_table["contact"])
+    np.testing.assert_array_equal(
+        pandas_table["environment_axis_x"], polars_table["environment_axis_x"].to_numpy()
+    )
+    free = contact_tracker.segment(Trajectory(poses[:30]))
+    assert free.to_polars(rows).schema == polars_table.schema
+    assert list(free.to_pandas(rows).dtypes) == list(pandas_table.dtypes)
+
+
+def test_rows_of_json_have_the_same_keys_and_types_whatever_touches(
+    folder: Path, result: contact_tracker.Result
+) -> None:
+    """Polars reads all of them, and of the elements nothing gets lost."""
+    rows = [json.loads(line) for line in (folder / "out.jsonl").read_text().splitlines()]
+    assert [row["contact"] for row in rows] == [b.contact.value for b in result.beliefs]
+    kinds = {json.dumps(shape(row["object"])) for row in rows} | {
+        json.dumps(shape(r["environment"])) for r in rows
+    }
+    assert len(kinds) == 1
+    polars = pytest.importorskip("polars")
+    table = polars.read_ndjson(folder / "out.jsonl", infer_schema_length=None)
+    assert len(table) == len(rows)
+    for side in ("object", "environment"):
+        assert table[side].to_list() == [row[side] for row in rows]
+
+
+def shape(value: Any) -> Any:
+    """The types of all that is in it."""
+    if isinstance(value, dict):
+        return {key: shape(item) for key, item in value.items()}
+    return [shape(item) for item in value] if isinstance(value, list) else type(value).__name__
+
+
+def test_the_one_form_of_elements_says_the_same_as_the_other() -> None:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(6, 6)) * 1e-2
+    covariance = root @ root.T
+    normal = np.array([0.6, 0.0, 0.8])
+    plane = Plane(normal, 0.5, covariance[:4, :4], (Unobserved("shifts_along", normal),), "table")
+    told = flat(plane)
+    assert (told["type"], told["name"], told["axis"]) == ("face", "table", [0.6, 0.0, 0.8])
+    assert told["point_m"] == pytest.approx([0.3, 0.0, 0.4])
+    assert json.loads(told["unobserved"]) == [{"shifts_along": [0.6, 0.0, 0.8]}]
+    samples = rng.multivariate_normal([*normal, 0.5], covariance[:4, :4] * 1e-6, 20000)
+    spread = (samples[:, 3:] * samples[:, :3]).std(axis=0) * 1e3
+    np.testing.assert_allclose(told["point_sd_m"], spread, rtol=0.03)
+    line, point = flat(Line(normal, normal, covariance)), flat(Point(normal))
+    assert (line["type"], point["type"], flat(None)["type"]) == ("edge", "vertex", "none")
+    assert point["point_sd_m"] == [None] * 3
+    assert [told.keys(), line.keys(), point.keys()] == [flat(None).keys()] * 3
+    assert set(TYPES) == {"none", "face", "edge", "vertex"}
+
+
+def test_mcap_has_the_recording_and_what_foxglove_draws(
+    folder: Path, log: Path, result: contact_tracker.Result
+) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    protobuf = pytest.importorskip("mcap_protobuf.decoder")
+    before = [(c.topic, m.log_time, m.data) for _, c, m in reader.make_reader(log.open("rb")).iter_messages()]
+    out = reader.make_reader((folder / "out.mcap").open("rb"), decoder_factories=[protobuf.DecoderFactory()])
+    found = list(out.iter_messages())
+    ours = ("/contact/belief", "/contact/frames", "/contact/scene")
+    assert [(c.topic, m.log_time, m.data) for _, c, m in found if c.topic not in ours] == before
+    times = [m.log_time for _, _, m in found]
+    assert times == sorted(times)
+    schemas = {c.topic: (s.name, s.encoding, c.message_encoding) for s, c, _ in found}
+    assert schemas["/contact/frames"] == ("foxglove.FrameTransforms", "protobuf", "protobuf")
+    assert schemas["/contact/scene"] == ("foxglove.SceneUpdate", "protobuf", "protobuf")
+    beliefs = [(m.log_time, json.loads(m.data)) for _, c, m in found if c.topic == "/contact/belief"]
+    assert [b for _, b in beliefs] == [json.loads(json.dumps(b.to_json())) for b in result.beliefs]
+    assert all(log_time == b["stamp_ns"] + LOG_OFFSET_NS for log_time, b in beliefs)
+    frames = [d for *_, d in out.iter_decoded_messages(topics=["/contact/frames"])]
+    assert_frames(frames, result)
+    scenes = [(m.log_time, d) for _, _, m, d in out.iter_decoded_messages(topics=["/contact/scene"])]
+    assert [t - LOG_OFFSET_NS for t, _ in scenes] == [s.start_ns for s in result.segments]
+    for (_, scene), segment in zip(scenes, result.segments, strict=True):
+        assert_scene(scene, segment)
+
+
+def assert_frames(frames: list[Any], result: contact_tracker.Result) -> None:
+    stamps = result.trajectory.stamp_ns
+    assert len(frames) == pytest.approx((stamps[-1] - stamps[0]) * 1e-7, rel=0.02)
+    for message in frames[::50]:
+        (frame,) = message.transforms
+        assert (frame.parent_frame_id, frame.child_frame_id) == ("world", "object")
+        stamp_ns = frame.timestamp.seconds * 10**9 + frame.timestamp.nanos
+        (row,) = np.flatnonzero(stamps == stamp_ns)
+        place, turn = frame.translation, frame.rotation
+        np.testing.assert_array_equal([place.x, place.y, place.z], result.trajectory.position_m[row])
+        np.testing.assert_array_equal([turn.x, turn.y, turn.z, turn.w], result.trajectory.quat_xyzw[row])
+
+
+def assert_scene(scene: Any, segment: contact_tracker.Segment) -> None:
+    """All before is gone; triangles of the object's element lie on it, those of the surroundings' too."""
+    assert [deletion.type for deletion in scene.deletions] == [1]  # all
+    entities = {entity.id: entity for entity in scene.entities}
+    if segment.geometry is None:
+        assert not entities
+        return
+    assert {name: entity.frame_id for name, entity in entities.items()} == {
+        "object element": "object",
+        "environment element": "world",
+    }
+    for name, element in (("object", segment.geometry.object), ("environment", segment.geometry.environment)):
+        entity = entities[f"{name} element"]
+        points = np.array([(p.x, p.y, p.z) for p in entity.triangles[0].points])
+        assert max(entity.triangles[0].indices) < len(points)
+        told = flat(element)
+        axis, foot = np.array(told["axis"]), points - told["point_m"]
+        if told["type"] == "face":
+            np.testing.assert_allclose(foot @ axis, 0.0, atol=1e-6)
+        else:
+            assert np.linalg.norm(foot - np.outer(foot @ axis, axis), axis=1).max() < 0.02
+    assert entities["environment element"].texts[0].text == segment.contact.value
+
+
+class Page(HTMLParser):
+    """What a page would load, and its text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.tags: Counter[str] = Counter()
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        self.loads += [value for name, value in attrs if name in ("src", "href", "srcset") and value]
+
+    def handle_data(self, data: str) -> None:
+        if self.lasttag not in ("script", "style"):
+            self.text.append(data)
+
+
+def test_the_report_is_one_page_that_loads_nothing(folder: Path, result: contact_tracker.Result) -> None:
+    page = Page()
+    page.feed((folder / "out.html").read_text(encoding="utf-8"))
+    assert page.loads == []
+    assert page.tags["tr"] == len(result.segments) + 1
+    text = " ".join(page.text)
+    assert "Contacts in cube.mcap" in text
+    assert f"{len(result.trajectory)} poses" in text
+    for segment in result.segments:
+        assert f"{segment.probability:.2f}" in text
+    drawn = (folder / "out.html").read_text(encoding="utf-8").rpartition("<h2>Probabilities</h2>")[2]
+    names = Counter(re.findall(r'"name":"([^"]+)"', drawn))
+    assert all(names[state.value] == 1 for state in STATES)
+    for segment in result.segments:  # both elements of each
+        start_s = (segment.start_ns - int(result.trajectory.stamp_ns[0])) * 1e-9
+        assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (2 if segment.geometry else 0)
+
+
+def test_names_of_users_are_no_markup(poses: Poses, tmp_path: Path) -> None:
+    odd = "</script><b>odd"
+    geometry = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0, name=odd))
+    stamps = poses.stamp_ns[:100]
+    segment = Segment(int(stamps[0]), int(stamps[-1]), Contact.VF, 0.9, geometry)
+    outcome = Outcome(odd, poses[:100], Segmentation((segment,)), int(stamps[0]), {odd: 1}, (odd,))
+    write_outcome(outcome, tmp_path / "odd.html")
+    page = (tmp_path / "odd.html").read_text(encoding="utf-8").partition("</head>")[2]
+    assert odd not in page
+    assert "<b>odd" not in page
+    assert html.escape(odd) in page
+
+
+def test_subtitles_follow_each_other_as_segments_do(folder: Path, result: contact_tracker.Result) -> None:
+    blocks = (folder / "out.srt").read_text().strip().split("\n\n")
+    assert len(blocks) == len(result.segments)
+    origin_ns = int(result.trajectory.stamp_ns[0])
+    for number, (block, segment) in enumerate(zip(blocks, result.segments, strict=True), 1):
+        index, times, text, *_ = block.split("\n")
+        assert int(index) == number
+        found = re.fullmatch(r"(\d\d):(\d\d):(\d\d),(\d{3}) --> (\d\d):(\d\d):(\d\d),(\d{3})", times)
+        assert found is not None
+        h, m, s, ms, h2, m2, s2, ms2 = map(int, found.groups())
+        assert h * 3600_000 + m * 60_000 + s * 1000 + ms == (segment.start_ns - origin_ns) // 10**6
+        assert h2 * 3600_000 + m2 * 60_000 + s2 * 1000 + ms2 == (segment.end_ns - origin_ns) // 10**6
+        assert text.startswith(f"{segment.contact.value} ({segment.probability:.2f})")
+
+
+def test_csv_has_a_row_per_segment(folder: Path, result: contact_tracker.Result) -> None:
+    with (folder / "out.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(int(r["start_ns"]), r["contact"]) for r in rows] == [
+        (s.start_ns, s.contact.value) for s in result.segments
+    ]
+
+
+def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result) -> None:
+    pytest.importorskip("matplotlib").use("Agg")
+    ribbon, posterior, paper = result.plot().axes
+    assert len(ribbon.patches) == len(result.segments)
+    assert [line.get_label() for line in posterior.lines] == [state.value for state in STATES]
+    np.testing.assert_array_equal(posterior.lines[0].get_ydata(), result.beliefs.probability[:, 0])
+    found = window_curves.curves(result.trajectory.poses)
+    assert [line.get_label() for line in paper.lines] == [contact.value for contact in CONTACTS]
+    for line, curve in zip(paper.lines, found.normalised.T, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), curve)
+    assert len(result.plot(curves=False).axes) == 2
+
+
+def test_outputs_of_what_is_no_recording_have_what_is_known_of_it(poses: Poses, tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    few = poses[:400]
+    stamps_s = (few.stamp_ns - few.stamp_ns[0]) * 1e-9
+    trajectory = Trajectory.from_arrays(stamps_s, few.position_m, few.quat_xyzw)
+    result = contact_tracker.segment(trajectory)
+    for suffix in ("mcap", "html", "parquet", "srt"):
+        result.save(tmp_path / f"OUT.{suffix.upper()}")
+    with (tmp_path / "OUT.MCAP").open("rb") as file:
+        topics = {channel.topic for channel in reader.make_reader(file).get_summary().channels.values()}
+    assert topics == {"/contact/belief", "/contact/frames", "/contact/scene"}
+    early = contact_tracker.Trajectory.from_arrays(
+        stamps_s - 1.0, trajectory.position_m, trajectory.quat_xyzw
+    )
+    with pytest.raises(contact_tracker.ContactTrackerError, match="between 0 and"):
+        contact_tracker.segment(early).to_mcap(tmp_path / "early.mcap")
+
+
+def test_an_output_may_be_read_and_segmented_once_more(folder: Path, tmp_path: Path) -> None:
+    """Its channels of ours are replaced, not doubled."""
+    reader = pytest.importorskip("mcap.reader")
+    again = contact_tracker.segment(folder / "out.mcap")
+    again.to_mcap(tmp_path / "again.mcap")
+    counts = []
+    for path in (folder / "out.mcap", tmp_path / "again.mcap"):
+        with path.open("rb") as file:
+            summary = reader.make_reader(file).get_summary()
+        counts.append(
+            {c.topic: summary.statistics.channel_message_counts[i] for i, c in summary.channels.items()}
+        )
+    assert counts[0] == counts[1]
+    trajectory = again.trajectory
+    alone = Trajectory.from_arrays(
+        trajectory.stamp_ns, trajectory.position_m, trajectory.quat_xyzw, unit="ns"
+    )
+    contact_tracker.segment(alone).to_mcap(tmp_path / "alone.mcap")
+    with pytest.raises(contact_tracker.ContactTrackerError, match="--topic /contact/frames"):
+        contact_tracker.read(tmp_path / "alone.mcap")
+    assert len(contact_tracker.read(tmp_path / "alone.mcap", topic="/contact/frames")) > 100
+
+
+def test_truth_and_metadata_are_handed_on(tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    made = recorded(FACE_TO_EDGE)
+    write_recording(str(tmp_path / "in.mcap"), made.poses, made.truth, {"scenario": "x"})
+    contact_tracker.segment(tmp_path / "in.mcap").to_mcap(tmp_path / "out.mcap")
+    for path in (tmp_path / "in.mcap", tmp_path / "out.mcap"):
+        with path.open("rb") as file:
+            out = reader.make_reader(file)
+            assert [a.name for a in out.iter_attachments()] == ["truth.json"]
+            assert [m.metadata for m in out.iter_metadata()] == [{"scenario": "x"}]

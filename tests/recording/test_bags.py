@@ -1,0 +1,333 @@
+"""ROS bags: rosbag1, rosbag2 in SQLite, and what stands for them."""
+
+import bz2
+import shutil
+import sqlite3
+import struct
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from test_message_formats import NAME, POSES, assert_read, cdr_pose, humble
+
+from contact_tracker.errors import NoPoses, UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
+from contact_tracker.recording.extras import MissingExtra
+from mcap_logs import poses_topic, smooth_poses, write_log
+
+rosbags = pytest.importorskip("rosbags")
+
+
+def write_sqlite(folder: Path, poses: Poses = POSES, part: int = 0) -> Path:
+    """As rosbag2 did up to Humble, by Python's own sqlite3."""
+    folder.mkdir(exist_ok=True)
+    path = folder / f"bag_{part}.db3"
+    with sqlite3.connect(path) as file:
+        file.execute(
+            "create table topics(id integer primary key, name text, type text, serialization_format text, "
+            "offered_qos_profiles text)"
+        )
+        file.execute(
+            "create table messages(id integer primary key, topic_id integer, timestamp integer, data blob)"
+        )
+        file.execute("insert into topics values(1, '/object/pose', ?, 'cdr', '')", (NAME,))
+        file.execute("insert into topics values(2, '/rosout', 'rcl_interfaces/msg/Log', 'cdr', '')")
+        rows = [(1, pose.stamp_ns, cdr_pose(pose)) for pose in poses]
+        file.executemany("insert into messages(topic_id, timestamp, data) values(?, ?, ?)", rows)
+    file.close()
+    return path
+
+
+def write_rosbag2(folder: Path) -> Path:
+    """As rosbags writes it today, with definitions."""
+    from rosbags.rosbag2 import Writer
+
+    with Writer(folder, version=9) as writer:
+        connection = writer.add_connection("/object/pose", NAME, typestore=humble())
+        for pose in POSES:
+            writer.write(connection, pose.stamp_ns, cdr_pose(pose))
+    return folder
+
+
+def write_rosbag1(path: Path, compression: str | None = None, chunk_bytes: int = 2**20) -> Path:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    writer = Writer(path)
+    writer.chunk_threshold = chunk_bytes
+    if compression is not None:
+        writer.set_compression(Writer.CompressionFormat[compression])
+    with writer:
+        connection = writer.add_connection("/object/pose", NAME, typestore=store)
+        for pose in POSES:
+            raw = humble().cdr_to_ros1(cdr_pose(pose), NAME)
+            writer.write(connection, pose.stamp_ns, bytes(raw))
+    return path
+
+
+def test_db3_of_python(tmp_path: Path) -> None:
+    path = write_sqlite(tmp_path / "what? #1%20")
+    assert_read(path)
+    assert_read(path.parent)
+    summary = summarise(str(path))
+    assert [source.poses for source in summary.sources] == [len(POSES)]
+
+
+def test_rosbag2_folder_and_its_metadata(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "bag")
+    assert_read(folder)
+    assert_read(folder / "metadata.yaml")
+
+
+def test_metadata_stands_for_a_folder_of_mcap(tmp_path: Path) -> None:
+    write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
+    (tmp_path / "metadata.yaml").touch()
+    assert_read(tmp_path / "metadata.yaml")
+
+
+def test_parts_in_sqlite_follow_each_other(tmp_path: Path) -> None:
+    for part in range(3):
+        write_sqlite(tmp_path / "bag", POSES[slice(20 * part, 20 * part + 20)], part)
+    assert_read(tmp_path / "bag")
+
+
+def test_a_part_that_was_converted_to_mcap_is_taken_once(tmp_path: Path) -> None:
+    path = write_sqlite(tmp_path / "bag")
+    write_log(path.with_suffix(".mcap"), [poses_topic(POSES)])
+    assert_read(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("chunk_bytes", [500, 2**20])
+@pytest.mark.parametrize("compression", [None, "BZ2", "LZ4"])
+def test_rosbag1(tmp_path: Path, compression: str | None, chunk_bytes: int) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", compression, chunk_bytes)
+    assert_read(path)
+    assert [source.poses for source in summarise(str(path)).sources] == [len(POSES)]
+
+
+def test_a_bag_that_was_cut_off_gives_its_whole_chunks(tmp_path: Path) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", "LZ4", 500)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    log = open_log(str(path))
+    found = Poses.collect(log)
+    np.testing.assert_array_equal(found.stamp_ns, POSES.stamp_ns[: len(found)])
+    assert 15 < len(found) < len(POSES)
+    assert "it has no index, as when recording was cut off: it is read as it was written" in log.damage
+
+
+def bag_record(data: bytes, **fields: bytes) -> bytes:
+    head = b"".join(
+        struct.pack("<I", len(name) + 1 + len(value)) + name.encode() + b"=" + value
+        for name, value in fields.items()
+    )
+    return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+
+def bag_of(chunks: list[tuple[bytes, bytes, int]]) -> bytes:
+    """A bag without index of chunks: compression, data, and the size that they claim."""
+    head = bag_record(b" " * 4000, op=b"\x03", index_pos=bytes(8), conn_count=bytes(4), chunk_count=bytes(4))
+    return (
+        b"#ROSBAG V2.0\n"
+        + head
+        + b"".join(
+            bag_record(data, op=b"\x05", compression=name, size=struct.pack("<I", size))
+            for name, data, size in chunks
+        )
+    )
+
+
+def connection_record() -> bytes:
+    about = {
+        "topic": b"/pose",
+        "type": b"geometry_msgs/PoseStamped",
+        "md5sum": b"0",
+        "message_definition": b"",
+    }
+    data = bag_record(b"", **about)[4:-4]
+    return bag_record(data, op=b"\x07", conn=bytes(4), topic=b"/pose")
+
+
+@pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
+def test_bags_become_no_more_than_their_size_explains(tmp_path: Path, compression: str) -> None:
+    lz4 = pytest.importorskip("lz4.frame")
+    pack = {"none": bytes, "bz2": bz2.compress, "lz4": lz4.compress}[compression]
+    many = connection_record() * 60_000
+    zeros = bytes(2**28 if compression != "none" else 2**16)
+    cases = {
+        "zeros": [(compression.encode(), pack(zeros), len(zeros))],
+        "lies": [(compression.encode(), pack(zeros), 100)],
+        "records": [(compression.encode(), pack(many), len(many))] * (1 if compression == "none" else 300),
+        "unknown": [(b"xz", b"", 5)],
+    }
+    for name, chunks in cases.items():
+        path = tmp_path / f"{name}.bag"
+        path.write_bytes(bag_of(chunks))
+        begin_s = time.process_time()
+        with pytest.raises((UnreadableRecording, NoPoses)):
+            open_log(str(path))
+        assert time.process_time() - begin_s < 5.0, name
+
+
+def test_an_index_that_names_one_chunk_again_and_again_reads_it_once(tmp_path: Path) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", "BZ2")
+    whole = path.read_bytes()
+    info_at = next(at for at in range(len(whole) - 8, 0, -1) if _is_last_record(whole, at))
+    count_at = whole.index(b"chunk_count=") + len(b"chunk_count=")
+    counted = whole[:count_at] + struct.pack("<I", 2000) + whole[count_at + 4 :]
+    path.write_bytes(counted + whole[info_at:] * 1999)
+    assert_read(path)
+
+
+def _is_last_record(data: bytes, at: int) -> bool:
+    """Whether the record there reaches to the end, and says what a chunk holds."""
+    (head,) = struct.unpack_from("<I", data, at)
+    if at + head + 8 > len(data):
+        return False
+    (size,) = struct.unpack_from("<I", data, at + 4 + head)
+    return at + 8 + head + size == len(data) and b"op=\x06" in data[at : at + 4 + head]
+
+
+def test_bags_that_are_encrypted_or_of_other_versions_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.bag"
+    head = bag_record(b" ", op=b"\x03", index_pos=bytes(8), encryptor=b"rosbag/AesCbcEncryptor")
+    for text, message in (
+        (b"#ROSBAG V2.0\n" + head, "its messages are encrypted: decrypt it with rosbag decrypt"),
+        (b"#ROSBAG V1.2\n" + head, "it is not a bag of version 2.0: convert it with rosbag fix"),
+        (b"#ROSBAG V2.0\n" + bytes(200), "it is damaged: its first record cannot be read"),
+    ):
+        path.write_bytes(text)
+        with pytest.raises(UnreadableRecording, match=message):
+            open_log(str(path))
+
+
+HOSTILE_SQL = {
+    "endless_view": (
+        "create view messages as with recursive n(i) as (select 1 union all select i + 1 from n) "
+        "select i as id, 1 as topic_id, i as timestamp, x'00' as data from n",
+        "messages is no plain table",
+    ),
+    "generated_column": (
+        "create table messages(id integer primary key, topic_id integer, timestamp integer, "
+        "data blob generated always as (zeroblob(900000000)) virtual)",
+        "messages is no plain table",
+    ),
+    "endless_topics": (
+        "create table messages(id integer primary key, topic_id integer, timestamp integer, data blob)",
+        "topics is no plain table",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE_SQL)
+def test_databases_that_compute_are_refused(tmp_path: Path, name: str) -> None:
+    path, (statement, message) = tmp_path / "a.db3", HOSTILE_SQL[name]
+    with closing(sqlite3.connect(path)) as file:
+        file.execute(statement)
+        columns = "id integer, name text, type text, serialization_format text, offered_qos_profiles text"
+        if name == "endless_topics":
+            file.execute("create view topics as select 1 as id, hex(zeroblob(400000000)) as name")
+        else:
+            file.execute(f"create table topics({columns})")
+        file.commit()
+    for read in (open_log, summarise):
+        with pytest.raises(UnreadableRecording, match=message):
+            read(str(path))
+
+
+def test_expressions_of_an_index_are_not_run(tmp_path: Path) -> None:
+    path = write_sqlite(tmp_path / "bag")
+    with closing(sqlite3.connect(path)) as file:
+        file.execute("create index timestamps on messages (abs(timestamp))")
+        file.commit()
+    assert_read(path)
+
+
+def test_a_write_ahead_log_is_named(tmp_path: Path) -> None:
+    path = write_sqlite(tmp_path / "bag")
+    Path(f"{path}-wal").write_bytes(b"x")
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == len(POSES)
+    assert "its last messages are in a write-ahead log that is not read" in log.damage
+
+
+@pytest.mark.parametrize("ending", [".mcap.zst", ".mcap.zstd"])
+def test_compressed_parts(tmp_path: Path, ending: str) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    plain = write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
+    (folder / f"a_0{ending}").write_bytes(zstandard.ZstdCompressor().compress(plain.read_bytes()))
+    assert_read(folder)
+    assert_read(folder / f"a_0{ending}")
+    shutil.copy(plain, folder / "a_0.mcap")
+    assert_read(folder)
+
+
+def test_damaged_databases_are_named(tmp_path: Path) -> None:
+    (tmp_path / "c.db3").write_bytes(b"SQLite format 3\0" + bytes(100))
+    with closing(sqlite3.connect(tmp_path / "d.db3")) as file:
+        file.execute("create table topics(id)")
+        file.commit()
+    for name, message in (
+        ("c.db3", "cannot be opened as a rosbag2 database"),
+        ("d.db3", "it is no database of rosbag2: it has no table messages"),
+    ):
+        for read in (open_log, summarise):
+            with pytest.raises(UnreadableRecording, match=message):
+                read(str(tmp_path / name))
+
+
+@pytest.mark.parametrize(
+    ("begin", "message"),
+    [
+        (b"\x1f\x8b\x08\0", "it is compressed: gunzip a.mcap first"),
+        (b"\x04\x22\x4d\x18", "it is compressed: lz4 -d a.mcap first"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+    ],
+)
+def test_what_hides_a_recording_is_named(tmp_path: Path, begin: bytes, message: str) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(begin)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(path))
+
+
+def test_a_folder_of_packed_parts_says_so(tmp_path: Path) -> None:
+    (tmp_path / "rec_0.mcap.lz4").write_bytes(b"\x04\x22\x4d\x18")
+    with pytest.raises(UnreadableRecording, match=r"decompress rec_0\.mcap\.lz4 first"):
+        open_log(str(tmp_path))
+
+
+def test_only_mcap_is_followed(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableRecording, match="only an MCAP file can be followed"):
+        open_log(str(write_sqlite(tmp_path)), follow=Follow())
+
+
+def test_bags_are_recordings_that_no_result_replaces(tmp_path: Path) -> None:
+    assert may_be_recording(str(write_sqlite(tmp_path)))
+    assert may_be_recording(str(write_rosbag1(tmp_path / "a.bag")))
+
+
+def test_without_rosbags_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_rosbag1(tmp_path / "a.bag")
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    with pytest.raises(MissingExtra, match=r"ROS 1 needs a library: pip install 'contact-tracker\[bags\]'"):
+        open_log(str(path))
+
+
+def test_databases_need_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_sqlite(tmp_path)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    assert len(Poses.collect(open_log(str(path)))) == len(POSES)
+
+
+def test_many_poses_are_read_in_columns(tmp_path: Path) -> None:
+    many = smooth_poses(20_000)
+    found = Poses.join(list(open_log(str(write_sqlite(tmp_path, many))).batches()))
+    np.testing.assert_array_equal(found.stamp_ns, many.stamp_ns)

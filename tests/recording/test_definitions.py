@@ -1,0 +1,267 @@
+"""Definitions of messages come from the file: nothing of them becomes code, and all take but a moment."""
+
+import builtins
+import struct
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_message_formats import IDL, NAME, POSES, RULE, assert_read, cdr_pose, write_raw
+
+from contact_tracker.errors import NoPoses
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording import open_log, summarise
+from contact_tracker.recording.parsed_definitions import fields_of_idl, fields_of_ros1, ros2msg_of
+from mcap_logs import SCHEMAS
+
+rosbags = pytest.importorskip("rosbags.typesys")
+ROS1 = SCHEMAS[NAME].replace("std_msgs/Header header", "Header header")
+ROS1 = ROS1.replace("builtin_interfaces/Time stamp", "uint32 seq\ntime stamp")
+
+
+def noetic() -> Any:
+    return rosbags.get_typestore(rosbags.Stores.ROS1_NOETIC)
+
+
+def ros1_pose(number: int) -> bytes:
+    pose = list(POSES)[number]
+    sec, nanosec = divmod(pose.stamp_ns, 10**9)
+    head = struct.pack("<IIII5s", number, sec, nanosec, 5, b"world")
+    return head + struct.pack("<7d", *pose.position_m, *pose.quat_xyzw)
+
+
+def write(path: Path, encoding: str, text: str) -> Path:
+    """A log of poses whose type is defined so."""
+    if encoding == "ros1msg":
+        rows = [(pose.stamp_ns, ros1_pose(i)) for i, pose in enumerate(POSES)]
+        return write_raw(path, "geometry_msgs/PoseStamped", "ros1", encoding, text.encode(), rows)
+    rows = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
+    return write_raw(path, NAME, "cdr", encoding, text.encode(), rows)
+
+
+SOUND = {"ros1msg": ROS1, "ros2idl": "".join(RULE + part for part in IDL), "ros2msg": SCHEMAS[NAME]}
+
+
+@pytest.mark.parametrize("encoding", SOUND)
+def test_nothing_of_a_definition_is_run(
+    tmp_path: Path, encoding: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever is compiled or run meanwhile has nothing to do with the file."""
+    write(tmp_path / "first.mcap", encoding, SOUND[encoding])
+    Poses.collect(open_log(str(tmp_path / "first.mcap")))  # modules are loaded
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("something is run")
+
+    path = write(tmp_path / "a.mcap", encoding, SOUND[encoding])
+    for name in ("exec", "eval", "compile"):
+        monkeypatch.setattr(builtins, name, refuse)
+    found = Poses.collect(open_log(str(path)))
+    monkeypatch.undo()
+    np.testing.assert_array_equal(found.stamp_ns, POSES.stamp_ns)
+    assert "rosbags.usertypes" not in sys.modules
+
+
+CODE = "__import__('os').system('touch owned')"
+CRAFTED = {
+    "quotes": 'string s "a\\"b"\nstring S="\\"\\"\\""\n{}',
+    "code_as_default": f"string s {CODE}\nstring S={CODE}\n{{}}",
+    "code_as_name": f"string {CODE}\n{{}}",
+    "docstring": 'string S=""")\nimport os\nos.system("touch owned")\n"""\n{}',
+    "dunder": "string __class__\nstring __init__\nstring __dict__\n{}",
+    "keywords": "string class\nstring import\nstring self\n{}",
+    "name_of_a_type": "builtins/eval x\nos/system y\n{}",
+    "line_ends": "string a\rimport os\n\x0bimport os\n\u2028import os\n{}",
+    "array_of_a_name": f"string[{CODE}] x\n{{}}",
+    "huge_array": "float64[999999999999] x\n{}",
+    "huge_array_of_types": "geometry_msgs/Pose[999999999] x\n{}",
+    "huge_number": f"int32 A={'9' * 20000}\n{{}}",
+    "deep_default": f"int32 a {'[' * 20000}\n{{}}",
+    "comment": f"# {'(' * 50000}\n{{}}",
+}
+TREE = "".join(f"{RULE}MSG: a/T{i}\nT{i + 1} x\nT{i + 1} y\n" for i in range(200)) + f"{RULE}MSG: a/T200\n"
+CRAFTED |= {
+    "doubles_at_each_level": "a/T0 t\n{}" + TREE,
+    "part_of_itself": "a/A t\n{}" + f"{RULE}MSG: a/A\na/A a\n",
+    "arrays_of_nothing": "a/E[] t\n{}" + f"{RULE}MSG: a/E\n",
+    "too_long": "{}" + "# x\n" * 2**16,
+}
+
+
+def poses_of(path: Path) -> tuple[int, int]:
+    """How many poses are read, and how many of them by a known definition."""
+    try:
+        log = open_log(str(path))
+    except NoPoses:
+        return 0, 0
+    return len(Poses.collect(log)), log.counts.get("known_definition", 0)
+
+
+@pytest.mark.parametrize("name", CRAFTED)
+@pytest.mark.parametrize("encoding", ["ros1msg", "ros2msg"])
+def test_crafted_definitions(
+    tmp_path: Path, encoding: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Poses are read by the definition, or nothing is, or by the known definition of the type: never more."""
+    monkeypatch.chdir(tmp_path)
+    path = write(tmp_path / "a.mcap", encoding, CRAFTED[name].format(SOUND[encoding]))
+    begin_s = time.process_time()
+    found, known = poses_of(path)
+    assert found + summarise(str(path)).undecodable == len(POSES)
+    assert known in (0, found)
+    assert time.process_time() - begin_s < 5.0
+    assert not (tmp_path / "owned").exists()
+
+
+CRAFTED_IDL = {
+    "code_as_default": "@default (value=\"\\\"+__import__('os').system('touch owned')+\\\"\")\nstring s; ",
+    "code_as_constant": '}; const string S = """__import__(\'os\')"""; struct B { ',
+    "verbatim": '@verbatim (language="comment", text="""\nimport os\n""")\nlong a; ',
+    "dunder": "string __class__; string __init__; ",
+    "deep": f"{'sequence<' * 3000}long{'>' * 3000} x; ",
+    "deep_expression": f"long x[{'(' * 5000}1{')' * 5000}]; ",
+    "shift": "long x[1 << 1 << 40]; ",
+    "huge_array": "long x[999999999999]; ",
+    "modules": f"}}; {'module a {' * 3000}",
+}
+
+
+@pytest.mark.parametrize("name", CRAFTED_IDL)
+def test_crafted_definitions_in_idl(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = SOUND["ros2idl"].replace("struct PoseStamped {\n", f"struct PoseStamped {{\n{CRAFTED_IDL[name]}")
+    path = write(tmp_path / "a.mcap", "ros2idl", text)
+    begin_s = time.process_time()
+    found, known = poses_of(path)
+    assert found + summarise(str(path)).undecodable == len(POSES)
+    assert known in (0, found)
+    assert time.process_time() - begin_s < 5.0
+    assert not (tmp_path / "owned").exists()
+
+
+def test_many_crafted_definitions_take_no_longer(tmp_path: Path) -> None:
+    """Each of its own topic, and none of them usable."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2**24, repeat_schemas=False, repeat_channels=False)
+        writer.start()
+        for i in range(600):
+            text = f"int32 a{i}\n" + "int32 a\n" * 12_000 + "["
+            schema = writer.register_schema("geometry_msgs/PoseStamped", "ros1msg", text.encode())
+            channel = writer.register_channel(f"/pose{i}", "ros1", schema)
+            writer.add_message(channel, i, b"", i)
+        writer.finish()
+    assert path.stat().st_size < 2**20
+    begin_s = time.process_time()
+    with pytest.raises(NoPoses):
+        open_log(str(path))
+    assert summarise(str(path)).undecodable == 600
+    assert time.process_time() - begin_s < 10.0
+
+
+def test_definitions_are_what_rosbags_knows() -> None:
+    """Parsed and written again, those of all common types define the same."""
+    store = rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
+    for kind in (
+        "geometry_msgs/msg/PoseStamped",
+        "nav_msgs/msg/Odometry",
+        "visualization_msgs/msg/MarkerArray",
+    ):
+        text = store.generate_msgdef(kind, ros_version=2)[0]
+        again = rosbags.get_types_from_msg(ros2msg_of(fields_of_ros1(text, kind), kind), kind)
+        for name, (_, fields) in rosbags.get_types_from_msg(text, kind).items():
+            assert again[name][1] == fields, name
+
+
+def test_arrays_of_idl_keep_their_sizes() -> None:
+    fields = fields_of_idl(
+        "module a { module msg { struct B { double x[3]; sequence<long> y; sequence<float, 4> z; octet o; "
+        "string s; }; }; };"
+    )
+    assert ros2msg_of(fields, "a/msg/B").split("\n") == [
+        "float64[3] x",
+        "int32[] y",
+        "float32[<=4] z",
+        "byte o",
+        "string s",
+        "",
+    ]
+
+
+# --- ROS 1 as rosbags writes it ----------------------------------------------------------------------------
+
+
+def ros1_message(kind: str, number: int, pose: Pose) -> bytes:
+    """A message of a type with this pose."""
+    store = noetic()
+    types = store.types
+    header = types["std_msgs/msg/Header"](
+        number, types["builtin_interfaces/msg/Time"](*divmod(pose.stamp_ns, 10**9)), "world"
+    )
+    point = types["geometry_msgs/msg/Point"](*pose.position_m)
+    vector = types["geometry_msgs/msg/Vector3"](*pose.position_m)
+    turn = types["geometry_msgs/msg/Quaternion"](*pose.quat_xyzw)
+    placed = types["geometry_msgs/msg/Pose"](point, turn)
+    covariance = np.arange(36.0)
+    with_covariance = types["geometry_msgs/msg/PoseWithCovariance"](placed, covariance)
+    twist = types["geometry_msgs/msg/Twist"](vector, vector)
+    transform = types["geometry_msgs/msg/Transform"](vector, turn)
+    color = types["std_msgs/msg/ColorRGBA"](0.1, 0.2, 0.3, 1.0)
+    marker = types["visualization_msgs/msg/Marker"](
+        *(header, "box", 3, 1, 0, placed, vector, color, types["builtin_interfaces/msg/Duration"](1, 2)),
+        *(True, [point, point], [color], "\u00e4", "", False),
+    )
+    parts = {
+        "geometry_msgs/msg/PoseStamped": (header, placed),
+        "geometry_msgs/msg/PoseWithCovarianceStamped": (header, with_covariance),
+        "geometry_msgs/msg/TransformStamped": (header, "cup", transform),
+        "nav_msgs/msg/Odometry": (
+            *(header, "cup", with_covariance),
+            types["geometry_msgs/msg/TwistWithCovariance"](twist, covariance),
+        ),
+        "geometry_msgs/msg/PoseArray": (header, [placed]),
+        "visualization_msgs/msg/MarkerArray": ([marker],),
+    }[kind]
+    return bytes(store.serialize_ros1(types[kind](*parts), kind))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "geometry_msgs/msg/TransformStamped",
+        "nav_msgs/msg/Odometry",
+        "geometry_msgs/msg/PoseArray",
+        "visualization_msgs/msg/MarkerArray",
+    ],
+)
+def test_types_of_ros1(tmp_path: Path, kind: str) -> None:
+    """Each as rosbags defines and encodes it; a message that is cut off or too long is counted."""
+    rows = [(pose.stamp_ns, ros1_message(kind, i, pose)) for i, pose in enumerate(POSES)]
+    text = noetic().generate_msgdef(kind, ros_version=1)[0].encode()
+    name = kind.replace("/msg/", "/")
+    assert_read(write_raw(tmp_path / "a.mcap", name, "ros1", "ros1msg", text, rows))
+    odd = [*rows, (rows[-1][0], rows[-1][1][:-1]), (rows[-1][0], rows[-1][1] + b"x")]
+    log = open_log(str(write_raw(tmp_path / "b.mcap", name, "ros1", "ros1msg", text, odd)))
+    assert len(Poses.collect(log)) == len(rows)
+    assert log.counts == {"undecodable": 2}
+
+
+@pytest.mark.parametrize("kind", ["tf/tfMessage", "tf2_msgs/TFMessage"])
+def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
+    one = "geometry_msgs/msg/TransformStamped"
+    rows = [
+        (pose.stamp_ns, struct.pack("<I", 1) + ros1_message(one, i, pose)) for i, pose in enumerate(POSES)
+    ]
+    text, _ = noetic().generate_msgdef(one, ros_version=1)
+    own, rule, parts = text.partition(RULE)
+    whole = f"geometry_msgs/TransformStamped[] transforms\n{RULE}MSG: geometry_msgs/TransformStamped\n{own}"
+    path = write_raw(tmp_path / "a.mcap", kind, "ros1", "ros1msg", (whole + rule + parts).encode(), rows)
+    assert_read(path)
+    assert_read(path, frame="world->cup")

@@ -1,0 +1,234 @@
+"""Poses in other frames than they were published in: chains of transforms, and other bodies."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.errors import AmbiguousSource, NoPoses
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording import open_log
+from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, transform, write_log
+
+TF = "tf2_msgs/msg/TFMessage"
+MOUNT = Pose(START_NS, (0.1, -0.2, 0.3), tuple(Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_quat()))
+
+
+def tf(poses: Poses | list[Pose], parent: str, child: str, topic: str = "/tf") -> Topic:
+    rows = [(p.stamp_ns, {"transforms": [transform(*p, frame=parent, child=child)]}) for p in poses]
+    return Topic(topic, TF, rows)
+
+
+def joined(*topics: Topic) -> Topic:
+    """Their messages on the topic of the first."""
+    return Topic(topics[0].name, TF, [message for topic in topics for message in topic.messages])
+
+
+def matrix(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
+    """4 x 4, by the formula of quaternions."""
+    x, y, z, w = quat / np.sqrt(quat @ quat)
+    turn = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.block([[np.array(turn), np.reshape(position, (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+def interpolated(poses: Poses, stamp_ns: int) -> np.ndarray:
+    """By the formulas: linear, and along the arc between quaternions."""
+    i = min(int(np.searchsorted(poses.stamp_ns, stamp_ns, side="right")) - 1, len(poses) - 2)
+    share = float(stamp_ns - poses.stamp_ns[i]) / float(poses.stamp_ns[i + 1] - poses.stamp_ns[i])
+    a, b = poses.quat_xyzw[i], poses.quat_xyzw[i + 1]
+    b = b if a @ b > 0 else -b
+    angle = np.arccos(min(1.0, a @ b))
+    quat = a if angle < 1e-12 else (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b)
+    return matrix((1 - share) * poses.position_m[i] + share * poses.position_m[i + 1], quat)
+
+
+def assert_is(found: Poses, stamps_ns: np.ndarray, expected: Callable[[int, int], np.ndarray]) -> None:
+    """``expected`` of place and stamp, to 1e-9."""
+    np.testing.assert_array_equal(found.stamp_ns, stamps_ns)
+    for i, stamp_ns in enumerate(stamps_ns.tolist()):
+        got = matrix(found.position_m[i], found.quat_xyzw[i])
+        np.testing.assert_allclose(got, expected(i, stamp_ns), rtol=0, atol=1e-9)
+
+
+def faster(count: int, rate_hz: float, seed: int, start_ns: int = START_NS) -> Poses:
+    """More motion from sample to sample than ``smooth_poses`` has."""
+    poses = smooth_poses(count, 20, seed)
+    return Poses(start_ns + np.round(np.arange(count) / rate_hz * 1e9).astype(int), *poses.columns[1:])
+
+
+def by(poses: Poses) -> list[np.ndarray]:
+    return [matrix(p, q) for p, q in zip(poses.position_m, poses.quat_xyzw, strict=True)]
+
+
+FLANGE = faster(400, 97.0, 1)
+OBJECT = faster(100, 31.0, 2, START_NS + 50_000_000)
+
+
+def write_arm(path: Path, **options: int) -> Path:
+    """world -> flange moves, flange -> camera is mounted, camera -> object moves."""
+    arm = joined(tf(FLANGE, "world", "flange"), tf(OBJECT, "camera", "object"))
+    static = tf([MOUNT], "flange", "camera", "/tf_static")
+    return write_log(path, [arm, static], **options)
+
+
+@pytest.mark.parametrize("chunk_size", [500, 2**20])
+@pytest.mark.parametrize("in_columns", [False, True])
+def test_a_chain_whose_parent_moves(tmp_path: Path, chunk_size: int, in_columns: bool) -> None:
+    path = write_arm(tmp_path / "a.mcap", chunk_size=chunk_size)
+    log = open_log(str(path), frame="world->object")
+    found = Poses.join(list(log.batches())) if in_columns else Poses.collect(log)
+    mount = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw))
+    seen = by(OBJECT)
+    assert_is(found, OBJECT.stamp_ns, lambda i, stamp: interpolated(FLANGE, stamp) @ mount @ seen[i])
+    assert (log.source.topic, log.source.frames) == ("/tf", "world->object")
+    assert log.counts == {}
+
+
+def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
+    """From one branch to the other: the first is inverted."""
+    other = faster(300, 80.0, 7)
+    topics = joined(tf(FLANGE, "world", "flange"), tf(OBJECT, "flange", "object"), tf(other, "world", "tool"))
+    path = write_log(tmp_path / "a.mcap", [topics])
+    found = Poses.collect(open_log(str(path), frame="tool->object"))
+    seen = by(OBJECT)
+    assert_is(
+        found,
+        OBJECT.stamp_ns,
+        lambda i, t: np.linalg.inv(interpolated(other, t)) @ interpolated(FLANGE, t) @ seen[i],
+    )
+
+
+def test_a_static_transform_at_the_end(tmp_path: Path) -> None:
+    """The stamps are those of what moves last."""
+    topics = [tf(OBJECT, "world", "marker"), tf([MOUNT], "marker", "object", "/tf_static")]
+    found = Poses.collect(open_log(str(write_log(tmp_path / "a.mcap", topics)), frame="world->object"))
+    mount, seen = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw)), by(OBJECT)
+    assert_is(found, OBJECT.stamp_ns, lambda i, t: seen[i] @ mount)
+
+
+def test_relative_to_a_frame(tmp_path: Path) -> None:
+    """A PoseStamped in the camera's frame, wanted in the world."""
+    topics = [
+        tf(FLANGE, "world", "flange"),
+        tf([MOUNT], "flange", "camera", "/tf_static"),
+        poses_topic(OBJECT, frame="camera"),
+    ]
+    path = str(write_log(tmp_path / "a.mcap", topics))
+    log = open_log(path, topic="/object/pose", relative_to="world")
+    mount, seen = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw)), by(OBJECT)
+    assert_is(Poses.collect(log), OBJECT.stamp_ns, lambda i, t: interpolated(FLANGE, t) @ mount @ seen[i])
+    assert str(log.source) == "/object/pose world (geometry_msgs/msg/PoseStamped)"
+
+
+def test_relative_to_another_body(tmp_path: Path) -> None:
+    topics = [poses_topic(FLANGE, "/tray"), poses_topic(OBJECT, "/cup")]
+    path = str(write_log(tmp_path / "a.mcap", topics))
+    seen = by(OBJECT)
+    found = Poses.collect(open_log(path, topic="/cup", relative_to="/tray"))
+    assert_is(found, OBJECT.stamp_ns, lambda i, t: np.linalg.inv(interpolated(FLANGE, t)) @ seen[i])
+
+
+def test_what_cannot_be_interpolated_is_counted(tmp_path: Path) -> None:
+    kept = np.r_[20:100, 250:350]  # from 0.2 to 1.0 s and from 2.6 to 3.6 s
+    parent = FLANGE[kept]
+    topics = joined(tf(parent, "world", "flange"), tf(OBJECT, "flange", "object"))
+    log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->object")
+    found = Poses.collect(log)
+    stamps = OBJECT.stamp_ns
+    outside = (stamps < parent.stamp_ns[0]) | (stamps > parent.stamp_ns[-1])
+    inside = (stamps > FLANGE.stamp_ns[99]) & (stamps < FLANGE.stamp_ns[250])
+    assert outside.any()
+    assert inside.any()
+    assert log.counts == {"no_parent": outside.sum(), "parent_gap": inside.sum(), "gap": 1}
+    np.testing.assert_array_equal(found.stamp_ns, stamps[~outside & ~inside])
+
+
+def test_a_parent_that_rests_is_known_between_rare_messages(tmp_path: Path) -> None:
+    rare = [MOUNT._replace(stamp_ns=START_NS + i * 2_000_000_000) for i in range(3)]
+    topics = joined(tf(rare, "world", "base"), tf(OBJECT, "base", "object"))
+    log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->object")
+    assert len(Poses.collect(log)) == len(OBJECT)
+
+
+def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
+    bad = Pose(int(FLANGE.stamp_ns[50]) + 1000, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+    topics = joined(tf(FLANGE, "world", "flange"), tf([bad], "world", "flange"), tf(OBJECT, "flange", "o"))
+    log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->o")
+    assert len(Poses.collect(log)) == len(OBJECT)
+    assert log.counts == {"bad_parent": 1}
+
+
+def test_what_is_published_is_taken_as_it_is(tmp_path: Path) -> None:
+    path = str(write_arm(tmp_path / "a.mcap"))
+    found = Poses.collect(open_log(path, frame="camera->object"))
+    np.testing.assert_array_equal(found.position_m, OBJECT.position_m)
+
+
+@pytest.mark.parametrize("which", [{"frame": "object"}, {"topic": "/p"}])
+def test_a_frame_that_may_move_is_named(tmp_path: Path, which: dict[str, str]) -> None:
+    path = write_log(
+        tmp_path / "a.mcap",
+        [
+            joined(tf(FLANGE, "world", "flange"), tf(OBJECT, "camera", "object")),
+            tf([MOUNT], "flange", "camera", "/tf_static"),
+            poses_topic(OBJECT, "/p", "camera"),
+        ],
+    )
+    note = open_log(str(path), **which).note
+    assert note is not None
+    assert note.startswith("poses are in camera, which may move in world: contacts are with camera")
+    assert ("--frame 'world->object'" if "frame" in which else "--relative-to world") in note
+
+
+def test_nothing_is_said_of_frames_that_rest_or_were_asked_for(tmp_path: Path) -> None:
+    path = str(write_arm(tmp_path / "a.mcap"))
+    assert open_log(path, frame="camera->object").note is None
+    assert open_log(path, frame="flange").note is None
+    topics = [tf(OBJECT, "camera", "object"), tf([MOUNT], "world", "camera", "/tf_static")]
+    assert open_log(str(write_log(tmp_path / "b.mcap", topics))).note is None
+
+
+def test_chains_that_are_not_there(tmp_path: Path) -> None:
+    path = str(write_arm(tmp_path / "a.mcap"))
+    with pytest.raises(NoPoses, match=r"no pose source has the frame world->cup; there is .*camera->object"):
+        open_log(path, frame="world->cup")
+    with pytest.raises(NoPoses, match="leads to moon"):
+        open_log(path, frame="object", relative_to="moon")
+    with pytest.raises(AmbiguousSource, match="is the body itself"):
+        open_log(path, frame="object", relative_to="object")
+    with pytest.raises(AmbiguousSource, match="choose by --topic or --frame"):
+        open_log(path, relative_to="world")
+
+
+def test_stdin_and_growing_files_wait_for_no_more_than_they_need(tmp_path: Path) -> None:
+    """Pose by pose: each comes as soon as the transform after it has come."""
+    path = write_arm(tmp_path / "a.mcap")
+    from contact_tracker.recording import Follow
+
+    follow = Follow()
+    found = Poses.collect(open_log(str(path), frame="world->object", follow=follow))
+    np.testing.assert_array_equal(found.stamp_ns, OBJECT.stamp_ns)
+
+
+@pytest.mark.parametrize("follow", [False, True])
+def test_a_pose_whose_stamp_leads_holds_up_no_others(tmp_path: Path, follow: bool) -> None:
+    from contact_tracker.recording import Follow
+
+    parent, body = faster(4000, 100.0, 1), faster(3000, 100.0, 2)
+    messages = [
+        *((p.stamp_ns, {"transforms": [transform(*p, frame="world", child="f")]}) for p in parent),
+        *((p.stamp_ns, {"transforms": [transform(*p, frame="f", child="o")]}) for p in body),
+    ]
+    early = body.stamp_ns[500]
+    lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "f", "o")
+    messages.append((early + 1, {"transforms": [lead]}))
+    path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)], chunk_size=5000)
+    log = open_log(str(path), frame="world->o", follow=Follow() if follow else None)
+    assert len(Poses.collect(log)) == len(body)
+    assert log.counts == {"no_parent": 1}

@@ -1,0 +1,395 @@
+"""Messages of other types and encodings than PoseStamped of ROS 2, in files that other libraries wrote."""
+
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from contact_tracker.errors import AmbiguousSource, NoPoses
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording import list_sources, open_log, summarise
+from contact_tracker.recording.extras import MissingExtra
+from mcap_logs import (
+    SCHEMAS,
+    START_NS,
+    Topic,
+    header,
+    pose_stamped,
+    poses_topic,
+    smooth_poses,
+    vector,
+    write_log,
+)
+
+COUNT = 60
+POSES = smooth_poses(COUNT)
+OTHER = smooth_poses(COUNT, seed=5)
+FIRST = next(iter(POSES))
+
+
+def assert_read(path: Path, expected: Poses = POSES, **which: str) -> None:
+    """The log has these poses, in whole and in columns; positions to what JSON and text keep."""
+    for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
+        found = collect(open_log(str(path), **which))
+        np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
+        np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-12)
+
+
+# --- ROS 2 by rosbags and mcap_ros2 ------------------------------------------------------------------------
+
+
+def named(pose: Pose) -> dict[str, Any]:
+    return {"position": vector(pose.position_m), "orientation": vector(pose.quat_xyzw)}
+
+
+RULE = "=" * 80 + "\n"
+PARTS = SCHEMAS["geometry_msgs/msg/TransformStamped"].partition(RULE)[2]
+NAMED_POSE = (
+    f"{RULE}MSG: motion_capture_tracking_interfaces/NamedPose\nstring name\ngeometry_msgs/Pose pose\n"
+)
+BODY = f"{RULE}MSG: mocap4r2_msgs/RigidBody\nstring rigid_body_name\ngeometry_msgs/Pose pose\n"
+MARKER = "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
+HEAD = "std_msgs/Header header\n"
+ARRAYS: dict[str, tuple[str, Callable[[Pose, Pose], Any], tuple[str, str]]] = {
+    "geometry_msgs/msg/PoseArray": (
+        f"{HEAD}geometry_msgs/Pose[] poses\n{RULE}{PARTS}",
+        lambda a, b: {"header": header(a.stamp_ns), "poses": [named(a), named(b)]},
+        ("0", "1"),
+    ),
+    "motion_capture_tracking_interfaces/msg/NamedPoseArray": (
+        f"{HEAD}NamedPose[] poses\n{NAMED_POSE}{RULE}{PARTS}",
+        lambda a, b: {
+            "header": header(a.stamp_ns),
+            "poses": [{"name": "cup", "pose": named(a)}, {"name": "table", "pose": named(b)}],
+        },
+        ("cup", "table"),
+    ),
+    "mocap4r2_msgs/msg/RigidBodies": (
+        f"{HEAD}uint32 frame_number\nmocap4r2_msgs/RigidBody[] rigidbodies\n{BODY}{RULE}{PARTS}",
+        lambda a, b: {
+            "header": header(a.stamp_ns),
+            "frame_number": 7,
+            "rigidbodies": [
+                {"rigid_body_name": "1", "pose": named(a)},
+                {"rigid_body_name": "2", "pose": named(b)},
+            ],
+        },
+        ("1", "2"),
+    ),
+    "visualization_msgs/msg/MarkerArray": (
+        f"visualization_msgs/Marker[] markers\n{RULE}MSG: visualization_msgs/Marker\n{MARKER}{RULE}{PARTS}",
+        lambda a, b: {
+            "markers": [
+                {"header": header(a.stamp_ns), "ns": "box", "id": 3, "action": action, "pose": named(pose)}
+                for action, pose in ((0, a), (2, b))
+            ]
+            + [{"header": header(b.stamp_ns), "ns": "box", "id": 4, "pose": named(b)}]
+        },
+        ("box/3", "box/4"),
+    ),
+}
+
+
+def write_ros2(path: Path, topics: list[tuple[str, str, str, list[tuple[int, Any]]]]) -> Path:
+    from mcap_ros2.writer import Writer as RosWriter
+
+    with path.open("wb") as file, RosWriter(file) as writer:
+        for topic, kind, text, messages in topics:
+            schema = writer.register_msgdef(kind, text)
+            for log_time, message in messages:
+                writer.write_message(topic, schema, message, log_time=log_time)
+    return path
+
+
+@pytest.mark.parametrize("kind", ARRAYS)
+def test_each_pose_of_an_array_is_a_source(tmp_path: Path, kind: str) -> None:
+    text, message, names = ARRAYS[kind]
+    rows = [(a.stamp_ns, message(a, b)) for a, b in zip(POSES, OTHER, strict=True)]
+    path = write_ros2(tmp_path / "a.mcap", [("/bodies", kind, text, rows)])
+    with pytest.raises(AmbiguousSource, match=f"world->{names[0]}.*world->{names[1]}"):
+        open_log(str(path))
+    assert_read(path, POSES, frame=names[0])
+    assert_read(path, OTHER, frame=f"world->{names[1]}")
+    assert [source.source.child_frame_id for source in summarise(str(path)).sources] == list(names)
+
+
+def test_one_marker_is_a_source(tmp_path: Path) -> None:
+    rows = [(p.stamp_ns, {"header": header(p.stamp_ns), "ns": "a", "id": 1, "pose": named(p)}) for p in POSES]
+    kind = "visualization_msgs/msg/Marker"
+    assert_read(write_ros2(tmp_path / "a.mcap", [("/m", kind, f"{MARKER}{RULE}{PARTS}", rows)]))
+
+
+def test_a_pose_without_header_has_its_log_time(tmp_path: Path) -> None:
+    text = f"geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n{RULE}{PARTS}"
+    rows = [(pose.stamp_ns, named(pose)) for pose in POSES]
+    path = write_ros2(tmp_path / "a.mcap", [("/turtle", "geometry_msgs/msg/Pose", text, rows)])
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == COUNT
+    assert log.counts == {"log_time_as_stamp": COUNT}
+    assert_read(path)
+
+
+@cache
+def humble() -> Any:
+    rosbags = pytest.importorskip("rosbags.typesys")
+    return rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
+
+
+def cdr_pose(pose: Pose) -> bytes:
+    store = humble()
+    types = store.types
+    sec, nanosec = divmod(pose.stamp_ns, 10**9)
+    stamp = types["builtin_interfaces/msg/Time"](sec, nanosec)
+    point = types["geometry_msgs/msg/Point"](*pose.position_m)
+    turn = types["geometry_msgs/msg/Quaternion"](*pose.quat_xyzw)
+    message = types["geometry_msgs/msg/PoseStamped"](
+        types["std_msgs/msg/Header"](stamp, "world"), types["geometry_msgs/msg/Pose"](point, turn)
+    )
+    return bytes(store.serialize_cdr(message, "geometry_msgs/msg/PoseStamped"))
+
+
+def write_raw(
+    path: Path, kind: str, message: str, schema_encoding: str, schema: bytes, rows: list[tuple[int, bytes]]
+) -> Path:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="test")
+        schema_id = writer.register_schema(kind, schema_encoding, schema)
+        channel = writer.register_channel("/pose", message, schema_id)
+        for log_time, data in rows:
+            writer.add_message(channel, log_time, data, log_time)
+        writer.finish()
+    return path
+
+
+NAME = "geometry_msgs/msg/PoseStamped"
+
+
+@pytest.mark.parametrize(
+    ("kind", "encoding", "text"),
+    [
+        (NAME, "", ""),
+        (NAME, "ros2msg", ""),
+        (NAME, "ros2msg", NAME),
+        (NAME, "ros2msg", "std_msgs/Header header\nPose pose\n"),
+        ("geometry_msgs/PoseStamped", "ros2msg", SCHEMAS[NAME]),
+    ],
+)
+def test_a_known_type_needs_no_definition(tmp_path: Path, kind: str, encoding: str, text: str) -> None:
+    rows = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
+    path = write_raw(tmp_path / "a.mcap", kind, "cdr", encoding, text.encode(), rows)
+    assert_read(path)
+    assert summarise(str(path)).sources[0].poses == COUNT
+
+
+IDL = (
+    "IDL: geometry_msgs/msg/PoseStamped\nmodule geometry_msgs { module msg { struct PoseStamped {\n"
+    "std_msgs::msg::Header header; geometry_msgs::msg::Pose pose; }; }; };\n",
+    "IDL: std_msgs/msg/Header\nmodule std_msgs { module msg { struct Header {\n"
+    "builtin_interfaces::msg::Time stamp; string frame_id; }; }; };\n",
+    "IDL: builtin_interfaces/msg/Time\nmodule builtin_interfaces { module msg { struct Time {\n"
+    "int32 sec; uint32 nanosec; }; }; };\n",
+    "IDL: geometry_msgs/msg/Pose\nmodule geometry_msgs { module msg { struct Pose {\n"
+    "geometry_msgs::msg::Point position; geometry_msgs::msg::Quaternion orientation; }; }; };\n",
+    "IDL: geometry_msgs/msg/Point\nmodule geometry_msgs { module msg { struct Point {\n"
+    "double x; double y; double z; }; }; };\n",
+    "IDL: geometry_msgs/msg/Quaternion\nmodule geometry_msgs { module msg { struct Quaternion {\n"
+    "@default (value=0.0)\ndouble x; double y; double z; double w; }; }; };\n",
+)
+
+
+def test_definitions_in_idl(tmp_path: Path) -> None:
+    rows = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
+    text = "".join(RULE + part for part in IDL)
+    assert_read(write_raw(tmp_path / "a.mcap", NAME, "cdr", "ros2idl", text.encode(), rows))
+
+
+def test_two_types_on_one_topic_are_two_sources(tmp_path: Path) -> None:
+    path, name = tmp_path / "a.mcap", "geometry_msgs/msg/PoseWithCovarianceStamped"
+    with_covariance = [(p.stamp_ns, pose_stamped(*p)) for p in OTHER]
+    for _, message in with_covariance:
+        message["pose"] = {"pose": message["pose"]}
+    write_log(path, [poses_topic(POSES, "/a"), Topic("/a", name, with_covariance)])
+    with pytest.raises(AmbiguousSource, match=r"msg/PoseStamped\).*/PoseWithCovarianceStamped\)"):
+        open_log(str(path), topic="/a")
+    for kind in ("PoseStamped", "geometry_msgs/msg/PoseStamped"):
+        assert_read(path, topic=f"/a:{kind}")
+    assert_read(path, OTHER, topic="/a:PoseWithCovarianceStamped")
+    with pytest.raises(NoPoses, match=r"no topic /a:Path; there is /a$"):
+        open_log(str(path), topic="/a:Path")
+
+
+# --- ROS 1 -------------------------------------------------------------------------------------------------
+
+
+def test_ros1_messages(tmp_path: Path) -> None:
+    ros1 = pytest.importorskip("mcap_ros1.writer")
+    pytest.importorskip("rosbags")
+    text = SCHEMAS[NAME].replace("std_msgs/Header header", "Header header")
+    text = text.replace("builtin_interfaces/Time stamp", "uint32 seq\ntime stamp")
+    path = tmp_path / "a.mcap"
+
+    class PoseStamped:
+        _type, _full_text = "geometry_msgs/PoseStamped", text
+
+        def __init__(self, seq: int, pose: Pose) -> None:
+            self._packed = (seq, pose)
+
+        def serialize(self, buffer: Any) -> None:
+            import struct
+
+            seq, pose = self._packed
+            sec, nanosec = divmod(pose.stamp_ns, 10**9)
+            buffer.write(struct.pack("<IIII5s", seq, sec, nanosec, 5, b"world"))
+            buffer.write(struct.pack("<7d", *pose.position_m, *pose.quat_xyzw))
+
+    with path.open("wb") as file:
+        writer = ros1.Writer(file)
+        for seq, pose in enumerate(POSES):
+            writer.write_message("/pose", PoseStamped(seq, pose), log_time=pose.stamp_ns)
+        writer.finish()
+    assert_read(path)
+    assert list_sources(str(path))[0].type == "geometry_msgs/PoseStamped"
+
+
+# --- Foxglove ----------------------------------------------------------------------------------------------
+
+
+def foxglove_messages(kind: str, schemas: Any, a: Pose, b: Pose) -> Any:
+    """Of the pose ``a``, with ``b`` where a type has several."""
+    sec, nsec = divmod(a.stamp_ns, 10**9)
+    stamp = schemas.Timestamp(sec, nsec)
+
+    def parts(p: Pose) -> Any:
+        x, y, z = p.position_m
+        qx, qy, qz, qw = p.quat_xyzw
+        return schemas.Vector3(x=x, y=y, z=z), schemas.Quaternion(x=qx, y=qy, z=qz, w=qw)
+
+    def pose(p: Pose) -> Any:
+        position, orientation = parts(p)
+        return schemas.Pose(position=position, orientation=orientation)
+
+    def frame(p: Pose, child: str) -> Any:
+        translation, rotation = parts(p)
+        return schemas.FrameTransform(
+            timestamp=stamp,
+            parent_frame_id="world",
+            child_frame_id=child,
+            translation=translation,
+            rotation=rotation,
+        )
+
+    match kind:
+        case "PoseInFrame":
+            return schemas.PoseInFrame(timestamp=stamp, frame_id="world", pose=pose(a))
+        case "PosesInFrame":
+            return schemas.PosesInFrame(timestamp=stamp, frame_id="world", poses=[pose(a), pose(b)])
+        case "FrameTransform":
+            return frame(a, "0")
+    return schemas.FrameTransforms(transforms=[frame(a, "0"), frame(b, "1")])
+
+
+KINDS = ("PoseInFrame", "PosesInFrame", "FrameTransform", "FrameTransforms")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_foxglove_protobuf(tmp_path: Path, kind: str) -> None:
+    """As Foxglove's own SDK encodes them."""
+    foxglove = pytest.importorskip("foxglove")
+    pytest.importorskip("mcap_protobuf")
+    path = tmp_path / "a.mcap"
+    schemas = __import__("foxglove.messages" if _has_messages() else "foxglove.schemas", fromlist=["Pose"])
+    channels = __import__("foxglove.channels", fromlist=["PoseInFrameChannel"])
+    context = foxglove.Context()
+    with foxglove.open_mcap(str(path), context=context):
+        channel = getattr(channels, f"{kind}Channel")("/pose", context=context)
+        for a, b in zip(POSES, OTHER, strict=True):
+            channel.log(foxglove_messages(kind, schemas, a, b), log_time=a.stamp_ns)
+    assert_foxglove(path, kind)
+
+
+def _has_messages() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("foxglove.messages") is not None
+
+
+def assert_foxglove(path: Path, kind: str) -> None:
+    assert {source.type for source in list_sources(str(path))} == {f"foxglove.{kind}"}
+    if kind.endswith("s") or kind == "PosesInFrame":
+        assert_read(path, frame="0")
+        assert_read(path, OTHER, frame="1")
+    else:
+        assert_read(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_foxglove_json(tmp_path: Path, kind: str) -> None:
+    rows = []
+    for a, b in zip(POSES, OTHER, strict=True):
+        sec, nsec = divmod(a.stamp_ns, 10**9)
+        head = {"timestamp": {"sec": sec, "nsec": nsec}}
+        frames = [
+            {
+                **head,
+                "parent_frame_id": "world",
+                "child_frame_id": str(i),
+                "translation": vector(p.position_m),
+                "rotation": vector(p.quat_xyzw),
+            }
+            for i, p in enumerate((a, b))
+        ]
+        message = {
+            "PoseInFrame": {**head, "frame_id": "world", "pose": named(a)},
+            "PosesInFrame": {**head, "frame_id": "world", "poses": [named(a), named(b)]},
+            "FrameTransform": frames[0],
+            "FrameTransforms": {"transforms": frames},
+        }[kind]
+        rows.append((a.stamp_ns, json.dumps(message).encode()))
+    path = write_raw(tmp_path / "a.mcap", f"foxglove.{kind}", "json", "jsonschema", b"{}", rows)
+    assert_foxglove(path, kind)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"{",
+        b"[1, 2]",
+        b"[" * 100_000,
+        b'{"timestamp": {"sec": "x", "nsec": 0}}',
+        json.dumps({"timestamp": {"sec": 1, "nsec": 0}, "frame_id": 7, "pose": named(FIRST)}).encode(),
+        json.dumps({"timestamp": {"sec": 1}, "frame_id": "w", "pose": named(FIRST)}).encode(),
+        json.dumps(
+            {"timestamp": {"sec": 1, "nsec": 1}, "frame_id": "w", "pose": {"position": None}}
+        ).encode(),
+        b'{"timestamp": {"sec": Infinity, "nsec": 0}, "frame_id": "w", "pose": {}}',
+    ],
+)
+def test_json_that_is_no_pose_is_counted(tmp_path: Path, message: bytes) -> None:
+    good = {"timestamp": {"sec": 1, "nsec": 5}, "frame_id": "w", "pose": named(FIRST)}
+    far = {**good, "timestamp": {"sec": 10**30, "nsec": 5}}
+    rows = [
+        (5, json.dumps(good).encode()),
+        (6, message),
+        (7, json.dumps(far).encode()),
+    ]
+    path = write_raw(tmp_path / "a.mcap", "foxglove.PoseInFrame", "json", "jsonschema", b"{}", rows)
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == 1
+    assert log.counts == {"undecodable": 1, "out_of_range": 1}
+    assert summarise(str(path)).undecodable == 1
+
+
+def test_a_missing_library_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "mcap_protobuf.decoder", None)
+    rows = [(START_NS, b"x")]
+    path = write_raw(tmp_path / "a.mcap", "foxglove.PoseInFrame", "protobuf", "protobuf", b"", rows)
+    for read in (open_log, summarise):
+        with pytest.raises(MissingExtra, match=r"pip install 'contact-tracker\[foxglove\]'"):
+            read(str(path))

@@ -1,0 +1,280 @@
+"""Trajectories in text files and tables, written by other libraries, and exports of motion capture."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_tracker.errors import AmbiguousSource, UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import list_sources, open_log, summarise
+from mcap_logs import smooth_poses
+
+pytest.importorskip("polars")
+POSES = smooth_poses(300)
+OTHER = smooth_poses(300, seed=5)
+
+
+def columns(poses: Poses) -> np.ndarray:
+    """Seconds, position and quaternion."""
+    return np.column_stack([poses.stamp_ns / 1e9, poses.position_m, poses.quat_xyzw])
+
+
+def assert_read(path: Path, expected: Poses = POSES, time_ns: float = 0, **which: str) -> None:
+    for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
+        log = open_log(str(path), **which)
+        found = collect(log)
+        np.testing.assert_allclose(found.stamp_ns, expected.stamp_ns, rtol=0, atol=time_ns)
+        np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-8)
+        assert log.damage is None
+
+
+def exact_seconds(poses: Poses) -> list[str]:
+    return [f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in poses.stamp_ns.tolist()]
+
+
+@pytest.mark.parametrize("head", ["", "timestamp tx ty tz qx qy qz qw", "a trajectory\nof two lines"])
+def test_tum(tmp_path: Path, head: str) -> None:
+    """As numpy writes it, with times to the microsecond."""
+    path = tmp_path / "a.txt"
+    np.savetxt(path, columns(POSES), fmt=["%.6f", *["%.12f"] * 7], header=head)
+    assert_read(path, time_ns=501)
+    assert list_sources(str(path))[0].topic == "a.txt"
+
+
+def test_tum_by_any_white_space_and_to_the_nanosecond(tmp_path: Path) -> None:
+    path = tmp_path / "trajectory"
+    rows = zip(exact_seconds(POSES), columns(POSES)[:, 1:].tolist(), strict=True)
+    path.write_text("".join(f" {t}\t{'   '.join(map(repr, row))}\r\n" for t, row in rows))
+    assert_read(path)
+
+
+SPELLINGS = (
+    "t,x,y,z,qx,qy,qz,qw",
+    "time [s],px,py,pz,qx,qy,qz,qw",
+    "timestamp,tx,ty,tz,q_x,q_y,q_z,q_w",
+    "#timestamp [s],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_x [],q_RS_y [],q_RS_z [],q_RS_w []",
+    "Time,position.x,position.y,position.z,orientation.x,orientation.y,orientation.z,orientation.w",
+    "header.stamp,pose.position.x,pose.position.y,pose.position.z,"
+    "pose.orientation.x,pose.orientation.y,pose.orientation.z,pose.orientation.w",
+    "stamp,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w",
+)
+
+
+@pytest.mark.parametrize("names", SPELLINGS)
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_named_columns(tmp_path: Path, names: str, separator: str) -> None:
+    path = tmp_path / "a.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, delimiter=separator)
+        writer.writerow(names.split(","))
+        rows = zip(exact_seconds(POSES), columns(POSES)[:, 1:].tolist(), strict=True)
+        writer.writerows([t, *row] for t, row in rows)
+    assert_read(path)
+
+
+def test_units_are_those_of_the_names(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import csv as arrow_csv
+
+    x, y, z = (POSES.position_m * 1e3).T
+    table = {"t_ns": POSES.stamp_ns, "x [mm]": x, "y [mm]": y, "z [mm]": z}
+    table |= dict(zip(("qw", "qx", "qy", "qz"), np.roll(POSES.quat_xyzw, 1, axis=1).T, strict=True))
+    arrow_csv.write_csv(pyarrow.table(table), tmp_path / "a.csv")
+    assert_read(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
+def test_times_without_a_unit_are_told_by_their_size(tmp_path: Path, unit: int) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    whole = Poses(POSES.stamp_ns // 10**6 * 10**6, POSES.position_m, POSES.quat_xyzw)
+    names = ("x", "y", "z", "qx", "qy", "qz", "qw")
+    values = np.hstack([whole.position_m, whole.quat_xyzw]).T
+    table = {"timestamp": whole.stamp_ns // unit, **dict(zip(names, values, strict=True))}
+    parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
+    assert_read(tmp_path / "a.parquet", whole)
+    assert list_sources(str(tmp_path / "a.parquet"))[0].type == "Parquet"
+
+
+def test_several_bodies_in_named_columns(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    axes = ("x", "y", "z", "qx", "qy", "qz", "qw")
+    names = ["time", *(f"{body}_{axis}" for body in ("cup", "big_table") for axis in axes)]
+    rows = np.hstack([columns(POSES)[:, 1:], columns(OTHER)[:, 1:]])
+    with path.open("w") as file:
+        file.write(",".join(names) + "\n")
+        np.savetxt(file, np.column_stack([np.arange(len(rows)) / 200, rows]), delimiter=",")
+    with pytest.raises(AmbiguousSource, match=r"->big_table \(table\).*->cup \(table\)"):
+        open_log(str(path))
+    start_ns = POSES.stamp_ns[0]
+    for body, poses in (("cup", POSES), ("big_table", OTHER)):
+        expected = Poses(poses.stamp_ns - start_ns, poses.position_m, poses.quat_xyzw)
+        found = Poses.collect(open_log(str(path), frame=body))
+        np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
+
+
+_BODY = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
+_VALUES = ["Rotation"] * 4 + ["Position"] * 3
+_NAMES = [*["cup"] * 8, *['"cup:Marker, 1"'] * 3, *["table"] * 7]
+ABOUT = (
+    "Format Version,{version},Take Name,take,Capture Frame Rate,200.0,Export Frame Rate,200.0,"
+    "Capture Start Time,2023-06-02 12.09.45 PM,Rotation Type,{rotation},Length Units,{units},"
+    "Coordinate Space,Global"
+)
+HEADS = {
+    "1.22": [["", "", *_BODY], ["", "", *_NAMES]],
+    "1.23": [["", "Type", *_BODY], ["", "Name", *_NAMES], ["", "ID", *map(str, range(18))]],
+    "1.25": [
+        ["", "Type", *_BODY],
+        ["", "Name", *_NAMES],
+        ["", "ID", *map(str, range(18))],
+        ["", "Parent", *["Root"] * 18],
+    ],
+}
+"""The rows of names that formats of Motive 2 and 3 have, as in exports that others have published."""
+
+
+def write_motive(
+    path: Path, rotation: str = "Quaternion", units: str = "Millimeters", version: str = "1.23"
+) -> Path:
+    """As Motive exports two rigid bodies and a marker; one body is hidden for a while."""
+    scale = 1e3 if units == "Millimeters" else 1.0
+    with path.open("w", newline="", encoding="utf-8-sig") as file:
+        file.write(ABOUT.format(version=version, rotation=rotation, units=units) + "\n\n")
+        file.writelines(",".join(row) + "\n" for row in HEADS[version])
+        file.write(",".join(["", "", *_VALUES, "Mean Marker Error", *["Position"] * 3, *_VALUES]) + "\n")
+        file.write("Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,X,Y,Z,W,X,Y,Z\n")
+        for i, (a, b) in enumerate(zip(POSES, OTHER, strict=True)):
+            first = [*a.quat_xyzw, *(scale * v for v in a.position_m), 0.1]
+            second = [*b.quat_xyzw, *(scale * v for v in b.position_m)]
+            if 100 <= i < 110:
+                first = [""] * 8
+            csv.writer(file).writerow([i, f"{i / 200:.6f}", *first, 0, 0, 0, *second])
+    return path
+
+
+@pytest.mark.parametrize("units", ["Millimeters", "Meters"])
+@pytest.mark.parametrize("version", HEADS)
+def test_motive(tmp_path: Path, units: str, version: str) -> None:
+    path = str(write_motive(tmp_path / "take.csv", units=units, version=version))
+    with pytest.raises(AmbiguousSource, match=r"take.csv ->cup \(Motive\); take.csv ->table \(Motive\)"):
+        open_log(path)
+    log = open_log(path, frame="cup")
+    found = Poses.collect(log)
+    seen = np.r_[0:100, 110:300]
+    np.testing.assert_allclose(found.position_m, POSES.position_m[seen], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.quat_xyzw, POSES.quat_xyzw[seen], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found.stamp_ns, seen * 5_000_000)
+    assert log.counts["nonfinite"] == 10
+    table = Poses.collect(open_log(path, frame="table"))
+    np.testing.assert_allclose(table.position_m, OTHER.position_m, rtol=0, atol=1e-12)
+
+
+def motive(kinds: list[str], names: list[str], values: list[str], axes: str, space: str = "Global") -> str:
+    about = ABOUT.format(version="1.23", rotation="Quaternion", units="Meters").replace("Global", space)
+    rows = [["", "Type", *kinds], ["", "Name", *names], ["", "", *values], ["Frame", "Time (Seconds)", *axes]]
+    line = ",".join(["0", "0.0", *("0" if axis != "W" else "1" for axis in axes)])
+    return "\n".join([about, "", *map(",".join, rows), line, line.replace("0.0", "0.1", 1)]) + "\n"
+
+
+def test_motive_bodies_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, _VALUES * 2, "XYZWXYZ" * 2))
+    assert [source.child_frame_id for source in list_sources(str(path))] == ["cup", "cup 2"]
+
+
+def test_motive_bones_are_read_in_global_coordinates_only(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, _VALUES, "XYZWXYZ"))
+    assert [source.child_frame_id for source in list_sources(str(path))] == ["hand"]
+    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, _VALUES, "XYZWXYZ", space="Local"))
+    with pytest.raises(UnreadableRecording, match=r"no rigid body has both .* in global coordinates"):
+        open_log(str(path))
+
+
+def test_rows_of_exports_may_be_shorter_than_others(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    lines = write_motive(tmp_path / "whole.csv").read_text(encoding="utf-8-sig").splitlines()
+    path.write_text("\n".join([*lines[:7], "0,0.0,,,,", *lines[8:]]))
+    found = Poses.collect(open_log(str(path), frame="table"))
+    np.testing.assert_allclose(found.position_m, OTHER.position_m[1:], rtol=0, atol=1e-12)
+
+
+def write_vicon(path: Path, quaternions: bool = True, kind: str = "Segments", about: str = "") -> Path:
+    axes = "RX,RY,RZ,RW,TX,TY,TZ" if quaternions else "RX,RY,RZ,TX,TY,TZ"
+    units = (",,,," if quaternions else "deg,deg,deg,") + "mm,mm,mm"
+    commas = "," * axes.count(",")
+    rows = [kind, "200", f",,{about}cup:cup{commas},{about}me:hand{commas}", f"Frame,Sub Frame,{axes},{axes}"]
+    rows.append(f",,{units},{units}")
+    for i, (a, b) in enumerate(zip(POSES, OTHER, strict=True)):
+        cells = [
+            repr(value)
+            for p in (a, b)
+            for value in (*p.quat_xyzw[: 4 if quaternions else 3], *(1e3 * v for v in p.position_m))
+        ]
+        rows.append(",".join([str(i + 1), "0", *cells]))
+    rows += ["", "Trajectories", "200", ",,cup:M1,,", "Frame,Sub Frame,X,Y,Z", ",,mm,mm,mm", "1,0,1,2,3"]
+    path.write_text("\r\n".join(rows) + "\r\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "about"),
+    [("Segments", ""), ("Objects", "Global Angle "), ("Objects", "Global Angle (Quaternion) ")],
+)
+def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
+    path = str(write_vicon(tmp_path / "trial.csv", kind=kind, about=about))
+    assert [source.child_frame_id for source in list_sources(path)] == ["cup", "me:hand"]
+    for name, poses in (("cup", POSES), ("me:hand", OTHER)):
+        found = Poses.collect(open_log(path, frame=name))
+        np.testing.assert_allclose(found.position_m, poses.position_m, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.quat_xyzw, poses.quat_xyzw, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(found.stamp_ns, np.arange(1, 301) * 5_000_000)
+    assert [source.poses for source in summarise(path).sources] == [300, 300]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1 2 3 4\n", "its 4 columns have no names: needed are a time, x, y, z in metres"),
+        ("t,x,y,z\n1,2,3,4\n", "no columns of a pose among t, x, y, z: needed are a time"),
+        ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "no column of times among x, y, z"),
+        ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
+        ("Format Version;1.23;Take Name;a\n", "its columns are not separated by commas"),
+        ("Format Version,1.23,Length Units,Feet\n,,Rigid Body\n,,a\n,,Rotation\nFrame,Time,X\n", "Feet"),
+        ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
+        (",".join(["t"] * 5001) + "\n", "its 5001 columns are too many"),
+        ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
+        ("hello\n", "no columns of a pose among hello"),
+    ],
+)
+def test_what_a_table_lacks_is_said(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    for read in (open_log, summarise):
+        with pytest.raises(UnreadableRecording, match=message):
+            read(str(path))
+
+
+def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableRecording, match="rotations are XYZ: export it from Motive"):
+        open_log(str(write_motive(tmp_path / "a.csv", rotation="XYZ")))
+    with pytest.raises(UnreadableRecording, match="rotations of cup are three angles or a helical vector"):
+        open_log(str(write_vicon(tmp_path / "b.csv", quaternions=False)))
+    path = write_vicon(tmp_path / "c.csv", quaternions=False, kind="Objects", about="Global Angle (Helical) ")
+    with pytest.raises(UnreadableRecording, match="rotations of cup are of the kind Helical: export quat"):
+        open_log(str(path))
+
+
+def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n0.1,1,2,3,0,0,0,1\nx,1,2,3,0,0,0,1\n0.3,1,2\n")
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == 2
+    assert log.damage == "1 rows have no time"
+    assert log.counts["nonfinite"] == 1

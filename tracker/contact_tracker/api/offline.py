@@ -1,0 +1,226 @@
+"""What held when, from a whole trajectory."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from contact_tracker.adaptation import OfflineTracker, Report
+from contact_tracker.api.given import Known, ModelLike, Noise, knowledge_of, model_from
+from contact_tracker.api.trajectory import Trajectory, read
+from contact_tracker.errors import UsageError
+from contact_tracker.exports.columns import (
+    BELIEF_COLUMNS,
+    SEGMENT_COLUMNS,
+    Columns,
+    belief_columns,
+    segment_columns,
+)
+from contact_tracker.exports.outcome import Outcome
+from contact_tracker.exports.replacement import check_output
+from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
+from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
+from contact_tracker.exports.writing import write_outcome, write_pieces
+from contact_tracker.extras import extra
+from contact_tracker.outputs.adaptation import noise_text, warnings
+from contact_tracker.outputs.text import table
+from contact_tracker.recording import parts_of
+from contact_tracker.tracking.belief import Detail, Segment
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+
+if TYPE_CHECKING:
+    from contact_tracker.exports import pandas_table, polars_table
+    from contact_tracker.exports.figure import Figure
+
+Rows = Literal["ticks", "segments"]
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The segments of a trajectory and what is believed of each tick.
+
+    Parameters
+    ----------
+    trajectory : the poses.
+    segmentation : segments and smoothed beliefs in columns.
+    report : what the tracker has adapted to.
+    notes : what had to be told before the first pose.
+    """
+
+    trajectory: Trajectory
+    segmentation: Segmentation
+    report: Report | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """One contact each, in order, covering every tick."""
+        return self.segmentation.segments
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """One per tick, with the label of its segment and smoothed probabilities."""
+        return self.segmentation.beliefs
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What was dropped or repaired, by kind (docs/conventions.md)."""
+        outliers = {"outlier": self.segmentation.outliers} if self.segmentation.outliers else {}
+        return {**self.trajectory.counts, **outliers}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A line for each thing that has to be known; damage of the recording is one."""
+        damage = self.trajectory.damage
+        found = () if self.report is None else tuple(warnings(self.report))
+        return (*self.notes, *found, *(() if damage is None else (damage,)))
+
+    def to_pandas(self, rows: Rows = "ticks") -> "pandas_table.DataFrame":
+        """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.
+
+        The columns are those of Parquet files (docs/conventions.md).
+        """
+        with extra("pandas", "a DataFrame of pandas"):
+            from contact_tracker.exports.pandas_table import to_pandas
+
+        return to_pandas(*self._columns(rows))
+
+    def to_polars(self, rows: Rows = "ticks") -> "polars_table.DataFrame":
+        """The same of polars."""
+        with extra("tables", "a DataFrame of polars"):
+            from contact_tracker.exports.polars_table import to_polars
+
+        return to_polars(*self._columns(rows))
+
+    def to_parquet(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write a Parquet file with a row per tick.
+
+        It appears whole or not at all. A recording is replaced only with ``overwrite``.
+
+        Raises
+        ------
+        MissingExtra
+            pyarrow is not installed.
+        UsageError
+            What is there is a recording, or read by this very result.
+        OSError
+            The file cannot be written.
+        """
+        self._write(path, overwrite, ".parquet")
+
+    def to_mcap(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write what Foxglove draws, beside the channels of the recording; raises as ``to_parquet`` does.
+
+        Of a trajectory that is not from a recording there are its frames, beliefs and scene alone.
+        """
+        self._write(path, overwrite, ".mcap")
+
+    def to_html(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write a report that needs no other file; raises as ``to_parquet`` does."""
+        self._write(path, overwrite, ".html")
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the output that the suffix of ``path`` says, as ``segment -o`` does."""
+        self._write(path, overwrite, *SUFFIXES)
+
+    def plot(self, curves: bool = True) -> "Figure":
+        """A figure of matplotlib: labels, posteriors, and the paper's curves; raises MissingExtra.
+
+        ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
+        """
+        with extra("plot", "a figure"):
+            from contact_tracker.exports.figure import draw_figure
+        found = None
+        if curves:
+            from contact_tracker.paper import window_curves
+
+            found = window_curves.curves(self.trajectory.poses)
+        return draw_figure(self.segmentation, self._origin_ns, found)
+
+    def __str__(self) -> str:
+        return "\n".join(table(self.segments, self._origin_ns))
+
+    def __repr__(self) -> str:
+        return f"<Result of {self.trajectory!r}: {len(self.segments)} segments, {len(self.beliefs)} ticks>"
+
+    def _repr_html_(self) -> str:
+        notes = notes_html(self.counts, self.warnings)
+        return f"{ribbon_html(self.segments)}{table_html(self.segments, self._origin_ns)}{notes}"
+
+    @property
+    def _origin_ns(self) -> int:
+        return int(self.trajectory.stamp_ns[0])
+
+    def _columns(self, rows: str) -> tuple[Columns, Any]:
+        if rows == "ticks":
+            return belief_columns(self.beliefs), BELIEF_COLUMNS
+        if rows == "segments":
+            return segment_columns(self.segments), SEGMENT_COLUMNS
+        raise UsageError(f"rows is 'ticks' or 'segments', not {rows!r}")
+
+    def _write(self, name: str | os.PathLike[str], overwrite: bool, *suffixes: str) -> None:
+        path, trajectory = Path(name), self.trajectory
+        if path.suffix.lower() not in suffixes:
+            raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
+        log = trajectory.path if trajectory.path is not None and os.path.exists(trajectory.path) else None
+        check_output(path, overwrite, () if log is None else parts_of(log), "overwrite=True")
+        require_library(path)
+        if path.suffix.lower() not in WHOLE:
+            write_pieces([self.segmentation], path, lambda: self._origin_ns)
+            return
+        source = trajectory.source
+        outcome = Outcome(
+            trajectory.name,
+            trajectory.poses,
+            self.segmentation,
+            self._origin_ns,
+            self.counts,
+            self.warnings,
+            "" if self.report is None else noise_text(self.report),
+            "" if source is None else source.frame_id,
+            "" if source is None else source.child_frame_id,
+            trajectory.vertices_m,
+        )
+        write_outcome(outcome, path, log, trajectory.log_offset_ns)
+
+
+def segment(
+    trajectory: Any, model: ModelLike = "default", known: Known = None, noise: Noise = None
+) -> Result:
+    """Segment a whole trajectory into contacts.
+
+    Parameters
+    ----------
+    trajectory : a ``Trajectory``, the path of a recording, or a table as for ``Trajectory.from_dataframe``.
+    model : the name of a shipped model, a TOML file, or a model that is loaded.
+    known : a TOML file of what is known (docs/knowledge.md), or a table of the same keys.
+    noise : standard deviations of a pose per axis, where they are known: ``"0.3mm,0.15deg"``, or a pair in
+        metres and radians.
+
+    Raises
+    ------
+    InputError
+        The trajectory cannot be used.
+    UsageError
+        The call is wrong: an argument, the model, or what is known.
+    """
+    given = model_from(model, noise)
+    notes = list[str]()
+    knowledge = knowledge_of(known, notes.append)
+    poses = _trajectory_of(trajectory)
+    tracker = OfflineTracker(given, knowledge)
+    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
+    return Result(poses, found, tracker.report, tuple(notes))
+
+
+def _trajectory_of(given: Any) -> Trajectory:
+    if isinstance(given, Trajectory):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return read(given)
+    if hasattr(given, "columns") or isinstance(given, Mapping):
+        return Trajectory.from_dataframe(given)
+    raise UsageError(
+        f"a trajectory is a Trajectory, the path of a recording or a DataFrame, not {type(given).__name__}"
+    )

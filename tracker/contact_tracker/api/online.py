@@ -1,0 +1,135 @@
+"""What holds now, pose by pose."""
+
+import operator
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Self, SupportsIndex
+
+from contact_tracker import adaptation
+from contact_tracker.adaptation import AdaptiveState
+from contact_tracker.api.given import Known, ModelLike, Noise, knowledge_of, model_from
+from contact_tracker.errors import InvalidPose, StateError, UsageError
+from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.poses import Pose
+from contact_tracker.outputs.adaptation import warnings
+from contact_tracker.saved_state import load, save
+from contact_tracker.tracking.belief import Belief
+
+
+class Tracker:
+    """Follows the contacts of one object while its poses come in.
+
+    Parameters
+    ----------
+    model, known, noise : as of ``segment``.
+    lag_s : answers are of that long ago (s), and better.
+
+    Raises
+    ------
+    UsageError
+        An argument is wrong.
+    """
+
+    def __init__(
+        self,
+        model: ModelLike = "default",
+        lag_s: float = 0.0,
+        known: Known = None,
+        noise: Noise = None,
+    ) -> None:
+        given, notes = model_from(model, noise), list[str]()
+        if not isinstance(lag_s, int | float) or not 0.0 <= lag_s <= given.search.window_s:
+            raise UsageError(f"lag_s is 0 to {given.search.window_s:g} s, not {lag_s!r}")
+        self._notes = notes
+        self._state = adaptation.start(given, lag_s, knowledge_of(known, notes.append))
+        self._gate = PoseGate()
+
+    def update(
+        self, stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]
+    ) -> Belief | None:
+        """Take in one pose.
+
+        Parameters
+        ----------
+        stamp_ns : of the measurement, integer nanoseconds.
+        position_m : (3,) of the body's origin in the world (m).
+        quat_xyzw : (4,) from body to world.
+
+        Returns
+        -------
+        The newest belief if the pose closes a tick (0.1 s as a rule), else None. What the gate drops or holds
+        back is counted in ``counts``.
+
+        Raises
+        ------
+        InvalidPose
+            It is no pose: the stamp is no integer, or the numbers are not three and four.
+        """
+        return _newest(self._advance(self._gate.admit(_pose(stamp_ns, position_m, quat_xyzw))))
+
+    def finish(self) -> list[Belief]:
+        """The stream has ended: beliefs of the last, partial tick and of what the lag has held back."""
+        beliefs = self._advance(self._gate.finish())
+        self._state, rest = adaptation.finish(self._state)
+        return [*beliefs, *rest]
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What was dropped or repaired so far, by kind (docs/conventions.md)."""
+        outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
+        return {**self._gate.counts, **outliers}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A line for each thing that has to be known of the stream so far."""
+        found = adaptation.report(self._state)
+        return (*self._notes, *(() if found is None else warnings(found)))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Keep all that is known in a file, whole or not at all; raises OSError."""
+        save(Path(path), (self._state, self._gate, tuple(self._notes)))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """A tracker that carries on where another was saved, to the last bit. Nothing in the file is run.
+
+        Raises
+        ------
+        StateError
+            The file is not that of a tracker, is damaged, or was saved by another version.
+        OSError
+            It cannot be read.
+        """
+        match load(Path(path)):
+            case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes):
+                tracker = cls.__new__(cls)
+                tracker._state, tracker._gate, tracker._notes = state, gate, [*map(str, notes)]
+                return tracker
+        raise StateError(f"{os.fspath(path)}: it is no state of a tracker")
+
+    def _advance(self, poses: Sequence[Pose]) -> list[Belief]:
+        beliefs = list[Belief]()
+        for pose in poses:
+            self._state, said = adaptation.advance(self._state, pose)
+            beliefs += said
+        return beliefs
+
+
+def _newest(beliefs: list[Belief]) -> Belief | None:
+    return beliefs[-1] if beliefs else None
+
+
+def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:
+    """As plain numbers, which need not be sound yet."""
+    try:
+        stamp = operator.index(stamp_ns)
+    except TypeError as error:
+        text = f"stamps are integers in nanoseconds, not {stamp_ns!r}: multiply seconds by 1e9 and round"
+        raise InvalidPose(text) from error
+    try:
+        x, y, z = map(float, position_m)
+        qx, qy, qz, qw = map(float, quat_xyzw)
+    except (TypeError, ValueError) as error:
+        raise InvalidPose("a pose has three coordinates and a quaternion xyzw") from error
+    return Pose(stamp, (x, y, z), (qx, qy, qz, qw))

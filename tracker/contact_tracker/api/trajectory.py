@@ -1,0 +1,251 @@
+"""Poses that have passed the gate, from a recording, from arrays or from a table."""
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contact_tracker.errors import NoPoses, UsageError
+from contact_tracker.geometry.elements import Array
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.stamp_order import RANGE_NS
+from contact_tracker.recording import PoseSource, open_log, read_metadata
+from contact_tracker.viewer.hull import vertices_from_metadata
+
+Order = Literal["xyzw", "wxyz"]
+Unit = Literal["s", "ms", "us", "ns"]
+
+_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The poses ``T_world_body`` of one object, as far as the gate has passed them on.
+
+    Parameters
+    ----------
+    poses : in order of time, with unit quaternions.
+    counts : what was dropped or repaired, by kind (docs/conventions.md).
+    name : of the recording, for people.
+    path : of the recording, None where there is none that can be read again.
+    source : where in the recording they come from.
+    damage : one line if the recording is truncated or damaged.
+    log_offset_ns : by how much later than its stamp a pose was logged.
+    vertices_m : (V, 3) of the object in the body frame, where the recording says them.
+    """
+
+    poses: Poses
+    counts: Mapping[str, int] = field(default_factory=dict)
+    name: str = "poses"
+    path: str | None = None
+    source: PoseSource | None = None
+    damage: str | None = None
+    log_offset_ns: int = 0
+    vertices_m: Array | None = None
+
+    @classmethod
+    def from_arrays(
+        cls,
+        stamps: ArrayLike,
+        positions_m: ArrayLike,
+        quaternions: ArrayLike,
+        order: Order = "xyzw",
+        unit: Unit = "s",
+    ) -> Self:
+        """Poses from arrays.
+
+        Parameters
+        ----------
+        stamps : (N,) times in ``unit``, from any zero; or numpy ``datetime64``, which has its own unit.
+        positions_m : (N, 3) places of the body's origin in the world (m).
+        quaternions : (N, 4) rotations from body to world, their components in ``order``.
+
+        Raises
+        ------
+        UsageError
+            The arrays do not fit each other, or a word is none of those above.
+        NoPoses
+            Nothing has passed the gate; the message says why.
+        """
+        stamp_ns, is_time, in_range = _nanoseconds(stamps, unit)
+        place, turn = _rows(positions_m, "positions_m", 3), _rows(quaternions, "quaternions", 4)
+        if order not in _ORDERS:
+            raise UsageError(f"order is 'xyzw' or 'wxyz', not {order!r}")
+        if not len(stamp_ns) == len(place) == len(turn):
+            raise UsageError(f"{len(stamp_ns)} stamps, {len(place)} positions_m and {len(turn)} quaternions")
+        counts = Counter(nonfinite=int((~is_time).sum()), out_of_range=int((is_time & ~in_range).sum()))
+        usable = is_time & in_range
+        columns = Poses(stamp_ns, place, np.ascontiguousarray(turn[:, _ORDERS[order]]))[usable]
+        passed = gate(columns, counts)
+        counts = +counts
+        if not len(passed):
+            noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
+            hint = ": is the unit of the stamps right?" if counts["out_of_range"] else ""
+            raise NoPoses(f"no pose that can be used of {len(place)}{f' ({noted})' if noted else ''}{hint}")
+        return cls(passed, counts)
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        table: Any,
+        stamp: str = "stamp_ns",
+        position_m: Sequence[str] = ("x", "y", "z"),
+        quat_xyzw: Sequence[str] = ("qx", "qy", "qz", "qw"),
+        unit: Unit | None = None,
+    ) -> Self:
+        """Poses from a table of pandas or polars, or from any mapping of names to columns.
+
+        Parameters
+        ----------
+        stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw.
+        unit : of the stamps; by default what the end of their name says (``_ns``, ``_us``, ``_ms``), else
+            seconds. Columns of dates have their own.
+
+        Raises
+        ------
+        UsageError
+            A column is not there, or holds no numbers.
+        NoPoses
+            Nothing has passed the gate.
+        """
+        if len(position_m) != 3 or len(quat_xyzw) != 4:
+            raise UsageError("position_m names three columns and quat_xyzw four, x y z w")
+        ending = stamp.rpartition("_")[2]
+        unit = unit or (ending if ending in ("ns", "us", "ms") else "s")  # type: ignore[assignment]
+        place, turn = ([_column(table, name) for name in names] for names in (position_m, quat_xyzw))
+        time = _column(table, stamp)
+        return cls.from_arrays(time, np.column_stack(place), np.column_stack(turn), "xyzw", unit or "s")
+
+    @property
+    def stamp_ns(self) -> NDArray[np.int64]:
+        """(N,) integer nanoseconds."""
+        return self.poses.stamp_ns
+
+    @property
+    def position_m(self) -> Array:
+        """(N, 3)"""
+        return self.poses.position_m
+
+    @property
+    def quat_xyzw(self) -> Array:
+        """(N, 4)"""
+        return self.poses.quat_xyzw
+
+    @property
+    def duration_s(self) -> float:
+        """From the first pose to the last."""
+        return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9 if len(self) else 0.0
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def __iter__(self) -> Iterator[Pose]:
+        return iter(self.poses)
+
+    def batches(self) -> Iterator[Poses]:
+        """The poses in columns of many at once."""
+        return self.poses.batches()
+
+    def __repr__(self) -> str:
+        noted = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())
+        noted = f"; noted: {noted}" if noted else ""
+        return f"<Trajectory {self.name}: {len(self)} poses, {self.duration_s:.2f} s{noted}>"
+
+
+def read(
+    path: str | os.PathLike[str],
+    topic: str | None = None,
+    parent: str | None = None,
+    child: str | None = None,
+    relative_to: str | None = None,
+) -> Trajectory:
+    """The poses of a recording.
+
+    Parameters
+    ----------
+    path : a recording of any kind (docs/formats.md), or a folder of its parts.
+    topic : take poses of this topic, where there are several.
+    parent, child : take poses of this frame in that; transforms between them are composed.
+    relative_to : a frame, or the topic of another body, which may move: poses relative to it.
+
+    Raises
+    ------
+    UnreadableRecording, NoPoses
+        There is nothing that can be used.
+    AmbiguousSource
+        There are several sources: choose.
+    MissingExtra
+        The format needs a library that is not installed.
+    """
+    if parent is not None and child is None:
+        raise UsageError("parent needs child, the frame of the body")
+    frame = child if parent is None else f"{parent}->{child}"
+    text = os.fspath(path)
+    if text == "-":
+        raise UsageError("a recording is read from a file, not from standard input")
+    log = open_log(text, topic, frame, relative_to=relative_to)
+    poses = Poses.join(list(log.batches()))
+    counts = dict(log.counts)
+    if not len(poses):
+        noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
+        raise NoPoses(f"{text}: no pose that can be used{f'; noted: {noted}' if noted else ''}")
+    vertices_m = vertices_from_metadata(read_metadata(text))
+    name, offset_ns = Path(text).name or text, log.stamping.log_offset_ns
+    return Trajectory(poses, counts, name, text, log.source, log.damage, offset_ns, vertices_m)
+
+
+def _nanoseconds(
+    stamps: ArrayLike, unit: str
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Stamps, which of them are a time at all, and which of these are in range."""
+    if unit not in _NS:
+        raise UsageError(f"unit is {', '.join(map(repr, _NS))}, not {unit!r}")
+    given = np.asarray(stamps)
+    if given.ndim != 1:
+        raise UsageError(f"stamps have the shape (N,), not {given.shape}")
+    if given.dtype.kind == "M":
+        is_time = ~np.isnat(given)
+        return given.astype("datetime64[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
+    try:
+        numbers = given if given.dtype.kind in "iu" else given.astype(float)
+    except (TypeError, ValueError) as error:
+        raise UsageError("stamps are no numbers") from error
+    with np.errstate(all="ignore"):
+        is_time = np.isfinite(numbers)
+        in_range = is_time & (np.abs(numbers.astype(float)) * _NS[unit] <= RANGE_NS)
+    sound = np.where(in_range, numbers, 0)
+    if sound.dtype.kind in "iu":
+        return sound.astype(np.int64) * _NS[unit], is_time, in_range
+    whole = np.floor(sound)  # so that seconds since 1970 lose nothing to the factor
+    rest_ns = np.round((sound - whole) * _NS[unit]).astype(np.int64)
+    return whole.astype(np.int64) * _NS[unit] + rest_ns, is_time, in_range
+
+
+def _rows(values: ArrayLike, name: str, width: int) -> Array:
+    try:
+        found = np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{name} are no numbers") from error
+    if found.ndim != 2 or found.shape[1] != width:
+        raise UsageError(f"{name} have the shape (N, {width}), not {found.shape}")
+    return found
+
+
+def _column(table: Any, name: str) -> NDArray[Any]:
+    names = [str(one) for one in getattr(table, "columns", table)]
+    if name not in names:
+        near = get_close_matches(name, names, 1)
+        meant = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(names[:20])}"
+        raise UsageError(f"no column {name!r}{meant}")
+    column = table[name]
+    if getattr(getattr(column, "dtype", None), "tz", None) is not None:  # dates of pandas with a zone
+        return np.asarray(column.to_numpy("datetime64[ns]"))
+    return np.asarray(column.to_numpy() if hasattr(column, "to_numpy") else column)

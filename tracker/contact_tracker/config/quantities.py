@@ -1,0 +1,42 @@
+"""Standard deviations with their units, as users write them."""
+
+import math
+import re
+from typing import Final
+
+LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+ANGLES: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+_UNITS: Final = LENGTHS | ANGLES
+_QUANTITY: Final = re.compile(r"([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-z]+)")
+_PLAUSIBLE: Final = (1e-9, 1.0)
+
+
+def deviations(text: str) -> tuple[float, float]:
+    """A length and an angle such as ``0.3mm,0.15deg``, in metres and radians.
+
+    Raises
+    ------
+    ValueError
+        It is something else, or beyond what poses can have.
+    """
+    parts = [_QUANTITY.fullmatch(part.strip()) for part in text.split(",")]
+    units = [part[2] for part in parts if part]
+    if len(parts) != 2 or len(units) != 2 or units[0] not in LENGTHS or units[1] not in ANGLES:
+        raise ValueError(f"{text!r} is not a length and an angle with units: 0.3mm,0.15deg")
+    values = [_number(part[1]) * _UNITS[part[2]] for part in parts if part]
+    return plausible((values[0], values[1]), text)
+
+
+def plausible(values: tuple[float, float], shown: object) -> tuple[float, float]:
+    """The same deviations (m, rad); ValueError, which tells what was ``shown``, if no pose has such."""
+    low, high = _PLAUSIBLE
+    if not all(low < value < high for value in values):
+        raise ValueError(f"{shown!r} is no noise of a pose: 1e-9 to 1 m and 1e-9 to 1 rad")
+    return values
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:  # as 1.2.3
+        return math.nan

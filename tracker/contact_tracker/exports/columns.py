@@ -1,0 +1,91 @@
+"""Beliefs and segments as flat columns, one schema whatever touches (docs/conventions.md)."""
+
+from collections.abc import Iterable
+from typing import Any, Final, Literal
+
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.geometry.flat import NONE, flat
+from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Belief, Segment
+
+Kind = Literal["integer", "number", "text"]
+Columns = dict[str, list[Any]]
+"""Values by column; None is unknown or does not apply."""
+
+_AXES: Final = ("x", "y", "z")
+PROBABILITIES: Final = tuple(f"p_{state.value.replace('-', '')}" for state in STATES)
+"""In the order of ``STATES``: ``p_ff`` to ``p_free``."""
+
+
+def _element_kinds(side: str) -> dict[str, Kind]:
+    kinds: dict[str, Kind] = {f"{side}_type": "text", f"{side}_name": "text"}
+    for name, unit in (("axis", ""), ("point", "_m"), ("axis_sd", ""), ("point_sd", "_m")):
+        for axis in _AXES:
+            kinds[f"{side}_{name}_{axis}{unit}"] = "number"
+    return kinds | {f"{side}_unobserved": "text"}
+
+
+_GEOMETRY: Final = _element_kinds("object") | _element_kinds("environment")
+_LABEL: Final[dict[str, Kind]] = {"contact": "text", "probability": "number", "inseparable": "text"}
+_TICK: Final[dict[str, Kind]] = {"stamp_ns": "integer", "onset_ns": "integer"}
+_SPAN: Final[dict[str, Kind]] = {"start_ns": "integer", "end_ns": "integer"}
+_NUMBER: Final[Kind] = "number"
+_POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
+BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY
+SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY
+
+
+def belief_columns(beliefs: Iterable[Belief]) -> Columns:
+    """A row per tick with the columns ``BELIEF_COLUMNS``; ``probability`` is that of the label."""
+    rows = _Rows(BELIEF_COLUMNS)
+    for one in beliefs:
+        probability = [float(p) for p in one.probability]
+        cells: dict[str, Any] = dict(zip(PROBABILITIES, probability, strict=True))
+        cells |= {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns, "contact": one.contact.value}
+        cells |= {"probability": probability[one.contact.column], "inseparable": " ".join(one.inseparable)}
+        rows.add(cells, one.geometry)
+    return rows.columns
+
+
+def segment_columns(segments: Iterable[Segment]) -> Columns:
+    """A row per segment with the columns ``SEGMENT_COLUMNS``."""
+    rows = _Rows(SEGMENT_COLUMNS)
+    for one in segments:
+        cells: dict[str, Any] = {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
+        cells |= {"probability": one.probability, "inseparable": " ".join(one.inseparable)}
+        rows.add(cells, one.geometry)
+    return rows.columns
+
+
+class _Rows:
+    """Columns that grow row by row; neighbours often share their geometry."""
+
+    def __init__(self, kinds: dict[str, Kind]) -> None:
+        self.columns: Columns = {name: [] for name in kinds}
+        self._last: tuple[ContactGeometry | None, dict[str, Any]] = (None, _geometry_cells(None))
+
+    def add(self, cells: dict[str, Any], geometry: ContactGeometry | None) -> None:
+        if self._last[0] is not geometry:
+            self._last = geometry, _geometry_cells(geometry)
+        cells |= self._last[1]
+        for name, column in self.columns.items():
+            column.append(cells[name])
+
+
+def _geometry_cells(geometry: ContactGeometry | None) -> dict[str, Any]:
+    pair = (None, None) if geometry is None else (geometry.object, geometry.environment)
+    cells: dict[str, Any] = dict.fromkeys(_GEOMETRY)
+    for side, element in zip(("object", "environment"), pair, strict=True):
+        told = flat(element)
+        if told["type"] == NONE:
+            continue
+        cells |= {f"{side}_type": told["type"], f"{side}_unobserved": told["unobserved"]}
+        cells[f"{side}_name"] = told["name"] or None
+        vectors = (
+            ("point", "point_sd") if told["type"] == "vertex" else ("axis", "axis_sd", "point", "point_sd")
+        )
+        for name in vectors:
+            unit = "_m" if name.startswith("point") else ""
+            for axis, value in zip(_AXES, told[f"{name}{unit}"], strict=True):
+                cells[f"{side}_{name}_{axis}{unit}"] = value
+    return cells

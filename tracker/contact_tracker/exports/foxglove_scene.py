@@ -1,0 +1,217 @@
+"""What Foxglove draws: beliefs to plot, frames and the touching elements, beside a recording's channels.
+
+foxglove-sdk, which knows the messages, comes with the extra ``foxglove``.
+"""
+
+import json
+from collections.abc import Iterator
+from heapq import merge
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from foxglove import messages as fox
+
+from contact_tracker.errors import UsageError
+from contact_tracker.exports.outcome import Outcome
+from contact_tracker.outputs.tables import json_line
+from contact_tracker.recording import (
+    BELIEF_TOPIC,
+    FRAMES_TOPIC,
+    SCENE_TOPIC,
+    Channel,
+    RawMessage,
+    write_beside,
+)
+from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.viewer.hull import Hull, hull
+from contact_tracker.viewer.palette import COLOUR, GREY, Colour
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.shapes import Mesh
+
+WORLD: Final = "world"
+BODY: Final = "object"
+"""Frames of poses that name none."""
+_FRAME_NS: Final = 10_000_000
+"""Frames are written at 100 Hz at most."""
+_OPAQUE: Final = 0.8
+_PALE: Final = 0.2
+_RANGE_NS: Final = 2**32 * 1_000_000_000
+_TEXT_SIZE: Final = 0.2
+"""Of the object's radius."""
+
+
+def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int = 0) -> None:
+    """Write the recording ``log`` once more, with beliefs, frames and scene beside its channels.
+
+    Parameters
+    ----------
+    log : None where it cannot be read again, or there is none; then only what is ours is written.
+    log_offset_ns : by how much later than its stamp a pose was logged; what is ours is logged alike.
+
+    Raises
+    ------
+    UsageError
+        A stamp cannot be represented: they lie between 0 and 2^32 s.
+    OSError
+        The file cannot be written.
+    """
+    stamps_ns = outcome.poses.stamp_ns
+    if len(stamps_ns) and not 0 <= stamps_ns[0] + min(log_offset_ns, 0) <= stamps_ns[-1] < _RANGE_NS:
+        raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
+    added = merge(
+        _beliefs(outcome), _frames(outcome), _scene(outcome), key=lambda message: message.log_time_ns
+    )
+    shifted = (message._replace(log_time_ns=message.log_time_ns + log_offset_ns) for message in added)
+    write_beside(path, log, shifted)
+
+
+def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
+    number = {"type": "number"}
+    numbers = {"type": "array", "items": number}
+    element = {
+        "type": "object",
+        "properties": {
+            "type": {"type": "string"},
+            "name": {"type": "string"},
+            "axis": numbers,
+            "point_m": numbers,
+            "axis_sd": numbers,
+            "point_sd_m": numbers,
+            "unobserved": {"type": "string"},
+        },
+    }
+    schema: dict[str, Any] = {
+        "type": "object",
+        "properties": {
+            "stamp_ns": {"type": "integer"},
+            "contact": {"type": "string"},
+            "probability": {"type": "object", "properties": {state.value: number for state in STATES}},
+            "onset_ns": {"type": "integer"},
+            "inseparable": {"type": "array", "items": {"type": "string"}},
+            "geometry": {"type": "object"},
+            "inseparable_names": {"type": "string"},
+            "object": element,
+            "environment": element,
+        },
+    }
+    encoded = json.dumps(schema).encode()
+    channel = Channel(BELIEF_TOPIC, "json", "contact_tracker.Belief", "jsonschema", encoded)
+    for belief in outcome.found.beliefs:
+        yield RawMessage(channel, belief.stamp_ns, json_line(belief).encode())
+
+
+def _frames(outcome: Outcome) -> Iterator[RawMessage]:
+    channel = _channel(FRAMES_TOPIC, fox.FrameTransforms)
+    world, body, next_ns = outcome.world or WORLD, outcome.body or BODY, None
+    for stamp_ns, position_m, quat_xyzw in outcome.poses:
+        if next_ns is not None and stamp_ns < next_ns:
+            continue
+        next_ns = stamp_ns + _FRAME_NS
+        transform = fox.FrameTransform(
+            timestamp=_timestamp(stamp_ns),
+            parent_frame_id=world,
+            child_frame_id=body,
+            translation=_vector(position_m),
+            rotation=fox.Quaternion(**dict(zip("xyzw", quat_xyzw, strict=True))),
+        )
+        yield RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
+
+
+def _scene(outcome: Outcome) -> Iterator[RawMessage]:
+    """What is drawn from each change on; each message replaces all of the one before."""
+    channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
+    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
+    for segment in outcome.found.segments:
+        deletion = fox.SceneEntityDeletion(
+            timestamp=_timestamp(segment.start_ns), type=fox.SceneEntityDeletionType.All
+        )
+        update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, solid))
+        yield RawMessage(channel, segment.start_ns, update.encode())
+
+
+def _entities(outcome: Outcome, segment: Segment, solid: Hull | None) -> list[fox.SceneEntity]:
+    entities = []
+    if solid is not None:
+        mesh = Mesh(solid.vertices, solid.triangles, solid.vertices)
+        entities.append(_entity(outcome, segment, "body", [_triangles(mesh, GREY, _PALE)]))
+    if segment.geometry is not None:
+        extent = UNKNOWN_EXTENT if solid is None else solid.extent
+        drawing = draw(segment.geometry, _poses_of(outcome, segment), extent)
+        colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
+        shapes = [_triangles(*one) for one in zip(drawing.meshes, (colour,) * 4, opacities, strict=True)]
+        text = fox.TextPrimitive(
+            pose=fox.Pose(position=_vector(drawing.label_m), orientation=fox.Quaternion(w=1.0)),
+            billboard=True,
+            font_size=_TEXT_SIZE * extent.radius_m,
+            color=_rgba(colour, 1.0),
+            text=" on ".join(name for name in segment.touching if name) or segment.contact.value,
+        )
+        entities.append(_entity(outcome, segment, "object element", shapes[:2]))
+        entities.append(_entity(outcome, segment, "environment element", shapes[2:], [text]))
+    return entities
+
+
+def _poses_of(outcome: Outcome, segment: Segment) -> Any:
+    """The poses of a segment, one at least."""
+    stamps_ns = outcome.poses.stamp_ns
+    first = min(int(np.searchsorted(stamps_ns, segment.start_ns)), len(stamps_ns) - 1)
+    last = int(np.searchsorted(stamps_ns, segment.end_ns, side="right"))
+    return outcome.poses[first : max(last, first + 1)]
+
+
+def _entity(
+    outcome: Outcome,
+    segment: Segment,
+    name: str,
+    triangles: list[fox.TriangleListPrimitive | None],
+    texts: list[fox.TextPrimitive] | None = None,
+) -> fox.SceneEntity:
+    frame = (outcome.world or WORLD) if name.startswith("environment") else (outcome.body or BODY)
+    contact = fox.KeyValuePair(key="contact", value=segment.contact.value)
+    return fox.SceneEntity(
+        timestamp=_timestamp(segment.start_ns),
+        frame_id=frame,
+        id=name,
+        frame_locked=True,
+        metadata=[contact, fox.KeyValuePair(key="probability", value=f"{segment.probability:.3f}")],
+        triangles=[one for one in triangles if one is not None],
+        texts=texts or [],
+    )
+
+
+def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> Any:
+    """None of a mesh without triangles."""
+    if not len(mesh.triangles):
+        return None
+    return fox.TriangleListPrimitive(
+        pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
+        points=[_point(vertex) for vertex in mesh.vertices],
+        color=_rgba(colour, opacity),
+        indices=[int(index) for index in mesh.triangles.ravel()],
+    )
+
+
+def _point(place_m: Any) -> fox.Point3:
+    x, y, z = map(float, place_m)
+    return fox.Point3(x=x, y=y, z=z)
+
+
+def _vector(place_m: Any) -> fox.Vector3:
+    x, y, z = map(float, place_m)
+    return fox.Vector3(x=x, y=y, z=z)
+
+
+def _rgba(colour: Colour, opacity: float) -> fox.Color:
+    red, green, blue = (part / 255.0 for part in colour)
+    return fox.Color(r=red, g=green, b=blue, a=opacity)
+
+
+def _timestamp(stamp_ns: int) -> fox.Timestamp:
+    return fox.Timestamp(*divmod(stamp_ns, 1_000_000_000))
+
+
+def _channel(topic: str, message: Any) -> Channel:
+    schema = message.get_schema()
+    return Channel(topic, "protobuf", schema.name, schema.encoding, schema.data)

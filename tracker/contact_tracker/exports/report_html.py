@@ -1,0 +1,202 @@
+"""One HTML file to look at: ribbon, posteriors, geometry in 3D, what was noted. It loads nothing else.
+
+plotly, which draws and is contained in the file, comes with the extra ``report``.
+"""
+
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from plotly.graph_objects import Figure, Mesh3d, Scatter, Scatter3d
+
+from contact_tracker import __version__
+from contact_tracker.errors import printable
+from contact_tracker.exports.outcome import Outcome
+from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
+from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs.text import describe
+from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.viewer.hull import Hull, hull
+from contact_tracker.viewer.palette import COLOUR, GREY, Colour
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Extent, Ground, draw, viewpoint
+
+_ABOUT_GEOMETRY: Final = (
+    "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
+    "what is less probable than 0.5, or largely unobserved, is hidden at first.</p>"
+)
+MOST_TICKS: Final = 4000
+"""More are thinned out in the plot of the posteriors."""
+MOST_PATH_POSES: Final = 3000
+MOST_DRAWN: Final = 60
+"""The elements of so many segments are drawn, the longest of them."""
+_PROBABLE: Final = 0.5
+_UNOBSERVED: Final = 2
+"""Elements with so many ways to lie otherwise may be far off."""
+_STYLE: Final = (
+    "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:24px auto;padding:0 16px;color:#222}"
+    "h1{font-size:22px;margin:0 0 4px}h2{font-size:17px;margin:26px 0 6px}table{border-collapse:collapse}"
+    "td,th{border-bottom:1px solid #e4e4e4;font-size:13px}p{margin:4px 0}"
+)
+
+
+def write_report(outcome: Outcome, path: Path) -> None:
+    """Write the report; OSError if the file cannot be written."""
+    found, poses, origin_ns = outcome.found, outcome.poses, outcome.origin_ns
+    span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9 if len(poses) else 0.0
+    title = escape(printable(f"Contacts in {outcome.name}"))
+    facts = f"{len(poses)} poses, {span_s:.2f} s of motion, {len(found.segments)} segments"
+    facts += f"; {outcome.noise}" if outcome.noise else ""
+    legend = " ".join(
+        f'<span style="background:rgb{COLOUR[state]};padding:1px 7px">{state.value}</span>'
+        for state in STATES
+    )
+    settings = {"include_plotlyjs": False, "full_html": False, "config": {"displaylogo": False}}
+    with path.open("w", encoding="utf-8") as file:
+        file.write(f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>')
+        file.write(f"<style>{_STYLE}</style><script>{_plotly_js()}</script></head><body><h1>{title}</h1>")
+        file.write(f"<p>{escape(printable(facts))}</p>{notes_html(outcome.counts, outcome.warnings)}")
+        file.write(f"<h2>Labels</h2>{ribbon_html(found.segments)}<p>{legend}</p>")
+        file.write("<h2>Probabilities</h2>" + _posteriors(outcome).to_html(**settings))
+        file.write(_ABOUT_GEOMETRY + _geometry(outcome).to_html(**settings))
+        file.write(f"<h2>Segments</h2>{table_html(found.segments, origin_ns)}")
+        file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
+
+
+def _plotly_js() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
+
+
+def _posteriors(outcome: Outcome) -> Figure:
+    beliefs = outcome.found.beliefs
+    every = 1 + len(beliefs) // MOST_TICKS
+    seconds = ((beliefs.stamp_ns - outcome.origin_ns) * 1e-9)[::every]
+    figure = Figure()
+    for column, state in enumerate(STATES):
+        share = beliefs.probability[::every, column]
+        line = {"color": _rgb(COLOUR[state]), "width": 1.6}
+        figure.add_trace(Scatter(x=seconds, y=share.round(4), name=state.value, mode="lines", line=line))
+    figure.update_layout(
+        height=300,
+        margin={"l": 50, "r": 10, "t": 10, "b": 45},
+        xaxis_title="time (s)",
+        yaxis={"title": "probability", "range": [0.0, 1.02]},
+        hovermode="x",
+        legend={"y": 0.85},
+        template="plotly_white",
+    )
+    return figure
+
+
+def _geometry(outcome: Outcome) -> Figure:
+    """The path of the body's origin, and the elements of the longest segments where they touched."""
+    poses, segments = outcome.poses, outcome.found.segments
+    solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
+    extent = UNKNOWN_EXTENT if solid is None else solid.extent
+    figure = Figure(list(_path(outcome)))
+    longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
+    for segment in sorted((s for s in longest if s.geometry is not None), key=lambda s: s.start_ns):
+        figure.add_traces(list(_elements(outcome, segment, solid, extent)))
+    figure.update_layout(
+        height=620,
+        margin={"l": 0, "r": 0, "t": 10, "b": 0},
+        legend={"y": 0.93},
+        scene={"aspectmode": "data", **{f"{a}axis": {"title": f"{a} (m)"} for a in "xyz"}},
+        template="plotly_white",
+    )
+    if len(poses):
+        figure.update_layout(scene_camera=_camera(poses, Ground().or_longer(segments), extent))
+    return figure
+
+
+def _camera(poses: Poses, ground: Ground, extent: Extent) -> dict[str, Any]:
+    """In plotly's own units, in which the scene is about one long."""
+    view = viewpoint(poses, ground.plane, extent)
+    eye = view.eye_m - view.target_m
+    eye = 1.9 * eye / np.linalg.norm(eye)
+    return {
+        "eye": dict(zip("xyz", map(float, eye), strict=True)),
+        "up": dict(zip("xyz", map(float, view.up), strict=True)),
+    }
+
+
+def _path(outcome: Outcome) -> Iterator[Scatter3d]:
+    """A line per state, with breaks where others hold."""
+    poses, segments = outcome.poses, outcome.found.segments
+    poses = poses[:: 1 + len(poses) // MOST_PATH_POSES]
+    starts = np.array([segment.start_ns for segment in segments], np.int64)
+    number = np.searchsorted(starts, poses.stamp_ns, side="right") - 1
+    contacts = [segments[i].contact if 0 <= i < len(segments) else None for i in number]
+    for state in STATES:
+        is_here = np.array([contact is state for contact in contacts], bool)
+        if not is_here.any():
+            continue
+        place = np.where(is_here[:, None], poses.position_m, np.nan)
+        line = {"color": _rgb(COLOUR[state]), "width": 4}
+        x, y, z = place.T.round(5)
+        name = f"path in {state.value}"
+        yield Scatter3d(x=x, y=y, z=z, mode="lines", line=line, name=name, connectgaps=False)
+
+
+def _elements(
+    outcome: Outcome, segment: Segment, solid: Hull | None, extent: Extent
+) -> Iterator[Mesh3d | Scatter3d]:
+    """The pair, and the object's hull where it is known, at the middle of the segment."""
+    assert segment.geometry is not None
+    stamps_ns = outcome.poses.stamp_ns
+    first, last = np.searchsorted(stamps_ns, [segment.start_ns, segment.end_ns + 1])
+    first = min(int(first), len(stamps_ns) - 1)
+    within = outcome.poses[first : max(int(last), first + 1)]
+    middle = within[len(within) // 2 : len(within) // 2 + 1]
+    rotation, position = middle.rotation[0], middle.position_m[0]
+    drawing = draw(segment.geometry, within, extent)
+    on_object, _, on_environment, _ = drawing.meshes
+    start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
+    name = f"{segment.contact.value} from {start_s:.1f} s"
+    text = printable(describe(segment.geometry, segment.inseparable)).replace(" on ", "<br>on ")
+    common: dict[str, Any] = {
+        "name": name,
+        "legendgroup": name,
+        "hovertext": escape(text, quote=False).replace("&lt;br&gt;", "<br>"),
+        "visible": True if _is_seen(segment) else "legendonly",
+    }
+    colour = COLOUR[segment.contact]
+    yield _mesh(on_environment.vertices, on_environment.triangles, colour, 0.45, showlegend=True, **common)
+    moved = on_object.vertices @ rotation.T + position
+    yield _mesh(moved, on_object.triangles, colour, 0.9, **common)
+    if solid is not None:
+        ends = solid.edges @ rotation.T + position
+        broken = np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3)
+        x, y, z = broken.T.round(5)
+        line = {"color": _rgb(GREY), "width": 2}
+        yield Scatter3d(
+            x=x,
+            y=y,
+            z=z,
+            mode="lines",
+            line=line,
+            showlegend=False,
+            hoverinfo="skip",
+            legendgroup=name,
+            visible=common["visible"],
+        )
+
+
+def _is_seen(segment: Segment) -> bool:
+    """Whether the motion has shown where the contact lies."""
+    pair = (segment.geometry.object, segment.geometry.environment) if segment.geometry else ()
+    return segment.probability >= _PROBABLE and all(len(one.unobserved) < _UNOBSERVED for one in pair)
+
+
+def _mesh(vertices: Any, triangles: Any, colour: Colour, opacity: float, **more: Any) -> Mesh3d:
+    x, y, z = np.asarray(vertices, float).reshape(-1, 3).T.round(5)
+    i, j, k = np.asarray(triangles).reshape(-1, 3).T
+    return Mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, color=_rgb(colour), opacity=opacity, flatshading=True, **more)
+
+
+def _rgb(colour: Colour) -> str:
+    return "rgb({},{},{})".format(*colour)

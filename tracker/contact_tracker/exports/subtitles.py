@@ -1,0 +1,30 @@
+"""Segments as SubRip subtitles, for a video that starts with the recording."""
+
+from collections.abc import Callable, Iterable
+from typing import TextIO
+
+from contact_tracker.errors import printable
+from contact_tracker.tracking.belief import Segment
+
+
+def write_srt(segments: Iterable[Segment], file: TextIO, origin_ns: Callable[[], int]) -> None:
+    """One subtitle per segment; times count from what ``origin_ns`` gives, in milliseconds.
+
+    A segment that ends before it has lasted a millisecond is shown for one.
+    """
+    for number, segment in enumerate(segments, start=1):
+        start_ms = max(segment.start_ns - origin_ns(), 0) // 1_000_000
+        end_ms = max((segment.end_ns - origin_ns()) // 1_000_000, start_ms + 1)
+        others = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
+        names = [printable(name) if name else "?" for name in segment.touching]
+        named = " on ".join(names) if any(segment.touching) else ""
+        lines = [f"{segment.contact.value} ({segment.probability:.2f}){others}", named]
+        text = "\n".join(filter(None, lines))
+        file.write(f"{number}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}\n\n")
+
+
+def _time(total_ms: int) -> str:
+    seconds, ms = divmod(total_ms, 1000)
+    minutes, second = divmod(seconds, 60)
+    hours, minute = divmod(minutes, 60)
+    return f"{hours:02d}:{minute:02d}:{second:02d},{ms:03d}"

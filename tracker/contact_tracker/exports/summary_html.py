@@ -1,0 +1,52 @@
+"""A few lines of HTML: a ribbon and a table of segments, for notebooks and at the top of reports."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Final
+
+from contact_tracker.errors import printable
+from contact_tracker.outputs.text import describe
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.viewer.palette import COLOUR
+
+MOST_ROWS: Final = 200
+_CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
+
+
+def ribbon_html(segments: Sequence[Segment], height_px: int = 22) -> str:
+    """Segments side by side, as wide as they last; pale where they are unsure."""
+    parts = []
+    for s in segments:
+        style = f"flex:{max(s.end_ns - s.start_ns, 1)} 0 0;background:{_colour(s)};overflow:hidden"
+        title = escape(f"{s.contact.value}, probability {s.probability:.2f}")
+        parts.append(f'<div style="{style}" title="{title}"></div>')
+    return f'<div style="display:flex;height:{height_px}px;width:100%">{"".join(parts)}</div>'
+
+
+def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
+    """A row per segment, the first ``MOST_ROWS`` of them; times in seconds after ``origin_ns``."""
+    titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
+    head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
+    rows = []
+    for s in segments[:MOST_ROWS]:
+        start_s, end_s = ((t - origin_ns) * 1e-9 for t in (s.start_ns, s.end_ns))
+        texts = (f"{start_s:.2f}", f"{end_s:.2f}", s.contact.value, f"{s.probability:.2f}")
+        where = printable(describe(s.geometry, s.inseparable))
+        cells = "".join(f'<td style="{_CELL}">{escape(text)}</td>' for text in (*texts, where))
+        rows.append(f"<tr>{cells}</tr>")
+    more = len(segments) - MOST_ROWS
+    note = f"<p>and {more} more segments</p>" if more > 0 else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
+
+
+def notes_html(counts: Mapping[str, int], warnings: Sequence[str]) -> str:
+    """What was dropped or repaired, and what has to be known."""
+    noted = ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
+    parts = [f"<p>noted: {escape(noted)}</p>"] if noted else []
+    parts += [f"<p><b>warning:</b> {escape(printable(text))}</p>" for text in warnings]
+    return "".join(parts)
+
+
+def _colour(segment: Segment) -> str:
+    red, green, blue = COLOUR[segment.contact]
+    return f"rgba({red},{green},{blue},{0.25 + 0.75 * segment.probability:.3f})"

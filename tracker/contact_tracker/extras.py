@@ -1,0 +1,30 @@
+"""Libraries that come with extras: what is missing is told in one line."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
+
+from contact_tracker.errors import MissingExtra
+
+
+@contextmanager
+def extra(name: str, purpose: str) -> Iterator[None]:
+    """Import libraries of the extra ``name`` within; ``purpose`` says what for.
+
+    Raises
+    ------
+    MissingExtra
+        One of them is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        library = (error.name or "a library").partition(".")[0]
+        raise MissingExtra(f"{purpose} needs {library}: pip install 'contact-tracker[{name}]'") from error
+
+
+def module_of_extra(module: str, name: str, purpose: str) -> ModuleType:
+    """The ``module`` of a library of the extra ``name``; raises as ``extra`` does."""
+    with extra(name, purpose):
+        return import_module(module)

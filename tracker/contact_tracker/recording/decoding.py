@@ -1,0 +1,229 @@
+"""From messages to observed poses: each channel by the library of its encoding."""
+
+import struct
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording.bytestream import ZSTD_MAGIC
+from contact_tracker.recording.extras import MissingExtra
+from contact_tracker.recording.foxglove import decode_json, protobuf_reading
+from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, RawMessage, inflate_zstd
+from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
+from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
+from contact_tracker.recording.message_types import canonical, is_pose_type, observations, typed
+from contact_tracker.recording.ros import cdr_reading, known_reading
+from contact_tracker.recording.ros1 import ros1_reading
+
+MESSAGE_LIMIT: Final = 2**22
+_ROW: Final = struct.Struct("<q7d")
+_ROW_COLUMNS: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
+POSES_PER_RECORD: Final = 4
+"""So many poses of a known layout are as much work as a record."""
+_DEFINITION_BYTES_PER_RECORD: Final = 16
+"""So many bytes of a definition are as much work as a record."""
+READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
+
+
+class Undecodable(Exception):
+    """A message that is not what its schema promises."""
+
+
+class _Reading(NamedTuple):
+    """How the messages of a channel are read.
+
+    Parameters
+    ----------
+    decode : by the library; None where the definition in the file cannot be used.
+    assumption : why the known definition of the type is used, in words, or None where it is not.
+    """
+
+    decode: Callable[[bytes], Any] | None
+    layouts: Layouts
+    assumption: str | None
+
+
+class MessageDecoder:
+    """Decodes messages by the schema of their channel; keeps one decoder per channel.
+
+    Parameters
+    ----------
+    budget : of the recording; messages that are larger than it explains are not decoded.
+    """
+
+    def __init__(self, budget: WorkBudget | None = None) -> None:
+        self._budget = budget
+        self._readings: dict[Channel, _Reading] = {}
+        self._current: tuple[Channel, _Reading] | None = None
+
+    def decode(self, message: RawMessage) -> Any:
+        """The message as an object with attributes; raises Undecodable, or MissingExtra where no library is
+        installed for it."""
+        channel, _, data = message
+        try:
+            decode = self._reading(channel).decode
+            if decode is None:
+                raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
+            if data.startswith(ZSTD_MAGIC):
+                data = inflate_zstd(data, MESSAGE_LIMIT)
+            self._count_work(message, len(data) // BYTES_PER_RECORD)
+            return decode(data)
+        except (Undecodable, MissingExtra):
+            raise
+        except (*PARSE_ERRORS, TypeError, AttributeError, AssertionError) as error:
+            raise Undecodable(f"{channel.topic}: {error}") from error
+        except Exception as error:
+            if channel.encoding == "cdr":
+                raise
+            raise Undecodable(f"{channel.topic}: {error}") from error  # errors of optional libraries
+
+    def assumption(self, channel: Channel) -> str | None:
+        """Why the messages of a channel are read by the known definition of their type, if they are."""
+        return self._reading(channel).assumption if channel.encoding == "cdr" else None
+
+    def observe(self, message: RawMessage) -> list[Observation]:
+        """The poses in a message of a pose type; raises Undecodable."""
+        channel = message.channel
+        if channel.encoding == POSE_ROW:
+            return _row(message)
+        layouts = self._reading(channel).layouts
+        found = layouts.read(message.data)
+        if found is not None:
+            self._count_work(message, (len(found) - 1) // POSES_PER_RECORD)
+            return found
+        found = self._observe(message)
+        with suppress(Undecodable):
+            layouts.learn(message.data, lambda data: self._observe(message._replace(data=data)))
+        return found
+
+    def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
+        """The poses in messages of one channel, if they are of one source and of a layout that is known."""
+        channel = messages[0].channel
+        if channel.encoding == POSE_ROW:
+            return _rows(messages)
+        known = self._readings.get(channel)
+        return None if known is None else known.layouts.read_all([message.data for message in messages])
+
+    def _observe(self, message: RawMessage) -> list[Observation]:
+        """The same by the library's decoder."""
+        decoded = self.decode(message)
+        try:
+            found = observations(message.channel.type, decoded)
+            return typed(found) if message.channel.encoding == "json" else found
+        except (AttributeError, TypeError, ValueError, OverflowError, StopIteration) as error:
+            raise Undecodable(f"{message.channel.topic}: {error}") from error
+
+    def _reading(self, channel: Channel) -> _Reading:
+        if (
+            self._current is not None and self._current[0] is channel
+        ):  # hashing takes longer than reading a pose
+            return self._current[1]
+        reading = self._readings.get(channel)
+        if reading is None:
+            reading = self._readings[channel] = self._new_reading(channel)
+        self._current = channel, reading
+        return reading
+
+    def _new_reading(self, channel: Channel) -> _Reading:
+        layouts = Layouts(canonical(channel.type) if channel.encoding == "cdr" else "")
+        if self._budget is not None:
+            try:
+                self._budget.count_records(len(channel.schema) // _DEFINITION_BYTES_PER_RECORD)
+            except TooMuchWork:
+                return _Reading(None, layouts, None)
+        decode, assumption = _decoder_of(channel), None
+        if decode is None and channel.encoding == "cdr":
+            decode = known_reading(channel)
+            is_defined = bool(channel.schema.strip())
+            why = "its definition in the file cannot be used" if is_defined else "the file does not define it"
+            assumption = why if decode is not None else None
+        return _Reading(decode, layouts, assumption)
+
+    def _count_work(self, message: RawMessage, records: int) -> None:
+        """Count the work beyond that of one record; raises Undecodable where the file does not explain it."""
+        if records and self._budget is not None:
+            try:
+                self._budget.count_records(records)
+            except TooMuchWork as error:
+                raise Undecodable(f"{message.channel.topic}: {error}") from error
+
+
+def assumption_text(count: int, type_name: str, why: str) -> str:
+    """One line that says that a definition was assumed for so many poses."""
+    return f"{count} poses are read by the known definition of {type_name}: {why}"
+
+
+def may_have_poses(channel: Channel) -> bool:
+    """Whether its messages are poses, and can be decoded."""
+    return (is_pose_type(channel.type) and is_readable(channel)) or channel.encoding == POSE_ROW
+
+
+def is_readable(channel: Channel) -> bool:
+    """Whether it says what is in its messages, and there is a library for that."""
+    if not channel.type:
+        return False
+    match channel.encoding, channel.schema_encoding:
+        case ("cdr", "ros2msg" | "ros2idl" | "") | ("ros1", "ros1msg") | ("protobuf", "protobuf"):
+            return True
+        case "json", _:
+            return True
+    return False
+
+
+def row_channel(topic: str, type_name: str, frame_id: str, child_frame_id: str) -> Channel:
+    """A channel of poses that other modules have put into rows: of a table, or composed of transforms."""
+    return Channel(topic, POSE_ROW, type_name, "", f"{frame_id}\0{child_frame_id}".encode())
+
+
+def pose_row(stamp_ns: int, numbers: Iterable[float]) -> bytes:
+    """A message of such a channel: position and quaternion ``xyzw``."""
+    return _ROW.pack(stamp_ns, *numbers)
+
+
+def _row_frames(channel: Channel) -> tuple[str, str]:
+    frame_id, _, child_frame_id = channel.schema.decode(errors="replace").partition("\0")
+    return frame_id, child_frame_id
+
+
+def _row(message: RawMessage) -> list[Observation]:
+    try:
+        stamp_ns, px, py, pz, x, y, z, w = _ROW.unpack(message.data)
+    except struct.error as error:
+        raise Undecodable(f"{message.channel.topic}: {error}") from error
+    return [Observation(*_row_frames(message.channel), Pose(stamp_ns, (px, py, pz), (x, y, z, w)))]
+
+
+def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
+    if any(len(message.data) != _ROW.size for message in messages):
+        return None
+    rows = np.frombuffer(b"".join(message.data for message in messages), _ROW_COLUMNS)
+    poses = Poses(rows["stamp_ns"].astype(np.int64), rows["numbers"][:, :3], rows["numbers"][:, 3:])
+    return ObservedColumns(*_row_frames(messages[0].channel), poses)
+
+
+def _decoder_of(channel: Channel) -> Callable[[bytes], Any] | None:
+    """What decodes a channel by its schema; None if that is unusable."""
+    match channel.encoding:
+        case "cdr":
+            return cdr_reading(channel)
+        case "ros1":
+            return _tried(ros1_reading, channel)
+        case "protobuf":
+            return _tried(protobuf_reading, channel)
+        case "json":
+            return decode_json
+    return None
+
+
+def _tried(
+    read: Callable[[Channel], Callable[[bytes], Any] | None], channel: Channel
+) -> Callable[[bytes], Any] | None:
+    try:
+        return read(channel)
+    except MissingExtra:
+        raise
+    except Exception:  # it raises whatever the schema leads it to
+        return None

@@ -1,0 +1,25 @@
+"""Protobuf and JSON messages, as Foxglove's tools record them, decoded to objects with attributes."""
+
+import json
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+from mcap.records import Schema
+
+from contact_tracker.recording.extras import need
+from contact_tracker.recording.items import Channel
+
+
+def protobuf_reading(channel: Channel) -> Callable[[bytes], Any] | None:
+    """What decodes the messages of a protobuf channel; raises what its schema leads the library to."""
+    factory = need("mcap_protobuf.decoder", "protobuf").DecoderFactory()
+    decoder: Callable[[bytes], Any] | None = factory.decoder_for(
+        channel.encoding, Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)
+    )
+    return decoder
+
+
+def decode_json(data: bytes) -> Any:
+    """A JSON object; raises ValueError."""
+    return json.loads(data, object_hook=lambda values: SimpleNamespace(**values))

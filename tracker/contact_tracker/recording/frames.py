@@ -1,0 +1,100 @@
+"""Which chain of transforms gives the poses that ``--frame PARENT->CHILD`` or ``--relative-to`` asks for."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Final
+
+from contact_tracker.errors import AmbiguousSource
+from contact_tracker.recording.items import Channel
+from contact_tracker.recording.message_types import canonical
+from contact_tracker.recording.sources import ChannelFilter, PoseSource, only_one
+from contact_tracker.recording.stamping import Logged
+from contact_tracker.recording.transform_tree import (
+    TRANSFORM_TYPES,
+    Step,
+    TransformTree,
+    is_static,
+    is_transform,
+)
+
+ARROW: Final = "->"
+_BODY: Final = "the body "
+_REFERENCE: Final = "the reference "
+"""Names of frames that no log has."""
+
+
+class FrameFilter(ChannelFilter):
+    """What ``ChannelFilter`` takes, the transforms, and the topic that poses are relative to."""
+
+    def __init__(self, topic: str | None, relative_to: str | None) -> None:
+        super().__init__(topic)
+        self._relative_to = relative_to
+
+    def __call__(self, channel: Channel) -> bool:
+        is_asked = super().__call__(channel)
+        return is_asked or canonical(channel.type) in TRANSFORM_TYPES or channel.topic == self._relative_to
+
+    def takes(self, source: PoseSource) -> bool:
+        """Whether the poses themselves may be of this source."""
+        channel = next(c for c in self.seen.values() if (c.topic, c.type) == (source.topic, source.type))
+        return super().__call__(channel)
+
+
+class Chain(tuple[Step, ...]):
+    """Transforms from a frame to a body."""
+
+    __slots__ = ()
+
+    @property
+    def body(self) -> int:
+        """The place of the last that moves: it gives the stamps."""
+        return max((i for i, step in enumerate(self) if not is_static(step.source)), default=-1)
+
+
+def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain | None:
+    """The transforms that lead from the parent to the child of ``PARENT->CHILD``, if one of them moves."""
+    parent, _, child = frame.partition(ARROW)
+    found = TransformTree(filter(is_transform, known)).chain(parent, child)
+    chain = Chain(found or ())
+    return chain if chain and chain.body >= 0 else None
+
+
+def chain_relative(
+    path: str, known: Iterable[PoseSource], source: PoseSource, relative_to: str
+) -> Chain | None:
+    """The transforms from a frame, or from what another topic measures, to the body of ``source``."""
+    sources = set(known)
+    references = [s for s in sources if s.topic == relative_to and s != source]
+    tree = {s for s in sources if is_transform(s) and s != source}
+    # Bodies in the same frame are found without a tree; nothing leads on from a body.
+    body = replace(source, child_frame_id=_BODY)
+    steps, start = {s: Step(s, False) for s in tree} | {body: Step(source, False)}, relative_to
+    if references and not any(map(is_transform, references)):
+        reference = only_one(path, references)
+        named = replace(reference, child_frame_id=_REFERENCE)
+        steps[named], start = Step(reference, False), _REFERENCE
+    elif source.child_frame_id and relative_to in (source.child_frame_id,):
+        raise AmbiguousSource(f"{path}: {relative_to} is the body itself: name another frame")
+    found = TransformTree(steps).chain(start, _BODY)
+    if found is None:
+        return None
+    return Chain(Step(steps[step.source].source, step.inverted) for step in found)
+
+
+def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
+    """What the poses of a chain are called."""
+    body = chain[chain.body].source
+    return PoseSource(body.topic, body.type, parent, child)
+
+
+def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:
+    """One line where the frame that poses are given in may move itself, else None."""
+    tree = TransformTree(s for s in known if s != source)
+    root = tree.moving_root(source.frame_id) if source.frame_id else None
+    if root is None:
+        return None
+    advice = f"--frame '{root}->{source.child_frame_id}'" if is_transform(source) else f"--relative-to {root}"
+    return (
+        f"poses are in {source.frame_id}, which may move in {root}: contacts are with {source.frame_id}; for "
+        f"those with {root}: {advice}"
+    )

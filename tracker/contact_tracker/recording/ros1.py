@@ -1,0 +1,144 @@
+"""Messages of ROS 1, decoded by the fields of their definition: little-endian, packed without gaps.
+
+See http://wiki.ros.org/msg. Sizes are checked against what is left of the message before anything is made
+of them.
+"""
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any, Final
+
+from contact_tracker.recording.items import Channel
+from contact_tracker.recording.message_types import canonical
+from contact_tracker.recording.parsed_definitions import Field, Fields, fields_of_ros1
+
+_FORMATS: Final = {
+    **{"bool": "?", "int8": "b", "uint8": "B", "byte": "b", "char": "B", "octet": "B"},
+    **{"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
+    **{"float32": "f", "float64": "d"},
+}
+_TIMES: Final = {
+    "builtin_interfaces/msg/Time": [Field("sec", "uint32", None), Field("nanosec", "uint32", None)],
+    "builtin_interfaces/msg/Duration": [Field("sec", "int32", None), Field("nanosec", "int32", None)],
+}
+_LENGTH: Final = struct.Struct("<I")
+
+_Step = Callable[[bytes, int], tuple[Any, int]]
+"""Takes a message and a place in it; gives the value there, and the place after it."""
+
+
+def ros1_reading(channel: Channel) -> Callable[[bytes], Any]:
+    """What decodes the messages of a channel of ROS 1; raises what its definition leads to."""
+    types = _Types({**fields_of_ros1(channel.schema.decode(), channel.type), **_TIMES})
+    step = types.message(canonical(channel.type))
+
+    def decode(data: bytes) -> Any:
+        message, end = step(data, 0)
+        if end != len(data):
+            raise ValueError(f"{len(data) - end} bytes more than its definition has")
+        return message
+
+    return decode
+
+
+class _Types:
+    """What reads each type of a definition, made once."""
+
+    def __init__(self, fields: Fields) -> None:
+        self._fields = fields
+        self._made: dict[str, _Step | None] = {}
+
+    def message(self, name: str) -> _Step:
+        if name not in self._made:
+            self._made[name] = None
+            self._made[name] = self._message(name)
+        made = self._made[name]
+        if made is None:
+            raise ValueError(f"{name} is part of itself")
+        return made
+
+    def _message(self, name: str) -> _Step:
+        steps = list(self._steps(self._fields[name]))
+        if not steps:
+            raise ValueError(f"{name} has no fields")
+
+        def step(data: bytes, at: int) -> tuple[Any, int]:
+            values = dict[str, Any]()
+            for names, read in steps:
+                found, at = read(data, at)
+                values.update(zip(names, found, strict=True))
+            return SimpleNamespace(**values), at
+
+        return step
+
+    def _steps(self, fields: Sequence[Field]) -> Iterator[tuple[list[str], _Step]]:
+        """Fields in their order, as many at once as have a fixed size, and what reads their values."""
+        names, formats = list[str](), "<"
+        for field in fields:
+            if field.many is None and field.type in _FORMATS:
+                names.append(field.name)
+                formats += _FORMATS[field.type]
+                continue
+            if names:
+                yield names, _numbers(struct.Struct(formats))
+                names, formats = [], "<"
+            yield [field.name], _single(self._value(field))
+        if names:
+            yield names, _numbers(struct.Struct(formats))
+
+    def _value(self, field: Field) -> _Step:
+        if field.many is not None and field.type in _FORMATS:
+            return _array_of_numbers(_FORMATS[field.type], field.many)
+        one = _text if field.type == "string" else self.message(field.type)
+        return one if field.many is None else _array(one, field.many)
+
+
+def _single(read: _Step) -> _Step:
+    def step(data: bytes, at: int) -> tuple[Any, int]:
+        value, at = read(data, at)
+        return (value,), at
+
+    return step
+
+
+def _numbers(numbers: struct.Struct) -> _Step:
+    return lambda data, at: (numbers.unpack_from(data, at), at + numbers.size)
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    size, at = _count(data, at, 0)
+    return data[at : at + size].decode(errors="replace"), at + size
+
+
+def _array(one: _Step, many: int) -> _Step:
+    def step(data: bytes, at: int) -> tuple[Any, int]:
+        count, at = _count(data, at, many)
+        values = list[Any]()
+        for _ in range(count):
+            value, at = one(data, at)
+            values.append(value)
+        return values, at
+
+    return step
+
+
+def _array_of_numbers(letter: str, many: int) -> _Step:
+    def step(data: bytes, at: int) -> tuple[Any, int]:
+        count, at = _count(data, at, many)
+        size = count * struct.calcsize(f"<{letter}")
+        if size > len(data) - at:
+            raise ValueError("an array is longer than its message")
+        return struct.unpack_from(f"<{count}{letter}", data, at), at + size
+
+    return step
+
+
+def _count(data: bytes, at: int, many: int) -> tuple[int, int]:
+    """How many elements follow, each of a byte at least, and where: a fixed number, or a written one."""
+    if many <= 0:
+        (many,) = _LENGTH.unpack_from(data, at)
+        at += _LENGTH.size
+    if many > len(data) - at:
+        raise ValueError("an array is longer than its message")
+    return many, at

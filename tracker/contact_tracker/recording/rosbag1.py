@@ -1,0 +1,233 @@
+"""The container of ROS 1, a ``.bag`` file of version 2.0: chunk by chunk, also where its index is missing.
+
+A record is a header of named fields, and data. See http://wiki.ros.org/Bags/Format/2.0.
+"""
+
+import bz2
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Final, NamedTuple
+
+from contact_tracker.errors import UnreadableRecording
+from contact_tracker.recording.bytestream import ByteStream, open_stream
+from contact_tracker.recording.items import PARSE_ERRORS, Channel, RawMessage, inflate_lz4
+from contact_tracker.recording.limits import BYTES_PER_RECORD, RECORD_LIMIT, WorkBudget
+from contact_tracker.recording.log_order import in_log_order
+
+BAG_MAGIC: Final = b"#ROSBAG V2.0\n"
+_MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
+_BZ2_WORK: Final = 4
+"""To decompress a byte of bz2 takes so many times as long as one of zstd or lz4."""
+_LENGTH: Final = struct.Struct("<I")
+_TIME: Final = struct.Struct("<II")
+_SECOND_NS: Final = 1_000_000_000
+
+
+class _Record(NamedTuple):
+    """``fields`` of the header by their names."""
+
+    fields: dict[bytes, bytes]
+    data: bytes
+
+    @property
+    def kind(self) -> int:
+        return self.fields[b"op"][0]
+
+    def number(self, name: bytes) -> int:
+        return int.from_bytes(self.fields[name], "little")
+
+    def time_ns(self, name: bytes) -> int:
+        seconds, nanoseconds = _TIME.unpack(self.fields[name])
+        return int(seconds * _SECOND_NS + nanoseconds)
+
+
+def read_rosbag1(
+    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+) -> Iterator[RawMessage]:
+    """The messages of a ``.bag`` file by their log time; without an index in the order of its chunks.
+
+    Parameters
+    ----------
+    wanted : messages of other channels are skipped unread.
+    report : is told in a line of each thing that cannot be read.
+
+    Raises
+    ------
+    UnreadableRecording
+        It does not begin as a bag does, or its messages are encrypted.
+    """
+    with open_stream(path, budget=budget) as stream:
+        bag = _Bag(stream, wanted, report)
+        chunks = bag.indexed_chunks()
+        if chunks is None:
+            yield from bag.messages_as_written()
+        else:
+            yield from in_log_order((begin_ns, bag.messages_at(place)) for begin_ns, place in chunks)
+
+
+class _Bag:
+    def __init__(
+        self, stream: ByteStream, wanted: Callable[[Channel], bool], report: Callable[[str], None]
+    ) -> None:
+        self._stream = stream
+        self._wanted = wanted
+        self._report = report
+        self._channels: dict[int, Channel | None] = {}
+        if stream.read(len(BAG_MAGIC)) != BAG_MAGIC:
+            raise UnreadableRecording("it is not a bag of version 2.0: convert it with rosbag fix")
+        try:
+            self._head = self._record()
+            is_head = self._head.kind == _BAG
+        except (*PARSE_ERRORS, EOFError):
+            is_head = False
+        if not is_head:
+            raise UnreadableRecording("it is damaged: its first record cannot be read")
+        if self._head.fields.get(b"encryptor"):
+            raise UnreadableRecording("its messages are encrypted: decrypt it with rosbag decrypt")
+        self._begin = stream.position
+
+    def indexed_chunks(self) -> list[tuple[int, int]] | None:
+        """When the chunks begin and where they are, in the order of these times; None without an index."""
+        chunks = dict[int, int]()
+        with suppress(*PARSE_ERRORS, EOFError):
+            place = self._head.number(b"index_pos")
+            if place and self._stream.seek(place):
+                for _ in range(self._head.number(b"conn_count")):
+                    self._note_connection(self._record())
+                for _ in range(self._head.number(b"chunk_count")):
+                    info = self._record()
+                    if info.kind == _CHUNK_INFO:
+                        chunks[info.number(b"chunk_pos")] = info.time_ns(b"start_time")
+                return sorted((begin_ns, place) for place, begin_ns in chunks.items())
+        self._report("it has no index, as when recording was cut off: it is read as it was written")
+        self._stream.seek(self._begin)
+        return None
+
+    def messages_at(self, place: int) -> list[RawMessage]:
+        """Those of the chunk at a byte, by their log time."""
+        try:
+            if self._stream.seek(place):
+                return self._messages(self._record(), place)
+            self._report(f"no chunk is at byte {place}")
+        except (*PARSE_ERRORS, EOFError) as error:
+            self._report(f"unreadable chunk at byte {place} ({_line(error)})")
+        return []
+
+    def messages_as_written(self) -> Iterator[RawMessage]:
+        """Those of one chunk after the other, each by their log time."""
+        while True:
+            place = self._stream.position
+            try:
+                record = self._record()
+            except EOFError as error:
+                if str(error):
+                    self._report(f"{error} at byte {place}")
+                return
+            except PARSE_ERRORS as error:
+                self._report(f"it is damaged at byte {place} ({_line(error)})")
+                return
+            yield from self._messages(record, place)
+
+    def _messages(self, record: _Record, place: int) -> list[RawMessage]:
+        """Those of a chunk; where it is damaged, those before."""
+        found = list[RawMessage]()
+        try:
+            found.extend(self._messages_of(record))
+        except PARSE_ERRORS as error:
+            self._report(f"unreadable record at byte {place} ({_line(error)})")
+        return sorted(found, key=lambda message: message.log_time_ns)
+
+    def _messages_of(self, record: _Record) -> Iterator[RawMessage]:
+        """The same one by one; raises one of PARSE_ERRORS where it is damaged."""
+        if record.kind == _CONNECTION:
+            self._note_connection(record)
+        elif record.kind == _MESSAGE:
+            yield from self._message(record)
+        elif record.kind == _CHUNK:
+            budget, data, at = self._stream.budget, self._inflated(record), 0
+            while at < len(data):
+                part, at = _record_at(data, at)
+                budget.count_records(1)
+                if part.kind == _CONNECTION:
+                    self._note_connection(part)
+                elif part.kind == _MESSAGE:
+                    yield from self._message(part)
+
+    def _message(self, record: _Record) -> Iterator[RawMessage]:
+        channel = self._channels.get(record.number(b"conn"))
+        if channel is not None:
+            yield RawMessage(channel, record.time_ns(b"time"), record.data)
+
+    def _note_connection(self, record: _Record) -> None:
+        number = record.number(b"conn")
+        if number in self._channels:
+            return
+        about = _fields(record.data)
+        text = about.get(b"message_definition", b"")
+        topic = record.fields[b"topic"].decode(errors="replace")
+        channel = Channel(topic, "ros1", about[b"type"].decode(errors="replace"), "ros1msg", text)
+        self._channels[number] = channel if self._wanted(channel) else None
+
+    def _inflated(self, chunk: _Record) -> bytes:
+        budget, data, size = self._stream.budget, chunk.data, chunk.number(b"size")
+        match chunk.fields[b"compression"]:
+            case b"none":
+                return data
+            case b"lz4":
+                budget.inflate(len(data), size)
+                found = inflate_lz4(data, size)
+            case b"bz2":
+                budget.check_record(len(data), size)
+                budget.inflate(_BZ2_WORK * len(data), _BZ2_WORK * size)
+                found = bz2.BZ2Decompressor().decompress(data, size)
+            case unknown:
+                raise ValueError(f"unknown compression {unknown!r}")
+        if len(found) != size:
+            raise ValueError(f"{len(found)} bytes where {size} were promised")
+        return found
+
+    def _record(self) -> _Record:
+        """The next record of the file; raises EOFError at its end, with words if it is cut off there."""
+        parts = list[bytes]()
+        for _ in range(2):
+            head = self._stream.read(_LENGTH.size)
+            if not head and not parts:
+                raise EOFError
+            size = _LENGTH.unpack(head)[0] if len(head) == _LENGTH.size else RECORD_LIMIT
+            part = self._stream.read(size) if size < RECORD_LIMIT else b""
+            if len(part) != size:
+                raise EOFError("it is cut off")
+            parts.append(part)
+        self._stream.budget.count_records(1 + len(parts[0]) // BYTES_PER_RECORD)
+        return _Record(_fields(parts[0]), parts[1])
+
+
+def _record_at(data: bytes, at: int) -> tuple[_Record, int]:
+    """The record of a chunk at a byte, and where the next one begins."""
+    parts = list[bytes]()
+    for _ in range(2):
+        (size,) = _LENGTH.unpack_from(data, at)
+        at += _LENGTH.size
+        if size > len(data) - at:
+            raise ValueError("a record is longer than its chunk")
+        parts.append(data[at : at + size])
+        at += size
+    return _Record(_fields(parts[0]), parts[1]), at
+
+
+def _fields(header: bytes) -> dict[bytes, bytes]:
+    fields, at = dict[bytes, bytes](), 0
+    while at < len(header):
+        (size,) = _LENGTH.unpack_from(header, at)
+        at += _LENGTH.size
+        name, equals, value = header[at : at + size].partition(b"=")
+        if not equals or size > len(header) - at:
+            raise ValueError("a field of a header cannot be read")
+        fields[name] = value
+        at += size
+    return fields
+
+
+def _line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

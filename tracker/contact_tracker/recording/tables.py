@@ -1,0 +1,199 @@
+"""Tables of poses, by polars: TUM trajectories, CSV and Parquet; each row gives a message for each body."""
+
+import os
+from collections.abc import Callable, Iterator
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.errors import UnreadableRecording
+from contact_tracker.recording.decoding import row_channel
+from contact_tracker.recording.extras import MissingExtra, need
+from contact_tracker.recording.items import Channel, RawMessage
+from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.named_columns import layout_of_names, layout_of_text
+from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
+from contact_tracker.recording.table_layouts import TableLayout
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_HEAD_LINES: Final = 64
+_LINE: Final = 2**18
+_ROWS: Final = 10_000
+_ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
+_NEVER: Final = np.iinfo(np.int64).min
+_MOST_NS: Final = 2.0**62
+_ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
+"""So begins what polars would decompress."""
+_PRINTABLE: Final = bytes(range(32, 127)) + b"\t\r\n\xef\xbb\xbf"
+
+
+def is_table(path: str, begin: bytes) -> bool:
+    """Whether a file that begins so may be a table: Parquet, or text that is not called ``.mcap``."""
+    if begin.startswith(PARQUET_MAGIC):
+        return True
+    if begin[:2] in _ZLIB:
+        return False
+    is_text = bool(begin) and (not begin.translate(None, _PRINTABLE) or _is_utf8(begin))
+    return is_text and not path.lower().endswith((".mcap", ".mcap.zst", ".mcap.zstd"))
+
+
+def _is_utf8(begin: bytes) -> bool:
+    text = begin.decode("utf-8", errors="ignore")
+    return len(text.encode()) > len(begin) - 4 and all(c.isprintable() or c in "\t\r\n\ufeff" for c in text)
+
+
+def read_table(
+    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+) -> Iterator[RawMessage]:
+    """The poses of a table row by row; log times are the times in it.
+
+    Parameters
+    ----------
+    wanted : bodies of other channels are left out.
+    report : is told in a line of rows that cannot be read.
+    budget : bounds what a compressed table may become.
+
+    Raises
+    ------
+    UnreadableRecording
+        It has no columns of poses.
+    """
+    polars = need("polars", "a table")
+    try:
+        layout, frame = _opened(polars, path, budget)
+    except (UnreadableRecording, MissingExtra):
+        raise
+    except Exception as error:  # what polars raises has no common base
+        raise UnreadableRecording(f"it cannot be read as a table: {_line(error)}") from error
+    topic = os.path.basename(path)
+    channels = [row_channel(topic, layout.kind, "", body.name) for body in layout.bodies]
+    chosen = [
+        (channel, body) for channel, body in zip(channels, layout.bodies, strict=True) if wanted(channel)
+    ]
+    batches = frame.collect_batches(chunk_size=_ROWS, maintain_order=True) if chosen else iter(())
+    scale, lost = layout.time_ns, 0
+    while True:
+        try:
+            batch = next(batches)
+        except StopIteration:
+            break
+        except Exception as error:
+            report(f"it is damaged: {_line(error)}")
+            break
+        scale = scale or _unit_of(polars, batch)
+        stamps = _stamps_ns(polars, batch, scale)
+        good = stamps != _NEVER
+        lost += int((~good).sum())
+        rows = [(channel, _rows(batch, stamps, body)[good]) for channel, body in chosen]
+        for i, stamp_ns in enumerate(stamps[good].tolist()):
+            for channel, values in rows:
+                yield RawMessage(channel, max(stamp_ns, 0), values[i].tobytes())
+    if lost:
+        report(f"{lost} rows have no time")
+
+
+def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, pl.LazyFrame]":
+    """The layout, and the columns that it needs, by their places as names; the time is text."""
+    with open(path, "rb") as file:
+        is_parquet = file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
+    if is_parquet:
+        frame = polars.scan_parquet(path, glob=False)
+        names = frame.collect_schema().names()
+        layout = layout_of_names(names, "Parquet", None, 0)
+        places = {layout.time, *(place for body in layout.bodies for place in body.columns)}
+        check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
+        frame = frame.select(polars.col(name).alias(str(i)) for i, name in enumerate(names))
+        return layout, _chosen(polars, frame, layout)
+    budget.count_read(os.path.getsize(path))
+    lines = _head(path)
+    layout = layout_of_text(lines)
+    many = _rows_of_section(path, layout.skip) if layout.kind == "Vicon" else None
+    by_lines = layout.separator is None or layout.is_ragged
+    frame = polars.scan_csv(
+        path,
+        has_header=False,
+        separator="\x01" if by_lines else layout.separator,
+        skip_lines=layout.skip,
+        infer_schema=False,
+        comment_prefix="#",
+        truncate_ragged_lines=True,
+        n_rows=many,
+        glob=False,
+        encoding="utf8-lossy",
+        quote_char=None if by_lines else '"',
+    )
+    names = frame.collect_schema().names()
+    if by_lines:
+        line = polars.col(names[0])
+        words = line.str.extract_all(r"\S+") if layout.separator is None else line.str.split(layout.separator)
+        last = max(max(body.columns) for body in layout.bodies)
+        columns = [words.list.get(place, null_on_oob=True) for place in range(last + 1)]
+    else:
+        columns = [polars.col(name) for name in names]
+    frame = frame.select(
+        column.str.strip_chars('" \t').alias(str(place)) for place, column in enumerate(columns)
+    )
+    return layout, _chosen(polars, frame, layout)
+
+
+def _chosen(polars: Any, frame: Any, layout: TableLayout) -> "pl.LazyFrame":
+    places = dict.fromkeys(str(place) for body in layout.bodies for place in body.columns)
+    numbers = [polars.col(place).cast(polars.Float64, strict=False) for place in places]
+    time = polars.col(str(layout.time))
+    chosen: pl.LazyFrame = frame.select(time.cast(polars.String).alias("time"), *numbers)
+    return chosen.filter(polars.col("time").is_not_null() & (polars.col("time") != ""))
+
+
+def _head(path: str) -> list[str]:
+    """The first lines, without a byte-order mark."""
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
+        lines = list(islice(iter(lambda: file.readline(_LINE), ""), _HEAD_LINES))
+    return lines
+
+
+def _rows_of_section(path: str, skip: int) -> int:
+    """How many lines follow before an empty one: other sections come after it."""
+    many = 0
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for line in islice(file, skip, None):
+            if not line.strip(", \t\r\n"):
+                break
+            many += 1
+    return many
+
+
+def _unit_of(polars: Any, batch: "pl.DataFrame") -> float:
+    """The unit of times in nanoseconds, by their size: of dates since 1973 units differ by three digits."""
+    first = abs(float(batch["time"].cast(polars.Float64, strict=False).drop_nulls().head(1).sum()))
+    return next((unit for least, unit in ((1e17, 1.0), (1e14, 1e3), (1e11, 1e6)) if first >= least), 1e9)
+
+
+def _stamps_ns(polars: Any, batch: "pl.DataFrame", scale: float) -> NDArray[np.int64]:
+    """Stamps of the rows, to the nanosecond as written; ``_NEVER`` where they are no numbers."""
+    seconds = batch["time"]
+    floats = seconds.cast(polars.Float64, strict=False).fill_null(np.nan).to_numpy() * scale
+    known = np.isfinite(floats) & (np.abs(floats) < _MOST_NS)
+    stamps = np.where(known, np.round(np.where(known, floats, 0.0)), 0.0).astype(np.int64)
+    if scale in (1e9, 1e6, 1e3, 1.0):
+        exact = seconds.cast(polars.Decimal(38, 9), strict=False)
+        whole = (exact * round(scale)).cast(polars.Int64, strict=False)
+        stamps = np.where(whole.is_null().to_numpy(), stamps, whole.fill_null(0).to_numpy())
+    return np.asarray(np.where(known, stamps, _NEVER), np.int64)
+
+
+def _rows(batch: "pl.DataFrame", stamps: NDArray[np.int64], body: Any) -> NDArray[np.void]:
+    """The poses of a body as messages; empty cells are NaN."""
+    rows = np.zeros(len(stamps), _ROW)
+    rows["stamp_ns"] = stamps
+    for i, place in enumerate(body.columns):
+        rows["numbers"][:, i] = batch[str(place)].fill_null(np.nan).to_numpy()
+    rows["numbers"][:, :3] *= body.metres
+    return rows
+
+
+def _line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

@@ -1,0 +1,82 @@
+"""Which transforms lead from one frame to another, and whether those of a chain move."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from contact_tracker.recording.message_types import canonical
+from contact_tracker.recording.sources import PoseSource
+
+TRANSFORM_TYPES: Final = frozenset(
+    {
+        "tf2_msgs/msg/TFMessage",
+        "tf/msg/tfMessage",
+        "geometry_msgs/msg/TransformStamped",
+        "foxglove.FrameTransform",
+        "foxglove.FrameTransforms",
+        "foxglove_msgs/msg/FrameTransform",
+        "foxglove_msgs/msg/FrameTransforms",
+    }
+)
+
+
+class Step(NamedTuple):
+    """One transform of a chain; ``inverted`` where it is published the other way round."""
+
+    source: PoseSource
+    inverted: bool
+
+
+def frame_name(name: str) -> str:
+    """Without the leading slash that ROS 1 had."""
+    return name.lstrip("/")
+
+
+def is_transform(source: PoseSource) -> bool:
+    """Whether a source is part of the tree of frames, and not what was measured of one body."""
+    return canonical(source.type) in TRANSFORM_TYPES and bool(source.child_frame_id)
+
+
+def is_static(source: PoseSource) -> bool:
+    """Whether it is published as what does not move."""
+    return source.topic.endswith("tf_static")
+
+
+class TransformTree:
+    """The frames and what is published between them; of two transforms between the same frames, the first."""
+
+    def __init__(self, sources: Iterable[PoseSource]) -> None:
+        self._steps: dict[str, dict[str, Step]] = {}
+        for source in sorted(sources):
+            if source.child_frame_id:
+                parent, child = frame_name(source.frame_id), frame_name(source.child_frame_id)
+                self._steps.setdefault(parent, {}).setdefault(child, Step(source, False))
+                self._steps.setdefault(child, {}).setdefault(parent, Step(source, True))
+
+    def __contains__(self, frame: str) -> bool:
+        return frame_name(frame) in self._steps
+
+    def chain(self, start: str, end: str) -> list[Step] | None:
+        """The fewest transforms from one frame to another; None where there are none."""
+        start, end = frame_name(start), frame_name(end)
+        reached: dict[str, list[Step]] = {start: []}
+        waiting = deque([start])
+        while waiting:
+            frame = waiting.popleft()
+            for other, step in self._steps.get(frame, {}).items():
+                if other not in reached:
+                    reached[other] = [*reached[frame], step]
+                    waiting.append(other)
+        return reached.get(end)
+
+    def moving_root(self, frame: str) -> str | None:
+        """The frame above all others, where one of the transforms from there to ``frame`` may move."""
+        at, moves, seen = frame_name(frame), False, set[str]()
+        while at not in seen:
+            seen.add(at)
+            above = next((name for name, step in self._steps.get(at, {}).items() if step.inverted), None)
+            if above is None:
+                break
+            moves = moves or not is_static(self._steps[at][above].source)
+            at = above
+        return at if moves else None
