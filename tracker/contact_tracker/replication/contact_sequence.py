@@ -70,7 +70,7 @@ class ContactSequence:
         return np.asarray(self.curves[self.slsqp_window] - self.slsqp_points)
 
     def window_at(self, stamp_ns: Ints) -> Array:
-        """Number of the window, with its fraction, that ends at each stamp (K,); negative before the first."""
+        """Number of the window, with its fraction, that ends at each stamp (K,); negative before any."""
         frame = np.interp(stamp_ns, self.poses.stamp_ns, np.arange(len(self.poses)))
         return np.asarray((frame - (FRAMES - 1)) / STEP)
 
