@@ -103,11 +103,15 @@ def draw_feature(axes: Axes3D, points: Array, colour: str, kind: str) -> None:
             axes.scatter(*points[0], color=colour, s=90, depthshade=False, zorder=11)
 
 
+def path_of(contact: Contact) -> Path:
+    """Where the picture of a contact is kept."""
+    return FOLDER / f"contact_{contact.value.replace('-', '')}.png"
+
+
 def main() -> None:
     matplotlib.use("agg")
     for contact in CONTACTS:
-        path = FOLDER / f"contact_{contact.value.replace('-', '')}.png"
-        draw_contact(contact).savefig(path, dpi=110)
+        draw_contact(contact).savefig(path_of(contact), dpi=110)
 
 
 if __name__ == "__main__":
