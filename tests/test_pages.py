@@ -149,3 +149,15 @@ def test_formulas_become_mathml(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "&#x0003C;" in html
     assert "arithmatex" not in html
     assert sys.modules["mkdocs_hooks"].OUTWARD.sub(r"\1", "[a](../models/b.toml) [c](d.md)") == "a [c](d.md)"
+
+
+def test_descriptions_of_parameters_are_no_types(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("griffe")
+    monkeypatch.syspath_prepend(str(DOCS))
+    import docstring_descriptions
+
+    parameters = "a, b : (N, 3), in m;\n    of : all.\nc : one.\n\nReturns\n-------\nd : x"
+    before = f"Say.\n\nParameters\n----------\n{parameters}"
+    after = docstring_descriptions.with_descriptions_below(before)
+    parameters = after.partition("----------\n")[2]
+    assert parameters == "a, b\n    (N, 3), in m;\n    of : all.\nc\n    one.\n\nReturns\n-------\nd : x"
