@@ -22,6 +22,7 @@ LAYERS = (
     ("contacts", "inspection"),
     ("landmarks", "paper"),
     ("hypotheses",),
+    ("formations",),
     ("tracking",),
     ("adaptation",),
     ("extras",),
@@ -29,6 +30,7 @@ LAYERS = (
     ("calibration", "outputs", "replication"),
     ("viewer",),
     ("exports",),
+    ("batch",),
     ("cli", "api"),
 )
 FIRST_EDGE_LAYER = LAYERS.index(("adaptation",)) + 1
@@ -55,6 +57,8 @@ SINGLE_IMPORTER = {
     "shtab": "cli/completion.py",
     "tqdm": "cli",
     "argparse": "cli",
+    "distributed": "batch/cluster.py",
+    "fsspec": "batch/remote.py",
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}

@@ -38,7 +38,7 @@ def numbers(value: object) -> list[float]:
 
 def test_readme_names_every_recording() -> None:
     assert set(COMMANDS) == {path.name for path in FOLDER.glob("*.mcap")}
-    assert len(COMMANDS) == 4
+    assert len(COMMANDS) == 5
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -57,6 +57,9 @@ def test_committed_recording_is_what_its_command_makes(name: str, tmp_path: Path
         (i.start_ns, i.end_ns, i.contact, i.motion, i.singular) for i in yours
     ]
     for a, b in zip(mine, yours, strict=True):
+        assert [(f.start_ns, f.end_ns, f.contact) for f in a.further] == [
+            (f.start_ns, f.end_ns, f.contact) for f in b.further
+        ]
         assert (a.geometry is None) == (b.geometry is None)
         if a.geometry and b.geometry:
             np.testing.assert_allclose(

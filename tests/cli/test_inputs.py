@@ -1,10 +1,13 @@
 """The commands on logs that are no plain MCAP of poses: tables, chains of transforms, other bodies."""
 
 import json
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from test_commands import assert_one_line_error, run
 
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
@@ -70,3 +73,39 @@ def test_only_mcap_is_followed(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
     assert_one_line_error(run("live", path, "--follow"), 1, "only an MCAP file can be followed")
+
+
+@pytest.mark.parametrize("command", ["info", "segment", "live"])
+def test_a_definition_that_was_assumed_is_said_in_one_line(tmp_path: Path, command: str) -> None:
+    path = write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
+    (tmp_path / "b.mcap").write_bytes(without_definitions(path))
+    done = run(command, tmp_path / "b.mcap")
+    assert done.returncode == 0, done.stderr
+    (line,) = (line for line in done.stderr.splitlines() if "known definition" in line)
+    assert "300 poses are read by the known definition of geometry_msgs/msg/PoseStamped: the file" in line
+    assert "known_definition 300" in done.stderr + done.stdout
+    assert "known definition" not in run(command, path).stderr
+
+
+def without_definitions(path: Path) -> bytes:
+    out = BytesIO()
+    with path.open("rb") as file:
+        writer = Writer(out)
+        writer.start()
+        channels = dict[str, int]()
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, "ros2msg", b"")
+                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+            writer.add_message(channels[channel.topic], message.log_time, message.data, message.log_time)
+        writer.finish()
+    return out.getvalue()
+
+
+def test_what_does_not_move_is_taken_when_it_is_asked_for(tmp_path: Path) -> None:
+    rows = [(pose.stamp_ns, {"transforms": [transform(*pose, "world", "table")]}) for pose in POSES]
+    path = write_log(tmp_path / "a.mcap", [Topic("/tf_static", "tf2_msgs/msg/TFMessage", rows)])
+    done = run("segment", path)
+    assert_one_line_error(done, 1)
+    assert "its only poses are on /tf_static, which does not move: to take them" in done.stderr
+    assert run("segment", path, "--topic", "/tf_static").returncode == 0

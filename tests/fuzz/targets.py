@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import corpus
+import formats
 import mutations
 import numpy as np
 
@@ -140,6 +141,13 @@ TARGETS = {
         _of(corpus.recordings, mutations.bytes_of, mutations.records_of, mutations.records_of),
         _recording,
     ),
+    "definition": Target(
+        ".mcap", _of(formats.definitions, mutations.bytes_of, mutations.text_of), _recording
+    ),
+    "bag": Target(".bag", _of(formats.bags, mutations.bytes_of), _recording),
+    "table": Target(".csv", _of(formats.texts, mutations.bytes_of, mutations.text_of), _recording),
+    "parquet": Target(".parquet", _of(formats.compressed_tables, mutations.bytes_of), _recording),
+    "compressed": Target(".mcap.zst", _of(formats.compressed_recordings, mutations.bytes_of), _recording),
     "model": Target(".toml", _of(corpus.models, mutations.text_of), _model),
     "known": Target(".toml", _of(corpus.known_files, mutations.text_of), _known),
     "mesh": Target(".mesh", _of(corpus.meshes, mutations.bytes_of, mutations.text_of), _mesh),

@@ -514,3 +514,12 @@ def test_a_file_that_changes_while_it_is_followed_ends_the_stream(
     assert 20 < len(first) + len(rest) < 300
     assert log.damage is not None
     assert text in log.damage
+
+
+def test_endless_records_that_nobody_knows_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap.zst"
+    plain = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(20))]).read_bytes()
+    records = struct.pack("<BQ", 0x80, 0) * 3_000_000
+    path.write_bytes(zstandard.ZstdCompressor().compress(plain[:8] + records + plain[8:]))
+    with pytest.raises(UnreadableRecording, match=r"more records than \d+ bytes explain"):
+        open_log(str(path))

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import AmbiguousSource, NoPoses
@@ -232,3 +234,32 @@ def test_a_pose_whose_stamp_leads_holds_up_no_others(tmp_path: Path, follow: boo
     log = open_log(str(path), frame="world->o", follow=Follow() if follow else None)
     assert len(Poses.collect(log)) == len(body)
     assert log.counts == {"no_parent": 1}
+
+
+def test_known_definitions_along_a_chain_are_counted(tmp_path: Path) -> None:
+    """Of the body and of its parent."""
+    chain = write_log(
+        tmp_path / "a.mcap", [joined(tf(smooth_poses(40), "world", "arm")), tf([MOUNT], "arm", "cup")]
+    )
+    path = tmp_path / "b.mcap"
+    with chain.open("rb") as file, path.open("wb") as undefined:
+        writer = Writer(undefined)
+        writer.start()
+        channel = writer.register_channel("/tf", "cdr", writer.register_schema(TF, "", b""))
+        for _, _, message in make_reader(file).iter_messages():
+            writer.add_message(channel, message.log_time, message.data, message.log_time)
+        writer.finish()
+    log = open_log(str(path), frame="world->cup")
+    Poses.collect(log)
+    assert log.counts["known_definition"] == 41
+    assert log.assumption == f"41 poses are read by the known definition of {TF}: the file does not define it"
+
+
+def test_those_who_have_to_choose_hear_of_composition(tmp_path: Path) -> None:
+    rows = [
+        (pose.stamp_ns, {"transforms": [transform(*pose, "world", "arm"), transform(*pose, "arm", "cup")]})
+        for pose in smooth_poses(40)
+    ]
+    path = write_log(tmp_path / "a.mcap", [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
+    with pytest.raises(AmbiguousSource, match="or compose them by --frame 'world->cup': /tf arm->cup"):
+        open_log(str(path))

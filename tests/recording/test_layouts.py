@@ -80,7 +80,9 @@ def test_what_is_read_is_what_the_library_decodes(kind, order, frames, bodies):
     for count, body in enumerate(bodies):
         message = RawMessage(on, 0, cdr(kind, order, frames, body, tail_value=float(count)))
         if count:
-            assert decoder._known.read(message.data) is not None, "a layout was learnt, and is used"
+            assert decoder.layouts(message.channel).read(message.data) is not None, (
+                "a layout was learnt, and is used"
+            )
         assert shown(decoder.observe(message)) == by_library(message)
 
 
@@ -115,7 +117,7 @@ def test_several_transforms_are_read_as_the_library_decodes_them(order, frames, 
     for count in range(3):
         message = RawMessage(on, 0, transforms(order, [(pair, data.draw(bodies)) for pair in frames]))
         if count:
-            assert len(decoder._known.read(message.data)) == len(frames)
+            assert len(decoder.layouts(message.channel).read(message.data)) == len(frames)
         assert shown(decoder.observe(message)) == by_library(message)
     for _ in range(10):
         damaged = bytearray(message.data)
@@ -131,7 +133,7 @@ def test_layouts_are_learnt_and_names_that_change_are_told_apart(kind):
     for repeated in range(3):
         for frames in pairs:
             data = cdr(kind, "<", frames, body)
-            assert (decoder._known.read(data) is not None) is (repeated > 0)
+            assert (decoder.layouts(on).read(data) is not None) is (repeated > 0)
             (found,) = decoder.observe(RawMessage(on, 0, data))
             assert found.frame_id == frames[0]
             assert found.child_frame_id == (frames[1] if kind in TWO_NAMES else "")
@@ -202,6 +204,6 @@ def test_on_real_recordings(shared_recordings, name):
     items = [m for m in Reading(path, ChannelFilter(source.topic)) if isinstance(m, RawMessage)]
     for message in items[::7]:
         assert decoder.observe(message) == POSE_TYPES[source.type](library.decode(message))
-    assert all(decoder._known.read(message.data) for message in items)
+    assert all(decoder.layouts(message.channel).read(message.data) for message in items)
     moved = replace(items[0].channel, topic="/elsewhere")
     assert decoder.observe(items[0]._replace(channel=moved)) == decoder.observe(items[0])

@@ -172,20 +172,33 @@ NAME = "geometry_msgs/msg/PoseStamped"
 
 
 @pytest.mark.parametrize(
-    ("kind", "encoding", "text"),
+    ("kind", "encoding", "text", "why"),
     [
-        (NAME, "", ""),
-        (NAME, "ros2msg", ""),
-        (NAME, "ros2msg", NAME),
-        (NAME, "ros2msg", "std_msgs/Header header\nPose pose\n"),
-        ("geometry_msgs/PoseStamped", "ros2msg", SCHEMAS[NAME]),
+        (NAME, "", "", "the file does not define it"),
+        (NAME, "ros2msg", "", "the file does not define it"),
+        (NAME, "ros2msg", NAME, "its definition in the file cannot be used"),
+        (NAME, "ros2idl", "module {", "its definition in the file cannot be used"),
+        (NAME, "ros2msg", "std_msgs/Header header\nPose pose\n", "its definition in the file lacks parts"),
+        ("geometry_msgs/PoseStamped", "ros2msg", SCHEMAS[NAME], None),
     ],
 )
-def test_a_known_type_needs_no_definition(tmp_path: Path, kind: str, encoding: str, text: str) -> None:
+def test_a_known_type_needs_no_definition(
+    tmp_path: Path, kind: str, encoding: str, text: str, why: str | None
+) -> None:
+    """That the known one is used is counted, and said in one line."""
     rows = [(pose.stamp_ns, cdr_pose(pose)) for pose in POSES]
     path = write_raw(tmp_path / "a.mcap", kind, "cdr", encoding, text.encode(), rows)
     assert_read(path)
-    assert summarise(str(path)).sources[0].poses == COUNT
+    line = f"{COUNT} poses are read by the known definition of {kind}: {why}" if why else None
+    counts = {"known_definition": COUNT} if why else {}
+    for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
+        log = open_log(str(path))
+        collect(log)
+        assert (log.counts, log.assumption) == (counts, line)
+    summary = summarise(str(path))
+    assert summary.sources[0].poses == COUNT
+    assert summary.sources[0].counts == counts
+    assert summary.assumptions == ((f"/pose: {line}",) if line else ())
 
 
 IDL = (

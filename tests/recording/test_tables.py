@@ -1,6 +1,8 @@
 """Trajectories in text files and tables, written by other libraries, and exports of motion capture."""
 
 import csv
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from contact_tracker.errors import AmbiguousSource, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import list_sources, open_log, summarise
+from contact_tracker.recording.extras import MissingExtra
 from mcap_logs import smooth_poses
 from motive_export import ABOUT, HEADS, VALUES, write_motive
 
@@ -215,6 +218,7 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         ("Format Version,1.23,Length Units,Feet\n,,Rigid Body\n,,a\n,,Rotation\nFrame,Time,X\n", "Feet"),
         ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
         (",".join(["t"] * 5001) + "\n", "its 5001 columns are too many"),
+        ("t,x,y,z,qx,qy,qz,qw\n" + "1," * 400_000, "its rows have 5000 values or more"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
         ("hello\n", "no columns of a pose among hello"),
     ],
@@ -244,3 +248,63 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     assert len(Poses.collect(log)) == 2
     assert log.damage == "1 rows have no time"
     assert log.counts["nonfinite"] == 1
+
+
+@pytest.mark.parametrize(("rows", "dictionary"), [(20_000_000, True), (3_000_000, False)])
+def test_parquet_becomes_no_more_than_its_size_explains(tmp_path: Path, rows: int, dictionary: bool) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    column = pyarrow.array(np.zeros(rows))
+    table = pyarrow.table(dict.fromkeys(("t", "x", "y", "z", "qx", "qy", "qz", "qw"), column))
+    path = tmp_path / "a.parquet"
+    parquet.write_table(table, path, compression="zstd", use_dictionary=dictionary, row_group_size=rows)
+    assert path.stat().st_size < 2**20
+    with pytest.raises(UnreadableRecording, match=r"too much for its size: more rows than \d+ bytes explain"):
+        open_log(str(path))
+
+
+def test_parquet_of_few_long_values_is_refused(tmp_path: Path) -> None:
+    """Few rows, and a page of 120 MB."""
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    texts = pyarrow.array(["0" * 40_000_000] * 3)
+    table = pyarrow.table(
+        {"t": texts, **{name: [0.0] * 3 for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}}
+    )
+    path = tmp_path / "a.parquet"
+    parquet.write_table(table, path, compression="zstd", use_dictionary=False)
+    assert path.stat().st_size < 2**20
+    with pytest.raises(UnreadableRecording, match=r"it is too much for its size: \d+ bytes are to become"):
+        open_log(str(path))
+
+
+def test_parquet_whose_pages_cannot_be_told_is_refused(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    table = {"t": np.arange(9.0), **{name: np.ones(9) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}}
+    parquet.write_table(pyarrow.table(table), path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:4] + b"\xff" * 40 + whole[44:])
+    with pytest.raises(UnreadableRecording, match="its pages cannot be told"):
+        open_log(str(path))
+
+
+def test_without_polars_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.txt").write_text("1 2 3 4 0 0 0 1\n")
+    monkeypatch.setitem(sys.modules, "polars", None)
+    for read in (open_log, summarise):
+        with pytest.raises(MissingExtra, match=r"a table needs .* pip install 'contact-tracker\[tables\]'"):
+            read(str(tmp_path / "a.txt"))
+
+
+def test_optional_libraries_are_imported_when_they_are_needed() -> None:
+    code = (
+        "import sys, contact_tracker.recording\n"
+        "optional = {'polars', 'rosbags', 'google.protobuf', 'mcap_protobuf', 'sqlite3', 'pyarrow'}\n"
+        "assert not optional & sys.modules.keys(), optional & sys.modules.keys()"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -17,6 +17,7 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.ground_truth import TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.simulate import SCENARIOS, Phase, Scenario, Simulated, named_scenario, simulate
+from contact_tracker.simulate.scenarios import FORMATIONS
 from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
 from contact_tracker.states import CONTACTS, STATES, Contact
 
@@ -50,7 +51,7 @@ def stays(simulated: Simulated) -> Iterator[tuple[TruthInterval, Poses]]:
 
 
 def all_quiet() -> list[Simulated]:
-    named = [quiet(name, 0) for name in SCENARIOS if name != "random"]
+    named = [quiet(name, 0) for name in SCENARIOS if name not in {"random", *FORMATIONS}]
     return named + [quiet("random", seed) for seed in RANDOM_SEEDS]
 
 
@@ -362,3 +363,40 @@ def test_unknown_names_and_negative_seeds_are_refused() -> None:
         simulate("nothing", 0)
     with pytest.raises(UsageError, match="seed"):
         simulate("all_states", -1)
+
+
+@pytest.mark.parametrize("name", FORMATIONS)
+def test_table_and_wall_are_touched_as_the_truth_says(name: str) -> None:
+    simulated = quiet(name, 2)
+    (first,) = simulated.truth.intervals
+    (second,) = first.further
+    poses = simulated.poses
+    body = np.array(json.loads(simulated.metadata["object_vertices_m"]))
+    corners = np.einsum("nij,vj->nvi", poses.rotation, body) + poses.position_m[:, None]
+    inside = (poses.stamp_ns >= second.start_ns) & (poses.stamp_ns <= second.end_ns)
+    for contact, geometry, holds in (
+        (first.contact, first.geometry, np.full(len(poses), True)),
+        (second.contact, second.geometry, inside),
+    ):
+        assert geometry is not None
+        assert isinstance(geometry.environment, Plane)
+        heights = corners @ geometry.environment.normal - geometry.environment.offset_m
+        assert heights.min() > -1e-6
+        touching = (np.abs(heights) < 1e-6).sum(axis=1)
+        at_least = {Contact.FF: 4, Contact.EF: 2, Contact.VF: 1}[contact]
+        assert touching[holds].min() == at_least
+        assert (heights[~holds].min(axis=1) > 1e-6).mean() > 0.9 if (~holds).any() else True
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"surroundings": "desk"},
+        {"phases": (Phase(Contact.EE, 24.0),)},
+        {"phases": (Phase(Contact.VF, 12.0), Phase(Contact.EF, 12.0))},
+        {"phases": (Phase(Contact.VF, 12.0),)},
+    ],
+)
+def test_formations_that_cannot_be_played_are_refused(change: dict[str, object]) -> None:
+    with pytest.raises(UsageError, match="scenario"):
+        replace(named_scenario("wall_in_between", 0), **change)

@@ -20,6 +20,7 @@ from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion import lifted_pose
+from contact_tracker.motion.used_directions import used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.tables import json_line, write_csv
 from contact_tracker.outputs.text import describe, table
@@ -68,7 +69,7 @@ def test_an_object_that_whirls_about_within_a_tick_moves_in_all_directions():
     zeta = lifted_pose.lift(rotation, position).reshape(TICKS, 20, -1).mean(axis=1)
     zeta[3, lifted_pose.R] = 0.0
     rows = np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1))
-    assert ambiguity.used_directions(Window(np.arange(TICKS), zeta, rows, 1e4 * rows)) == 6
+    assert used_directions(Window(np.arange(TICKS), zeta, rows, 1e4 * rows)) == 6
 
 
 def turning(axis, angle):
@@ -214,7 +215,7 @@ def test_the_directions_that_a_motion_uses_are_counted_in_any_frame(kind, seed):
     rng = np.random.default_rng(seed)
     world, body = Rotation.random(2, random_state=rng).as_matrix()
     position = (position + rotation @ rng.normal(size=3) * 0.2) @ world.T
-    assert ambiguity.used_directions(ticks(world @ rotation @ body, position, seed)) == used
+    assert used_directions(ticks(world @ rotation @ body, position, seed)) == used
 
 
 def rivals(**nats):

@@ -17,11 +17,21 @@ UNSCORED = "?"
 
 
 @dataclass(frozen=True)
+class FurtherTruth:
+    """Another contact at the same time, from ``start_ns`` to ``end_ns`` (both included)."""
+
+    start_ns: int
+    end_ns: int
+    contact: Contact
+    geometry: ContactGeometry | None = None
+
+
+@dataclass(frozen=True)
 class TruthInterval:
     """``contact`` held from ``start_ns`` to ``end_ns`` (both included); None is not to be scored.
 
     ``motion`` is normal, rest, translation or one-axis; ``singular`` says that the motion of this
-    interval cannot tell its contact from others.
+    interval cannot tell its contact from others. ``further`` contacts hold at the same time.
     """
 
     start_ns: int
@@ -30,6 +40,7 @@ class TruthInterval:
     motion: str = "normal"
     singular: bool = False
     geometry: ContactGeometry | None = None
+    further: tuple[FurtherTruth, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,23 +90,45 @@ def _interval_to_dict(interval: TruthInterval) -> dict[str, Any]:
         "motion": interval.motion,
         "singular": interval.singular,
     }
-    if interval.geometry:
-        row["object"] = _element_to_dict(interval.geometry.object)
-        row["environment"] = _element_to_dict(interval.geometry.environment)
+    row |= _geometry_to_dict(interval.geometry)
+    if interval.further:
+        row["further"] = [
+            {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
+            | _geometry_to_dict(one.geometry)
+            for one in interval.further
+        ]
     return row
 
 
-def _interval_from_dict(row: dict[str, Any]) -> TruthInterval:
-    geometry = None
+def _geometry_to_dict(geometry: ContactGeometry | None) -> dict[str, Any]:
+    if geometry is None:
+        return {}
+    return {
+        "object": _element_to_dict(geometry.object),
+        "environment": _element_to_dict(geometry.environment),
+    }
+
+
+def _geometry_from_dict(row: dict[str, Any]) -> ContactGeometry | None:
     if "object" in row and "environment" in row:
-        geometry = ContactGeometry(_element_from_dict(row["object"]), _element_from_dict(row["environment"]))
+        return ContactGeometry(_element_from_dict(row["object"]), _element_from_dict(row["environment"]))
+    return None
+
+
+def _interval_from_dict(row: dict[str, Any]) -> TruthInterval:
     return TruthInterval(
         int(row["start_ns"]),
         int(row["end_ns"]),
         None if row["contact"] == UNSCORED else Contact(row["contact"]),
         str(row.get("motion", "normal")),
         bool(row.get("singular", False)),
-        geometry,
+        _geometry_from_dict(row),
+        tuple(
+            FurtherTruth(
+                int(one["start_ns"]), int(one["end_ns"]), Contact(one["contact"]), _geometry_from_dict(one)
+            )
+            for one in row.get("further", ())
+        ),
     )
 
 

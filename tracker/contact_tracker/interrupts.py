@@ -1,4 +1,5 @@
-"""Interrupts (Ctrl-C) where they would do harm: they wait for imports, and children leave them to parents."""
+"""Interrupts (Ctrl-C) where they would do harm: they wait for imports; children leave them to parents, and
+end with these."""
 
 import _thread
 import signal
@@ -77,6 +78,23 @@ def _blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_with_parent() -> None:
+    """In a process of ``multiprocessing``: end once its parent has, however that came.
+
+    With nobody left to ask for more it would wait for ever.
+    """
+    from multiprocessing import parent_process
+    from os import _exit
+
+    def watch() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+            _exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _interrupt(_: int, frame: FrameType | None) -> None:

@@ -32,7 +32,9 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     ranked = sorted(zip(beliefs, share, strict=True), key=lambda one: (one[0].contact is label, one[1]))
     source, _ = ranked[-1]
     if source.contact is not label:
-        source = replace(source, contact=label, onset_ns=source.stamp_ns, geometry=None, inseparable=())
+        source = replace(
+            source, contact=label, onset_ns=source.stamp_ns, geometry=None, inseparable=(), further=()
+        )
     return replace(source, probability=probability)
 
 

@@ -119,7 +119,7 @@ def step(state: AdaptiveState, pose: Pose) -> tuple[AdaptiveState, Belief | None
 
 
 def advance(
-    state: AdaptiveState, poses: Pose | Poses, detail: Detail = Detail.GEOMETRY
+    state: AdaptiveState, poses: Pose | Poses, detail: Detail = Detail.FORMATION
 ) -> tuple[AdaptiveState, list[Belief]]:
     """Take in one pose or several, in order; the beliefs of the ticks that they close.
 
@@ -158,7 +158,7 @@ def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
 
     Should it go on after all, it has paused, as after a gap.
     """
-    state, beliefs = _take_in(state, Detail.GEOMETRY)
+    state, beliefs = _take_in(state, Detail.FORMATION)
     if state.uninspected:
         state = look_at(state, Poses.join(state.uninspected))._replace(uninspected=(), many=0, taken_in=0)
     trackers, rest = side_by_side.finish(state.trackers)

@@ -104,7 +104,7 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
         said = list[Belief]()
         if state.trackers:
             state, said = _side_by_side(state, some, detail)
-            state = _with_others(state, detail) if len(some) == missing else state
+            state = _with_others(state, min(detail, Detail.GEOMETRY)) if len(some) == missing else state
         elif len(some) == missing:
             state, said = _with_first(state, detail)
         beliefs += said
@@ -122,7 +122,7 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
     beliefs = list[Belief]()
     if state.pending is not None and len(state.pending):
         if not state.trackers:
-            state, beliefs = _with_first(state, Detail.GEOMETRY)
+            state, beliefs = _with_first(state, Detail.FORMATION)
         state = _with_others(state, Detail.GEOMETRY)
     ended = [tracker.finish(one) for one in state.trackers]
     rest = zip(*(said for _, said in ended), strict=True)
@@ -171,7 +171,11 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     gathered.insert(0, (advanced, closed))
     if not closed:
         return state._replace(trackers=tuple(one for one, _ in gathered)), []
-    followed = [_observe(one, own, detail) for one, own in gathered]
+    best = int(state.log_weight.argmax())
+    followed = [
+        _observe(one, own, detail if i == best else min(detail, Detail.GEOMETRY))
+        for i, (one, own) in enumerate(gathered)
+    ]
     state = state._replace(trackers=tuple(one for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(ticks for _, ticks in followed), strict=True):

@@ -22,6 +22,16 @@ _MOST: Final = 1e9
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """``LOG`` and which of its poses to take."""
     parser.add_argument("log", metavar="LOG", help=LOG_HELP)
+    _add_choice(parser)
+
+
+def add_recordings(parser: argparse.ArgumentParser) -> None:
+    """The same for several: ``LOG...``."""
+    parser.add_argument("logs", metavar="LOG", nargs="+", help=LOG_HELP)
+    _add_choice(parser)
+
+
+def _add_choice(parser: argparse.ArgumentParser) -> None:
     add_source(parser)
     parser.add_argument(
         "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"

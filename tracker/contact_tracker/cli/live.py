@@ -25,6 +25,7 @@ from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
+    from contact_tracker.outputs.text import FormationChanges
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.viewer.null_viewer import LiveView
@@ -179,12 +180,24 @@ class _Printer:
         self.label: Contact | None = None
         self.settled = False
         self._as_json = as_json
+        self._changes: FormationChanges | None = None
         self._source = source
         self._status = status
 
     def show(self, belief: "Belief") -> None:
         from contact_tracker.outputs.tables import json_line
-        from contact_tracker.outputs.text import CHANGES_HEADER, change_line, is_settled, status_text
+        from contact_tracker.outputs.text import (
+            CHANGES_HEADER,
+            FormationChanges,
+            change_line,
+            is_settled,
+            join_line,
+            leave_line,
+            status_text,
+        )
+
+        if self._changes is None:
+            self._changes = FormationChanges()
 
         changed, settles = belief.contact is not self.label, is_settled(belief)
         if self._as_json:
@@ -193,5 +206,11 @@ class _Printer:
             if self.label is None:
                 self._status.print(CHANGES_HEADER)
             self._status.print(change_line(belief, self._source.origin_ns))
+        joins, leaves = self._changes.update(belief)
+        if not self._as_json:
+            for one in leaves:
+                self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))
+            for one in joins:
+                self._status.print(join_line(one, belief.stamp_ns, self._source.origin_ns))
         self.label, self.settled = belief.contact, settles or (self.settled and not changed)
         self._status.show(lambda: status_text(belief, self._source.origin_ns))

@@ -7,11 +7,14 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_recording, model_of, output_file
+from contact_tracker.cli.arguments import add_model, add_recordings, model_of, output_file
+from contact_tracker.cli.jobs import PLACE, jobs_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.terminal import detail, progress, show
+from contact_tracker.cli.status import DONE, INPUT, USAGE
+from contact_tracker.cli.terminal import detail, fail, progress, show
 from contact_tracker.cli.workers import add_processes, workers
+from contact_tracker.errors import AmbiguousSource, InputError
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
     from contact_tracker.tracking.belief import Segment
     from contact_tracker.tracking.segmentation import Segmentation
 
-HELP: Final = "what held when: smoothed segments of a whole recording"
+HELP: Final = "what held when: smoothed segments of whole recordings"
 DESCRIPTION: Final = """\
 Cut a recording into segments of one contact each, with all the data at hand: the most probable
 sequence, smoothed probabilities and the geometry of each segment. FILE.csv and FILE.srt (subtitles)
@@ -33,7 +36,10 @@ EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o ou
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    add_recording(parser)
+    add_recordings(parser)
+    parser.add_argument(
+        "--all", action="store_true", help="every source of poses in turn, instead of the one that is chosen"
+    )
     add_model(parser)
     add_known(parser)
     parser.add_argument(
@@ -42,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=_output,
         metavar="FILE",
         help=f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout "
-        "(the default)",
+        f"(the default); {PLACE} in FILE is the name of each recording, with --all and of each object",
     )
     add_overwrite(parser)
     add_processes(parser)
@@ -54,18 +60,37 @@ def _output(text: str) -> Path | None:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.adaptation import OfflineTracker
+
+    jobs = jobs_of(args)
+    if args.output is not None:
+        require_library(args.output)
+    model, knowledge = model_of(args), knowledge_of(args)
+    with workers(args.processes) as executor:
+        if len(jobs) == 1:
+            return _segment(jobs[0].arguments(args), OfflineTracker(model, knowledge, executor))
+        code = DONE
+        for job in jobs:
+            if job.output is None:
+                show(job.name)
+            try:
+                done = _segment(job.arguments(args), OfflineTracker(model, knowledge, executor))
+            except (InputError, AmbiguousSource) as error:  # the others are still worth their segments
+                fail(str(error))
+                done = INPUT if isinstance(error, InputError) else USAGE
+            code = code or done
+    return code
+
+
+def _segment(args: argparse.Namespace, tracker: "OfflineTracker") -> int:
     from contact_tracker.cli.source import Source
     from contact_tracker.recording import open_log
     from contact_tracker.tracking.belief import Detail
 
-    check_output(args.output, args.overwrite, files_read([args.log], args.model, args.known))
-    if args.output is not None:
-        require_library(args.output)
-    model, knowledge = model_of(args), knowledge_of(args)
+    read = [*args.logs, *files_read([args.log], args.model, args.known)]
+    check_output(args.output, args.overwrite, read)
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to)
     source = Source(log, args)
-    with progress("segment", "poses", source.expected) as set_done, workers(args.processes) as executor:
-        tracker = OfflineTracker(model, knowledge, executor)
+    with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]

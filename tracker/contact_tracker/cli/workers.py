@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from contact_tracker.cli.terminal import take_over_warnings
 from contact_tracker.errors import ContactTrackerError
-from contact_tracker.interrupts import kept_from_children
+from contact_tracker.interrupts import end_with_parent, kept_from_children
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -57,22 +57,7 @@ def workers(processes: int) -> "Iterator[Executor | None]":
 def _begin() -> None:
     """In a process of its own."""
     take_over_warnings()
-    _end_with_parent()
-
-
-def _end_with_parent() -> None:
-    """Once nobody is left to ask for more, it would wait for ever."""
-    from multiprocessing import parent_process
-    from os import _exit
-    from threading import Thread
-
-    def watch() -> None:
-        parent = parent_process()
-        if parent is not None:
-            parent.join()
-            _exit(1)
-
-    Thread(target=watch, daemon=True).start()
+    end_with_parent()
 
 
 def _count(text: str) -> int:

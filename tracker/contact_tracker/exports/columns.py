@@ -5,7 +5,7 @@ from typing import Any, Final, Literal
 
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.flat import NONE, flat
-from contact_tracker.states import STATES
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 
 Kind = Literal["integer", "number", "text"]
@@ -27,12 +27,13 @@ def _element_kinds(side: str) -> dict[str, Kind]:
 
 _GEOMETRY: Final = _element_kinds("object") | _element_kinds("environment")
 _LABEL: Final[dict[str, Kind]] = {"contact": "text", "probability": "number", "inseparable": "text"}
+_CONTACTS: Final[dict[str, Kind]] = {"contacts": "text"}
 _TICK: Final[dict[str, Kind]] = {"stamp_ns": "integer", "onset_ns": "integer"}
 _SPAN: Final[dict[str, Kind]] = {"start_ns": "integer", "end_ns": "integer"}
 _NUMBER: Final[Kind] = "number"
 _POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
-BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY
-SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY
+BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS
+SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS
 
 
 def belief_columns(beliefs: Iterable[Belief]) -> Columns:
@@ -43,6 +44,7 @@ def belief_columns(beliefs: Iterable[Belief]) -> Columns:
         cells: dict[str, Any] = dict(zip(PROBABILITIES, probability, strict=True))
         cells |= {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns, "contact": one.contact.value}
         cells |= {"probability": probability[one.contact.column], "inseparable": " ".join(one.inseparable)}
+        cells["contacts"] = _kinds(one)
         rows.add(cells, one.geometry)
     return rows.columns
 
@@ -53,8 +55,14 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
     for one in segments:
         cells: dict[str, Any] = {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
         cells |= {"probability": one.probability, "inseparable": " ".join(one.inseparable)}
+        cells["contacts"] = _kinds(one)
         rows.add(cells, one.geometry)
     return rows.columns
+
+
+def _kinds(one: Belief | Segment) -> str:
+    """All that touch at once, with blanks, as ``e-f v-f``; empty for free."""
+    return "" if one.contact is Contact.FREE else " ".join((one.contact, *(f.contact for f in one.further)))
 
 
 class _Rows:

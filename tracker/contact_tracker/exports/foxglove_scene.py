@@ -24,10 +24,10 @@ from contact_tracker.recording import (
     write_beside,
 )
 from contact_tracker.states import STATES
-from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.belief import Segment, SegmentPart
 from contact_tracker.viewer.hull import Hull, hull
 from contact_tracker.viewer.palette import COLOUR, GREY, Colour
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw_all
 from contact_tracker.viewer.shapes import Mesh
 
 WORLD: Final = "world"
@@ -91,6 +91,8 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
             "onset_ns": {"type": "integer"},
             "inseparable": {"type": "array", "items": {"type": "string"}},
             "geometry": {"type": "object"},
+            "contacts": {"type": "array", "items": {"type": "object"}},
+            "constraints": {"type": "integer"},
             "inseparable_names": {"type": "string"},
             "object": element,
             "environment": element,
@@ -124,21 +126,24 @@ def _scene(outcome: Outcome) -> Iterator[RawMessage]:
     channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
     solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
     for segment in outcome.found.segments:
-        deletion = fox.SceneEntityDeletion(
-            timestamp=_timestamp(segment.start_ns), type=fox.SceneEntityDeletionType.All
-        )
-        update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, solid))
-        yield RawMessage(channel, segment.start_ns, update.encode())
+        for part in segment.parts:
+            deletion = fox.SceneEntityDeletion(
+                timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
+            )
+            update = fox.SceneUpdate(deletions=[deletion], entities=_entities(outcome, segment, part, solid))
+            yield RawMessage(channel, part.start_ns, update.encode())
 
 
-def _entities(outcome: Outcome, segment: Segment, solid: Hull | None) -> list[fox.SceneEntity]:
+def _entities(
+    outcome: Outcome, segment: Segment, part: SegmentPart, solid: Hull | None
+) -> list[fox.SceneEntity]:
     entities = []
     if solid is not None:
         mesh = Mesh(solid.vertices, solid.triangles, solid.vertices)
-        entities.append(_entity(outcome, segment, "body", [_triangles(mesh, GREY, _PALE)]))
-    if segment.geometry is not None:
-        extent = UNKNOWN_EXTENT if solid is None else solid.extent
-        drawing = draw(segment.geometry, _poses_of(outcome, segment), extent)
+        entities.append(_entity(outcome, segment, part, "body", [_triangles(mesh, GREY, _PALE)]))
+    extent = UNKNOWN_EXTENT if solid is None else solid.extent
+    drawing = draw_all(part.geometries, _poses_of(outcome, part), extent)
+    if drawing is not None:
         colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
         shapes = [_triangles(*one) for one in zip(drawing.meshes, (colour,) * 4, opacities, strict=True)]
         text = fox.TextPrimitive(
@@ -146,24 +151,29 @@ def _entities(outcome: Outcome, segment: Segment, solid: Hull | None) -> list[fo
             billboard=True,
             font_size=_TEXT_SIZE * extent.radius_m,
             color=_rgba(colour, 1.0),
-            text=" on ".join(name for name in segment.touching if name) or segment.contact.value,
+            text=" on ".join(name for name in segment.touching if name) or _kinds(segment, part),
         )
-        entities.append(_entity(outcome, segment, "object element", shapes[:2]))
-        entities.append(_entity(outcome, segment, "environment element", shapes[2:], [text]))
+        entities.append(_entity(outcome, segment, part, "object element", shapes[:2]))
+        entities.append(_entity(outcome, segment, part, "environment element", shapes[2:], [text]))
     return entities
 
 
-def _poses_of(outcome: Outcome, segment: Segment) -> Any:
-    """The poses of a segment, one at least."""
+def _kinds(segment: Segment, part: SegmentPart) -> str:
+    return " + ".join((segment.contact, *(one.contact for one in part.further)))
+
+
+def _poses_of(outcome: Outcome, part: SegmentPart) -> Any:
+    """The poses of a part of a segment, one at least."""
     stamps_ns = outcome.poses.stamp_ns
-    first = min(int(np.searchsorted(stamps_ns, segment.start_ns)), len(stamps_ns) - 1)
-    last = int(np.searchsorted(stamps_ns, segment.end_ns, side="right"))
+    first = min(int(np.searchsorted(stamps_ns, part.start_ns)), len(stamps_ns) - 1)
+    last = int(np.searchsorted(stamps_ns, part.end_ns, side="right"))
     return outcome.poses[first : max(last, first + 1)]
 
 
 def _entity(
     outcome: Outcome,
     segment: Segment,
+    part: SegmentPart,
     name: str,
     triangles: list[fox.TriangleListPrimitive | None],
     texts: list[fox.TextPrimitive] | None = None,
@@ -171,7 +181,7 @@ def _entity(
     frame = (outcome.world or WORLD) if name.startswith("environment") else (outcome.body or BODY)
     contact = fox.KeyValuePair(key="contact", value=segment.contact.value)
     return fox.SceneEntity(
-        timestamp=_timestamp(segment.start_ns),
+        timestamp=_timestamp(part.start_ns),
         frame_id=frame,
         id=name,
         frame_locked=True,

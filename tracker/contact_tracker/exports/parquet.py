@@ -1,26 +1,87 @@
-"""Parquet files, written piece by piece; pyarrow comes with the extra ``parquet``."""
+"""Parquet files, written piece by piece, and tables that grow; pyarrow comes with the extra ``parquet``."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pyarrow
-from pyarrow.parquet import ParquetWriter
+from pyarrow import compute
+from pyarrow.parquet import ParquetFile, ParquetWriter, read_table, write_table
 
+from contact_tracker.errors import StateError
 from contact_tracker.exports.columns import Columns, Kind
 
 _TYPES: Final = {"integer": pyarrow.int64(), "number": pyarrow.float64(), "text": pyarrow.string()}
+_SMALL: Final = {"write_statistics": False, "use_dictionary": False, "store_schema": False}
+"""Without what helps to search in large files: of a few rows that is more than half."""
+_GROUP: Final = 100_000
 
 
 @contextmanager
-def open_parquet(kinds: dict[str, Kind], path: Path) -> Iterator[Callable[[Columns], None]]:
-    """Give the function that appends rows of the columns ``kinds``; OSError if the file cannot be written."""
-    schema = pyarrow.schema([(name, _TYPES[kind]) for name, kind in kinds.items()])
-    with ParquetWriter(path, schema, compression="zstd") as writer:
+def open_parquet(
+    kinds: dict[str, Kind], path: Path, is_small: bool = False
+) -> Iterator[Callable[[Columns], None]]:
+    """Give the function that appends rows of the columns ``kinds``; OSError if the file cannot be written.
+
+    ``is_small`` says that there are few rows: the file has what they need, and no more.
+    """
+    schema = _schema(kinds)
+    with ParquetWriter(path, schema, compression="zstd", **(_SMALL if is_small else {})) as writer:
 
         def append(columns: Columns) -> None:
             if any(columns.values()):
                 writer.write_table(pyarrow.table(columns, schema=schema))
 
         yield append
+
+
+def read_rows(path: Path, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+    """The rows of some columns, in their order.
+
+    Raises
+    ------
+    StateError
+        The file is damaged, or has no such column.
+    """
+    with _damage_of(path), ParquetFile(path) as file:
+        missing = set(names) - set(file.schema_arrow.names)
+        if missing:
+            raise StateError(f"{path}: it has no column {missing.pop()}")
+        for batch in file.iter_batches(columns=list(names)):
+            yield from zip(*(batch.column(name).to_pylist() for name in names), strict=True)
+
+
+def write_merged(
+    kinds: dict[str, Kind], before: Path, rows: Sequence[dict[str, Any]], key: str, path: Path
+) -> None:
+    """Write to ``path`` the rows of the file ``before``, if it is there, with those replaced that have the
+    ``key`` of one of ``rows``, and sorted by it. Equal rows make equal files.
+
+    Raises
+    ------
+    StateError
+        The file ``before`` is damaged, or has other columns.
+    """
+    schema = _schema(kinds)
+    table = pyarrow.Table.from_pylist(list(rows), schema=schema)
+    if before.exists():
+        with _damage_of(before):
+            kept = read_table(before, schema=schema, memory_map=False)
+        is_old = compute.is_in(kept[key], table[key].combine_chunks())
+        table = pyarrow.concat_tables([kept.filter(compute.invert(is_old)), table])
+    table = table.sort_by(key).combine_chunks()
+    write_table(table, path, compression="zstd", row_group_size=_GROUP)
+
+
+def _schema(kinds: dict[str, Kind]) -> pyarrow.Schema:
+    return pyarrow.schema([(name, _TYPES[kind]) for name, kind in kinds.items()])
+
+
+@contextmanager
+def _damage_of(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (pyarrow.ArrowException, OSError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise StateError(f"{path}: it is damaged ({reason})") from error

@@ -21,7 +21,7 @@ from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.hull import Hull, hull
 from contact_tracker.viewer.palette import COLOUR, GREY, Colour
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Extent, Ground, draw, viewpoint
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Extent, Ground, draw_all, viewpoint
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
@@ -153,7 +153,10 @@ def _elements(
     within = outcome.poses[first : max(int(last), first + 1)]
     middle = within[len(within) // 2 : len(within) // 2 + 1]
     rotation, position = middle.rotation[0], middle.position_m[0]
-    drawing = draw(segment.geometry, within, extent)
+    at_ns = int(middle.stamp_ns[0])
+    part = next((one for one in segment.parts if one.start_ns <= at_ns <= one.end_ns), segment.parts[0])
+    drawing = draw_all(part.geometries, within, extent)
+    assert drawing is not None
     on_object, _, on_environment, _ = drawing.meshes
     start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
     name = f"{segment.contact.value} from {start_s:.1f} s"

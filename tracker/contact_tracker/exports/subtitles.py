@@ -8,17 +8,20 @@ from contact_tracker.tracking.belief import Segment
 
 
 def write_srt(segments: Iterable[Segment], file: TextIO, origin_ns: Callable[[], int]) -> None:
-    """One subtitle per segment; times count from what ``origin_ns`` gives, in milliseconds.
+    """One subtitle per segment, and where others join or leave per part of it; times count from what
+    ``origin_ns`` gives, in milliseconds.
 
-    A segment that ends before it has lasted a millisecond is shown for one.
+    What ends before it has lasted a millisecond is shown for one.
     """
-    for number, segment in enumerate(segments, start=1):
-        start_ms = max(segment.start_ns - origin_ns(), 0) // 1_000_000
-        end_ms = max((segment.end_ns - origin_ns()) // 1_000_000, start_ms + 1)
+    parts = ((segment, part) for segment in segments for part in segment.parts)
+    for number, (segment, part) in enumerate(parts, start=1):
+        start_ms = max(part.start_ns - origin_ns(), 0) // 1_000_000
+        end_ms = max((part.end_ns - origin_ns()) // 1_000_000, start_ms + 1)
         others = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
         names = [printable(name) if name else "?" for name in segment.touching]
         named = " on ".join(names) if any(segment.touching) else ""
         lines = [f"{segment.contact.value} ({segment.probability:.2f}){others}", named]
+        lines += [f"+ {one.contact.value} ({one.probability:.2f})" for one in part.further]
         text = "\n".join(filter(None, lines))
         file.write(f"{number}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}\n\n")
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from contact_tracker.errors import printable
 from contact_tracker.outputs.text import describe
-from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.viewer.palette import COLOUR
 
 MOST_ROWS: Final = 200
@@ -24,7 +24,9 @@ def ribbon_html(segments: Sequence[Segment], height_px: int = 22) -> str:
 
 
 def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
-    """A row per segment, the first ``MOST_ROWS`` of them; times in seconds after ``origin_ns``."""
+    """A row per segment, of the first ``MOST_ROWS`` of them, and per contact that joins it; times in seconds
+    after ``origin_ns``.
+    """
     titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
     head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
     rows = []
@@ -34,9 +36,18 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
         where = printable(describe(s.geometry, s.inseparable))
         cells = "".join(f'<td style="{_CELL}">{escape(text)}</td>' for text in (*texts, where))
         rows.append(f"<tr>{cells}</tr>")
+        rows += [_further_row(one, s.end_ns, origin_ns) for one in s.further]
     more = len(segments) - MOST_ROWS
     note = f"<p>and {more} more segments</p>" if more > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
+
+
+def _further_row(one: FurtherContact, end_ns: int, origin_ns: int) -> str:
+    start_s, end_s = ((t - origin_ns) * 1e-9 for t in (one.start_ns, one.end_ns or end_ns))
+    where = printable(describe(one.geometry, one.inseparable))
+    texts = (f"{start_s:.2f}", f"{end_s:.2f}", f"+ {one.contact.value}", f"{one.probability:.2f}", where)
+    cells = "".join(f'<td style="{_CELL}">{escape(text)}</td>' for text in texts)
+    return f"<tr>{cells}</tr>"
 
 
 def notes_html(counts: Mapping[str, int], warnings: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ from typing import Final, TextIO
 
 from contact_tracker.tracking.belief import Belief, Segment
 
-CSV_COLUMNS: Final = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable")
+CSV_COLUMNS: Final = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts")
 
 
 def json_line(belief: Belief) -> str:
@@ -21,7 +21,8 @@ def write_jsonl(beliefs: Iterable[Belief], file: TextIO) -> None:
 
 
 def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
-    """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks."""
+    """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks;
+    ``contacts`` is JSON text, a list of all contacts of the segment."""
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     for segment in segments:
@@ -34,5 +35,6 @@ def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
                 segment.probability,
                 json.dumps(geometry, allow_nan=False),
                 " ".join(segment.inseparable),
+                json.dumps(segment.contacts_json, allow_nan=False),
             )
         )

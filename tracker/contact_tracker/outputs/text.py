@@ -7,11 +7,15 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, Unobserved
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
 _GEOMETRY: Final = "the object's element (body frame) on the surroundings' (world frame)"
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
 SURE: Final = 0.9
+JOINS: Final = "+ "
+LEAVES: Final = "- "
+SAME_NS: Final = 1_000_000_000
+"""The onset of a further contact may be found to be another by less than that."""
 TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 
@@ -29,6 +33,39 @@ def change_line(belief: Belief, origin_ns: int) -> str:
     ).rstrip()
 
 
+class FormationChanges:
+    """Notices which further contacts join and leave from belief to belief."""
+
+    def __init__(self) -> None:
+        self._before: tuple[FurtherContact, ...] = ()
+
+    def update(self, belief: Belief) -> tuple[list[FurtherContact], list[FurtherContact]]:
+        """Those that join with a belief, and those that leave."""
+        before, self._before = self._before, belief.further
+        joins = [one for one in belief.further if not any(_is_same(one, other) for other in before)]
+        leaves = [one for one in before if not any(_is_same(one, other) for other in belief.further)]
+        return joins, leaves
+
+
+def _is_same(one: FurtherContact, other: FurtherContact) -> bool:
+    return one.contact is other.contact and abs(one.start_ns - other.start_ns) < SAME_NS
+
+
+def join_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
+    """A further contact that joins, as ``change_line``."""
+    kind = JOINS + further.contact.value
+    return (
+        f"{_seconds(stamp_ns, origin_ns):8.2f}  {kind:<7} {further.probability:5.2f}  "
+        f"{_seconds(further.start_ns, origin_ns):8.2f}  {describe(further.geometry, further.inseparable)}"
+    ).rstrip()
+
+
+def leave_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
+    """A further contact that leaves."""
+    since_s = _seconds(further.start_ns, origin_ns)
+    return f"{_seconds(stamp_ns, origin_ns):8.2f}  {LEAVES + further.contact.value:<7}        {since_s:8.2f}"
+
+
 def status_text(belief: Belief, origin_ns: int) -> str:
     """The state of affairs, short enough for a terminal's line."""
     ranked = np.argsort(-belief.probability)[:3]
@@ -38,7 +75,10 @@ def status_text(belief: Belief, origin_ns: int) -> str:
 
 
 def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
-    """A line per segment; times in seconds after ``origin_ns``. The last says how much is left untold."""
+    """A line per segment and per contact that joins it (``+``); times in seconds after ``origin_ns``.
+
+    The last says how much is left untold.
+    """
     yield TABLE_HEADER
     total_s = untold_s = 0.0
     for segment in segments:
@@ -47,6 +87,13 @@ def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
             f"{start:8.2f}  {end:8.2f}  {segment.contact.value:<7} {segment.probability:5.2f}  "
             f"{describe(segment.geometry, segment.inseparable)}"
         ).rstrip()
+        for one in segment.further:
+            begin = _seconds(one.start_ns, origin_ns)
+            last = end if one.end_ns is None else _seconds(one.end_ns, origin_ns)
+            yield (
+                f"{begin:8.2f}  {last:8.2f}  {JOINS + one.contact.value:<7} {one.probability:5.2f}  "
+                f"{describe(one.geometry, one.inseparable)}"
+            ).rstrip()
         total_s += end - start
         untold_s += end - start if segment.inseparable else 0.0
     if untold_s:

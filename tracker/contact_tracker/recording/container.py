@@ -32,7 +32,7 @@ from contact_tracker.recording.items import (
     payload_stream,
     runs,
 )
-from contact_tracker.recording.limits import RECORD_LIMIT
+from contact_tracker.recording.limits import RECORD_LIMIT, TooMuchWork
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _READ: Final = frozenset(
@@ -148,6 +148,11 @@ class RecordLoop:
                 self._finish(End.EOF, "it ends without a footer: the recording was not finished")
                 return
             opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (-1, 0)
+            try:
+                self._stream.budget.count_framed()
+            except TooMuchWork as error:
+                self._finish(End.DAMAGED, str(error))
+                return
             look = opcode in _READ and not (opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT)
             if opcode == 0 or (look and length > RECORD_LIMIT):
                 complete, end, text = False, End.DAMAGED, f"no MCAP record at byte {start}"

@@ -15,7 +15,7 @@ from contact_tracker.recording.items import PARSE_ERRORS, POSE_ROW, Channel, Raw
 from contact_tracker.recording.layouts import Layouts, Observation, ObservedColumns
 from contact_tracker.recording.limits import BYTES_PER_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.message_types import canonical, is_pose_type, observations, typed
-from contact_tracker.recording.ros import cdr_reading, known_reading
+from contact_tracker.recording.ros import cdr_reading, known_reading, lacks_parts
 from contact_tracker.recording.ros1 import ros1_reading
 
 MESSAGE_LIMIT: Final = 2**22
@@ -84,12 +84,16 @@ class MessageDecoder:
         """Why the messages of a channel are read by the known definition of their type, if they are."""
         return self._reading(channel).assumption if channel.encoding == "cdr" else None
 
+    def layouts(self, channel: Channel) -> Layouts:
+        """What is known of where poses are in the messages of a channel."""
+        return self._reading(channel).layouts
+
     def observe(self, message: RawMessage) -> list[Observation]:
         """The poses in a message of a pose type; raises Undecodable."""
         channel = message.channel
         if channel.encoding == POSE_ROW:
             return _row(message)
-        layouts = self._reading(channel).layouts
+        layouts = self.layouts(channel)
         found = layouts.read(message.data)
         if found is not None:
             self._count_work(message, (len(found) - 1) // POSES_PER_RECORD)
@@ -140,6 +144,8 @@ class MessageDecoder:
             is_defined = bool(channel.schema.strip())
             why = "its definition in the file cannot be used" if is_defined else "the file does not define it"
             assumption = why if decode is not None else None
+        elif channel.encoding == "cdr" and lacks_parts(channel):
+            assumption = "its definition in the file lacks parts"
         return _Reading(decode, layouts, assumption)
 
     def _count_work(self, message: RawMessage, records: int) -> None:

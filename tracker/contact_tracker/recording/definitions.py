@@ -5,6 +5,7 @@ from typing import Final
 
 _RULE: Final = "=" * 80
 _PART: Final = re.compile(r"^MSG:\s*(\S+)", re.MULTILINE)
+_USED: Final = re.compile(r"^[ \t]*([A-Za-z][\w/]*)(?:\[[^\]\n]*\])?[ \t]+[A-Za-z]", re.MULTILINE)
 _HEADER: Final = "std_msgs/Header header\n"
 _POSES: Final = "geometry_msgs/Pose[] poses\n"
 _PARTS: Final = {
@@ -39,6 +40,15 @@ def definition_of(type_name: str) -> str | None:
     """The text of a message definition with all its parts; None where the type is not known."""
     text = _TYPES.get(type_name)
     return None if text is None else completed(text)
+
+
+def is_complete(text: str) -> bool:
+    """Whether a definition has all the parts that it uses, as far as those are known here."""
+    there = {name.replace("/msg/", "/") for name in _PART.findall(text)} | {"builtin_interfaces/Time"}
+    short = {name.rpartition("/")[2] for name in there}
+    used = {name.replace("/msg/", "/") for name in _USED.findall(text)}
+    missing = _PARTS.keys() - there
+    return not any(name in used or (name.rpartition("/")[2] in used - short) for name in missing)
 
 
 def completed(text: str) -> str:

@@ -13,6 +13,7 @@ from contact_tracker.recording.transform_tree import (
     TRANSFORM_TYPES,
     Step,
     TransformTree,
+    frame_name,
     is_static,
     is_transform,
 )
@@ -79,6 +80,17 @@ def chain_relative(
     if found is None:
         return None
     return Chain(Step(steps[step.source].source, step.inverted) for step in found)
+
+
+def composition_hint(sources: Iterable[PoseSource]) -> str:
+    """Words for those who have to choose among transforms that lead from one frame to one body."""
+    steps = [source for source in sources if is_transform(source)]
+    parents = {frame_name(source.frame_id) for source in steps}
+    children = {frame_name(source.child_frame_id) for source in steps}
+    roots, bodies = parents - children, children - parents
+    if len(steps) < 2 or len(roots) != 1 or len(bodies) != 1:
+        return ""
+    return f", or compose them by --frame '{min(roots)}->{min(bodies)}'"
 
 
 def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:

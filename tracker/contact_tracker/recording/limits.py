@@ -19,6 +19,8 @@ _BYTES_PER_RECORD: Final = 12
 """So many records are in chunks, and one more for so many bytes that were read."""
 BYTES_PER_RECORD: Final = 128
 """So many bytes of a message, or of a header, are as much work as a record."""
+_BYTES_PER_FRAME: Final = 4
+"""The same of records outside of chunks: without compression each takes more than twice as many."""
 _ROWS: Final = 100_000
 _BYTES_PER_ROW: Final = 4
 """The same of rows of tables that are compressed: they are read in columns."""
@@ -37,6 +39,7 @@ class WorkBudget:
         self._inflated = 0
         self._records = 0
         self._rows = 0
+        self._framed = 0
 
     def count_read(self, count: int) -> None:
         """So many bytes more were read from the file, as they lie on the disk."""
@@ -63,6 +66,12 @@ class WorkBudget:
         """So many records, or poses in them, are to be looked at; raises TooMuchWork."""
         self._records += many
         if self._records > _RECORDS + self._read // _BYTES_PER_RECORD:
+            raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
+
+    def count_framed(self) -> None:
+        """One record more lies outside of chunks: the whole file may be compressed; raises TooMuchWork."""
+        self._framed += 1
+        if self._framed > _RECORDS + self._read // _BYTES_PER_FRAME:
             raise TooMuchWork(f"more records than {self._read} bytes explain; {_ADVICE}")
 
     def count_rows(self, many: int) -> None:

@@ -22,6 +22,7 @@ from contact_tracker.recording.frames import (
     chain_between,
     chain_relative,
     composed_source,
+    composition_hint,
     moving_parent_note,
 )
 from contact_tracker.recording.items import Channel, Item, RawMessage, channel_of
@@ -276,7 +277,7 @@ def open_log(
     while True:
         fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
         if fitting and relative_to is None:
-            source = only_one(path, fitting)
+            source = only_one(path, fitting, composition_hint(fitting))
             if follow is None:
                 source = replace(source, messages=_messages_by_topic(path).get(source.topic))
             note = None if frame == source.frames and is_chain else _note(path, source, all_known, follow)

@@ -30,7 +30,7 @@ _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "
 _TUM_NAMES: Final = 8
 _NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _SHOWN: Final = 12
-_MOST_COLUMNS: Final = 5000
+MOST_COLUMNS: Final = 5000
 _LONGEST_NAME: Final = 200
 
 
@@ -62,7 +62,7 @@ def layout_of_text(lines: Sequence[str]) -> TableLayout:
 
 def layout_of_names(names: Sequence[str], kind: str, separator: str | None, skip: int) -> TableLayout:
     """The layout of a table with named columns; raises UnreadableRecording."""
-    if len(names) > _MOST_COLUMNS:
+    if len(names) > MOST_COLUMNS:
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {_NEEDED}")
     names = [name[:_LONGEST_NAME] for name in names]
     time, time_ns = _time_column(names)

@@ -8,7 +8,7 @@ from typing import Any
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from contact_tracker.recording.definitions import completed, definition_of
+from contact_tracker.recording.definitions import completed, definition_of, is_complete
 from contact_tracker.recording.extras import MissingExtra
 from contact_tracker.recording.items import Channel
 from contact_tracker.recording.message_types import canonical
@@ -29,6 +29,11 @@ def cdr_reading(channel: Channel) -> Decoder | None:
         raise
     except Exception:  # it raises whatever the text leads it to
         return None
+
+
+def lacks_parts(channel: Channel) -> bool:
+    """Whether the definition in the file uses known parts that it does not define."""
+    return channel.schema_encoding == "ros2msg" and not is_complete(channel.schema.decode(errors="replace"))
 
 
 def known_reading(channel: Channel) -> Decoder | None:

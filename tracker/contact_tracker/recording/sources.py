@@ -28,6 +28,7 @@ from contact_tracker.recording.reading import parts_of, summary_of
 from contact_tracker.recording.result_topics import FRAMES_TOPIC, RESULT_TOPICS
 from contact_tracker.recording.stamping import PREFIX_MESSAGES, PREFIX_NS, Logged
 
+_STATIC: Final = "tf_static"
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
@@ -78,7 +79,7 @@ class ChannelFilter:
 
     def _is_asked(self, channel: Channel) -> bool:
         if self._topic is None:
-            return not channel.topic.endswith("tf_static") and channel.topic not in RESULT_TOPICS
+            return not channel.topic.endswith(_STATIC) and channel.topic not in RESULT_TOPICS
         if channel.topic == self._topic:
             return True
         topic, colon, kind = self._topic.rpartition(":")
@@ -90,7 +91,7 @@ class ChannelFilter:
         seen = list(self.seen.values())
         asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
         if any(map(self, asked)):
-            return NoPoses(f"{path}: no message on {asked[0].topic} can be decoded")
+            return NoPoses(f"{path}: {_undecoded([asked[0].topic])}")
         if asked:
             return NoPoses(f"{path}: {_reasons(asked)}")
         poses = [c for c in seen if may_have_poses(c)]
@@ -100,8 +101,13 @@ class ChannelFilter:
             return NoPoses(f"{path}: no topic {self._topic}; there is {topics or 'none'}")
         if any(c.topic == FRAMES_TOPIC for c in poses):
             return NoPoses(f"{path}: it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it")
+        if poses and all(c.topic.endswith(_STATIC) for c in poses):
+            return NoPoses(
+                f"{path}: its only poses are on {poses[0].topic}, which does not move: to take them all the "
+                f"same, --topic {poses[0].topic}"
+            )
         if poses:
-            return NoPoses(f"{path}: no pose on {_listing(c.topic for c in poses)} can be read")
+            return NoPoses(f"{path}: {_undecoded(c.topic for c in poses)}")
         alike = alike or [c for c in seen if not is_readable(c)]
         if alike:
             return NoPoses(f"{path}: {_reasons(alike)}")
@@ -211,23 +217,33 @@ def poses_by_source(
     return poses
 
 
-def only_one(path: str, sources: Iterable[PoseSource]) -> PoseSource:
+def only_one(path: str, sources: Iterable[PoseSource], hint: str = "") -> PoseSource:
     """The source, if it is one; raises AmbiguousSource, which lists them, if there are several."""
     first, *others = sources
     if others:
-        raise only_one_fits(path, (first, *others))
+        raise only_one_fits(path, (first, *others), hint)
     return first
 
 
-def only_one_fits(path: str, sources: Iterable[PoseSource]) -> AmbiguousSource:
-    """The error where several sources fit."""
+def only_one_fits(path: str, sources: Iterable[PoseSource], hint: str = "") -> AmbiguousSource:
+    """The error where several sources fit; ``hint`` says what else could be meant."""
     listing = _listing(map(str, sorted(set(sources))), "; ")
-    return AmbiguousSource(f"{path} holds several pose sources, choose by --topic or --frame: {listing}")
+    return AmbiguousSource(
+        f"{path} holds several pose sources, choose by --topic or --frame{hint}: {listing}"
+    )
 
 
 def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> NoPoses:
     listing = _listing(map(str, sorted(sources)), "; ")
     return NoPoses(f"{path}: no pose source has the frame {frame}; there is {listing}")
+
+
+def _undecoded(topics: Iterable[str]) -> str:
+    """What to say of topics whose messages give no pose."""
+    return (
+        f"no pose on {_listing(topics)} can be read: messages are empty, or not what their definition in the "
+        "file says, or it cannot be used"
+    )
 
 
 def _reasons(channels: Sequence[Channel]) -> str:

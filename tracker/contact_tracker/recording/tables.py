@@ -13,7 +13,7 @@ from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import Channel, RawMessage
 from contact_tracker.recording.limits import WorkBudget
-from contact_tracker.recording.named_columns import layout_of_names, layout_of_text
+from contact_tracker.recording.named_columns import MOST_COLUMNS, layout_of_names, layout_of_text
 from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
 from contact_tracker.recording.table_layouts import TableLayout
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import polars as pl
 
 _HEAD_LINES: Final = 64
+_LONGEST_LINE: Final = 120
+"""Of errors of polars, which list all columns."""
 _LINE: Final = 2**18
 _ROWS: Final = 10_000
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
@@ -111,6 +113,8 @@ def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, p
     budget.count_read(os.path.getsize(path))
     lines = _head(path)
     layout = layout_of_text(lines)
+    if any(line.count(layout.separator or " ") >= MOST_COLUMNS for line in lines):
+        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
     many = _rows_of_section(path, layout.skip) if layout.kind == "Vicon" else None
     by_lines = layout.separator is None or layout.is_ragged
     frame = polars.scan_csv(
@@ -196,4 +200,4 @@ def _rows(batch: "pl.DataFrame", stamps: NDArray[np.int64], body: Any) -> NDArra
 
 
 def _line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
+    return (str(error) or type(error).__name__).splitlines()[0][:_LONGEST_LINE]

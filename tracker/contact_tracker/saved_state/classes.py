@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from contact_tracker.adaptation import clearance, comparison, conventions, online, side_by_side
 from contact_tracker.config import parameters
+from contact_tracker.formations import online as online_formations
 from contact_tracker.geometry import elements
 from contact_tracker.hypotheses import bank, birth, birth_proposals, tick_update
 from contact_tracker.inspection import stream_checks, turning_point, whiteness
@@ -76,6 +77,10 @@ VALUES: Final[tuple[type, ...]] = (
     window.SlidingWindow,
     window.Window,
     belief.Belief,
+    belief.FurtherContact,
+    online_formations.Beside,
+    online_formations.Elements,
+    online_formations.Held,
     state.TrackerState,
     Progress,
 )

@@ -11,6 +11,8 @@ from contact_tracker.errors import UsageError
 from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
 from contact_tracker.states import STATES, Contact
 
+CORNER: Final = "table and wall"
+"""Surroundings of scenarios with a further contact: two planes at a right angle."""
 MOTIONS: Final = ("normal", "rest", "translation", "one-axis")
 
 
@@ -23,6 +25,17 @@ class Phase(NamedTuple):
     contact: Contact
     duration_s: float
     motion: str = "normal"
+
+
+class Further(NamedTuple):
+    """A second contact beside that of the phase: the object touches a wall, too.
+
+    It lasts from ``start_s`` to ``end_s`` of the recording; None is from the beginning or to the end.
+    """
+
+    contact: Contact
+    start_s: float | None = None
+    end_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -41,6 +54,7 @@ class Scenario:
     amplitude_m, amplitude_rad : root mean square of the motion in each free direction.
     bandwidth_hz : range of the motion's bandwidth; each phase draws its own.
     object, surroundings : names of shapes.
+    further : a second contact of a scenario of one phase, whose surroundings are a table and a wall.
     name : what the recording says of itself.
     """
 
@@ -57,6 +71,7 @@ class Scenario:
     bandwidth_hz: tuple[float, float] = (0.5, 1.2)
     object: str = "cube"
     surroundings: str = "desk"
+    further: Further | None = None
     name: str = "custom"
 
     def __post_init__(self) -> None:
@@ -71,9 +86,25 @@ class Scenario:
         low, high = self.bandwidth_hz
         _require(0.0 < low <= high < self.rate_hz / 2, "bandwidth_hz must be a range below half the rate")
         _require(self.object in OBJECTS, f"object must be one of {', '.join(OBJECTS)}")
-        _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {', '.join(SURROUNDINGS)}")
+        if self.further is None:
+            known = ", ".join(SURROUNDINGS)
+            _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {known}")
+        else:
+            _check_further(self, self.further)
         for before, phase in zip((None, *self.phases), self.phases, strict=False):
             _check(phase, before)
+
+
+def _check_further(scenario: Scenario, further: Further) -> None:
+    _require(len(scenario.phases) == 1, "a further contact needs a scenario of one phase")
+    on_a_plane = {Contact.FF, Contact.EF, Contact.VF}
+    both = {scenario.phases[0].contact, further.contact}
+    _require(both <= on_a_plane, "with a further contact, both must be f-f, e-f or v-f")
+    _require(scenario.surroundings == CORNER, f"with a further contact, surroundings must be {CORNER!r}")
+    start, end = further.start_s or 0.0, further.end_s or scenario.phases[0].duration_s
+    _require(
+        0.0 <= start < end <= scenario.phases[0].duration_s, "a further contact must end after its start"
+    )
 
 
 def _check(phase: Phase, before: Phase | None) -> None:
@@ -159,6 +190,28 @@ def _random(seed: int) -> Scenario:
     )
 
 
+def _formation(first: Contact, further: Further, name: str) -> Callable[[int], Scenario]:
+    def scenario(_: int) -> Scenario:
+        return Scenario((Phase(first, 24.0),), surroundings=CORNER, further=further, name=name)
+
+    return scenario
+
+
+FORMATIONS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
+    {
+        name: _formation(first, further, name)
+        for name, first, further in (
+            ("vertex_and_vertex", Contact.VF, Further(Contact.VF)),
+            ("edge_and_vertex", Contact.EF, Further(Contact.VF)),
+            ("face_and_edge", Contact.FF, Further(Contact.EF)),
+            ("face_and_face", Contact.FF, Further(Contact.FF)),
+            ("wall_in_between", Contact.VF, Further(Contact.VF, 8.0, 16.0)),
+            ("edge_then_wall", Contact.EF, Further(Contact.VF, 8.0, 16.0)),
+        )
+    }
+)
+"""Scenarios with two contacts at once: the first named on a table, the other on a wall."""
+
 SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
     {
         "paper_experiment": _paper_experiment,
@@ -166,6 +219,7 @@ SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
         "robot_1khz": _robot_1khz,
         "vision_30hz": _vision_30hz,
         "random": _random,
+        **FORMATIONS,
     }
 )
 

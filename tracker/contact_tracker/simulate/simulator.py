@@ -9,12 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.polyhedron import Polyhedron
-from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.simulate.chart import Rigid
+from contact_tracker.simulate.corner import move_in_corner
 from contact_tracker.simulate.motion import Hand, Path, move
 from contact_tracker.simulate.plan import Leg, plan
-from contact_tracker.simulate.scenarios import Scenario, named_scenario
+from contact_tracker.simulate.scenarios import Further, Scenario, named_scenario
 from contact_tracker.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
 from contact_tracker.simulate.shapes import object_shape, surroundings_shape
 from contact_tracker.states import Contact
@@ -53,10 +54,12 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
         scenario = named_scenario(scenario, seed)
     streams = np.random.SeedSequence(seed).spawn(3)
     motion_rng, frame_rng, sensor_rng = (np.random.default_rng(stream) for stream in streams)
-    object, scene = object_shape(scenario.object), surroundings_shape(scenario.surroundings)
+    object = object_shape(scenario.object)
     world = _random_frame(frame_rng, _WORLD_M)
     body = _random_frame(frame_rng, _BODY_M)
-
+    if scenario.further is not None:
+        return _simulate_corner(scenario, scenario.further, seed, object, body, world, motion_rng, sensor_rng)
+    scene = surroundings_shape(scenario.surroundings)
     legs = plan(motion_rng, scenario.phases, object, scene)
     counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
     paths = [_travel(motion_rng, leg, n, scenario) for leg, n in zip(legs, counts, strict=True)]
@@ -66,7 +69,38 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     stamp_ns = stamps(sensor_rng, sum(counts), scenario)
     poses = measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
-    return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), _moved(scene, world)))
+    shapes = {
+        "object_vertices_m": json.dumps(_moved(object, body).tolist()),
+        "surroundings_vertices_m": json.dumps(_moved(scene, world).tolist()),
+    }
+    return Simulated(poses, truth, _metadata(scenario, seed) | shapes)
+
+
+def _simulate_corner(
+    scenario: Scenario,
+    further: Further,
+    seed: int,
+    object: Polyhedron,
+    body: Rigid,
+    world: Rigid,
+    motion_rng: np.random.Generator,
+    sensor_rng: np.random.Generator,
+) -> Simulated:
+    """One contact on a table, and a further one on a wall."""
+    contact, duration_s = scenario.phases[0].contact, scenario.phases[0].duration_s
+    time_s = np.linspace(0.0, duration_s, round(duration_s * scenario.rate_hz), endpoint=False)
+    moved = move_in_corner(motion_rng, object, scenario, further, time_s)
+    stamp_ns = stamps(sensor_rng, len(time_s), scenario)
+    poses = measure(sensor_rng, stamp_ns, world @ moved.pose @ body.inverse(), scenario)
+    start_s, end_s = further.start_s or 0.0, further.end_s or duration_s
+    first, last = np.searchsorted(time_s, (start_s, end_s))
+    span = int(stamp_ns[first]), int(stamp_ns[min(last, len(stamp_ns) - 1)])
+    second = FurtherTruth(*span, further.contact, moved.second.geometry(body, world))
+    whole = int(stamp_ns[0]), int(stamp_ns[-1])
+    geometry = moved.first.geometry(body, world)
+    truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
+    shape = {"object_vertices_m": json.dumps(_moved(object, body).tolist())}
+    return Simulated(poses, truth, _metadata(scenario, seed) | shape)
 
 
 def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
@@ -111,7 +145,7 @@ def _moved(shape: Polyhedron, frame: Rigid) -> Array:
     return np.asarray(shape.vertices @ frame.rotation.T + frame.translation, float)
 
 
-def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array) -> dict[str, str]:
+def _metadata(scenario: Scenario, seed: int) -> dict[str, str]:
     noise = {
         "rate": scenario.rate_hz,
         "pos_std_m": scenario.sigma_position_m,
@@ -128,8 +162,6 @@ def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array)
         "seed": str(seed),
         "generator": "contact_tracker.simulate",
         "object": scenario.object,
-        "object_vertices_m": json.dumps(object.tolist()),
         "surroundings": scenario.surroundings,
-        "surroundings_vertices_m": json.dumps(surroundings.tolist()),
         "noise": json.dumps(noise),
     }

@@ -10,12 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry import linalg
-from contact_tracker.geometry.vectors import EYE
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.pruning import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
-from contact_tracker.motion.lifted_pose import T
+from contact_tracker.motion.used_directions import used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 
@@ -29,28 +27,16 @@ AS_WELL: Final = 1.2
 SAME_SPAN: Final = 0.25
 """Onsets that differ by this share of the contact's age are about the same span: of old ones few are kept."""
 SAME_SPAN_TICKS: Final = 3
-STRIDE_TICKS: Final = 5
-"""Motion is looked at in steps so long that slow motion rises above the noise."""
-USED: Final = 10.0
-"""The motion uses a direction if it moves there by so many times the variance of the noise."""
-LEVER_M: Final = 0.1
-ONE_AXIS: Final = 0.14
-"""Where the second largest part of the motion is less than this share of the largest (turns count with the
-lever above), it has one degree of freedom: hinges, slides and screws, and their errors."""
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
 VARIED_S: Final = 0.7
 """Time in which other motion has shown all its directions."""
 FIRST_CHOICE: Final = 2.0
 """Weight of the label among states that motion cannot tell apart."""
+OPEN_AT_MOST: Final = 0.9
+"""Probability of a label that does not name all constraints that are kept."""
 ALMOST: Final = 1.0 - 1e-9
 SIX: Final = 6
-TINY: Final = 1e-9
-_AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
-"""(3, 9): of a matrix, row by row, what is odd in it: of a rotation its axis by twice the sine of its angle;
-of ``a b^T`` it is ``b x a``."""
-_TRACE: Final = EYE.ravel()
-_LEVER: Final = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone."""
 
@@ -106,6 +92,21 @@ def p_deliberate(underused: bool, window: Window, tick_s: float) -> float:
     return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if underused else 0.0
 
 
+def at_most(probability: Array, label: Contact, most: float = OPEN_AT_MOST) -> Array:
+    """Posterior (7,) in which the label has ``most`` at most; the rest is as likely any other contact.
+
+    So of motion that keeps more constraints than the contacts that are named (docs/theory.md, section 18).
+    """
+    beyond = float(probability[label.column]) - most
+    if beyond <= 0.0:
+        return probability
+    share = np.full(len(STATES), 1.0)
+    share[[label.column, Contact.FREE.column]] = 0.0
+    change = beyond * share / share.sum()
+    change[label.column] = -beyond
+    return np.asarray(probability + change)
+
+
 def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...], deliberate: float) -> Array:
     """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
 
@@ -132,37 +133,6 @@ def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
     lead, loss = probability[ahead] - probability, change - change[ahead]
     behind = (loss > 0.0) & (lead >= 0.0)
     return float(np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0))
-
-
-def used_directions(window: Window) -> int:
-    """How many of its six directions the object moves in, beyond the noise: the rank of its twists (T24).
-
-    Each step of ``STRIDE_TICKS`` has a twist in the world's frame, which stays the same as long as the object
-    turns about one axis: that is one direction, however far it goes. Translation in a plane is two. Motion
-    that is nearly all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
-    """
-    if len(window) <= STRIDE_TICKS:
-        return 0
-    pose = window.zeta[:, : T[-1] + 1].T.copy()  # R comes before T; numbers of all ticks side by side
-    rotation, place = pose[: T[0]].reshape(3, 3, -1), pose[T[0] :]
-    place -= place.sum(axis=1, keepdims=True) / len(window)
-    before, after = place[:, :-STRIDE_TICKS], place[:, STRIDE_TICKS:]
-    step = (rotation[:, None, :, STRIDE_TICKS:] * rotation[:, :, :-STRIDE_TICKS]).sum(axis=2).reshape(9, -1)
-    # tan of half the angle along the axis, twice: exact about an axis
-    turned = _AXIS @ step / np.maximum(0.5 + 0.5 * (_TRACE @ step), TINY)
-    middle = 0.5 * (before + after)
-    shifted = after - before - _AXIS @ (middle[:, None] * turned).reshape(9, -1)
-    twist = np.concatenate([shifted, turned])
-    weight = window.motion_ratio[STRIDE_TICKS:] + TINY
-    power = (twist * weight) @ twist.T / weight.sum()
-    position, rotational = 2.0 * window.usual_variance
-    lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
-    sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)
-    used = int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
-    if used < 2:
-        return used
-    rising = linalg.eigenvalues(power * (_LEVER[:, None] * _LEVER))
-    return 1 if rising[-2] < ONE_AXIS**2 * rising[-1] else used
 
 
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> CompetingEvidence:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,53 @@ class Detail(IntEnum):
     """What the motion does not tell from the label shares its probability."""
     GEOMETRY = 2
     """Where it touches."""
+    FORMATION = 3
+    """What else touches."""
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherContact:
+    """A contact that holds at the same time as the labelled one, or as a part of it.
+
+    Parameters
+    ----------
+    contact, probability, geometry : its kind, that it is there at all, and its elements.
+    start_ns, end_ns : from when to when it holds (both included); without an end it still does.
+    inseparable : kinds that the motion does not tell from ``contact``, given the contacts before this one.
+    constraints : that the labelled contact and the further ones up to this one put on the motion together.
+    """
+
+    contact: Contact
+    probability: float
+    start_ns: int
+    end_ns: int | None
+    geometry: ContactGeometry
+    inseparable: tuple[Contact, ...]
+    constraints: int
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of ``contacts``."""
+        return contact_json(
+            self.contact, self.probability, (self.start_ns, self.end_ns), self.geometry, self.inseparable
+        )
+
+
+def contact_json(
+    contact: Contact,
+    probability: float,
+    span_ns: tuple[int, int | None],
+    geometry: ContactGeometry | None,
+    inseparable: tuple[Contact, ...],
+) -> dict[str, Any]:
+    """One of several contacts; it still holds where the span has no end."""
+    return {
+        "contact": contact.value,
+        "probability": float(probability),
+        "onset_ns": int(span_ns[0]),
+        "end_ns": None if span_ns[1] is None else int(span_ns[1]),
+        "inseparable": [state.value for state in inseparable],
+        "geometry": geometry.to_json() if geometry else {},
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +88,7 @@ class Belief:
         motion, or a little more; nan before there was so much motion.
     inseparable : states that the motion since the onset does not tell from ``contact``.
     restricted : probability that the object is moved in fewer directions than it could be, on purpose.
+    further : contacts beside the labelled one.
     """
 
     stamp_ns: int
@@ -51,6 +99,21 @@ class Belief:
     residual: Array
     inseparable: tuple[Contact, ...] = ()
     p_deliberate: float = 0.0
+    further: tuple[FurtherContact, ...] = ()
+
+    @property
+    def constraints(self) -> int:
+        """That the contacts named put on the motion together."""
+        return self.further[-1].constraints if self.further else self.contact.codimension
+
+    @property
+    def contacts_json(self) -> list[dict[str, Any]]:
+        """All contacts that hold, the labelled one first."""
+        if self.contact is Contact.FREE:
+            return []
+        probability, span = self.probability[self.contact.column], (self.onset_ns, None)
+        first = contact_json(self.contact, probability, span, self.geometry, self.inseparable)
+        return [first, *(one.to_json() for one in self.further)]
 
     @property
     def touching(self) -> tuple[str | None, str | None]:
@@ -66,10 +129,22 @@ class Belief:
             "onset_ns": int(self.onset_ns),
             "inseparable": [state.value for state in self.inseparable],
             "geometry": self.geometry.to_json() if self.geometry else {},
+            "contacts": self.contacts_json,
+            "constraints": self.constraints,
             "inseparable_names": " ".join(self.inseparable),
             "object": flat(self.geometry.object if self.geometry else None),
             "environment": flat(self.geometry.environment if self.geometry else None),
         }
+
+
+class SegmentPart(NamedTuple):
+    """A part of a segment, from ``start_ns`` to ``end_ns`` (both included), in which the same contacts hold:
+    beside that of the segment the ``further`` ones. ``geometries`` are those of all, as far as known."""
+
+    start_ns: int
+    end_ns: int
+    further: tuple[FurtherContact, ...]
+    geometries: tuple[ContactGeometry, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +152,8 @@ class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline.
 
     ``probability`` is the smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are
-    the states that the segment's motion does not tell from ``contact``.
+    the states that the segment's motion does not tell from ``contact``; ``further`` contacts hold beside it
+    for all of the segment or a part.
     """
 
     start_ns: int
@@ -86,6 +162,33 @@ class Segment:
     probability: float
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...] = ()
+    further: tuple[FurtherContact, ...] = ()
+
+    @property
+    def contacts_json(self) -> list[dict[str, Any]]:
+        """All contacts of the segment, ``contact`` first."""
+        if self.contact is Contact.FREE:
+            return []
+        span = self.start_ns, self.end_ns
+        first = contact_json(self.contact, self.probability, span, self.geometry, self.inseparable)
+        return [first, *(one.to_json() for one in self.further)]
+
+    @property
+    def parts(self) -> list["SegmentPart"]:
+        """The segment cut where further contacts join and leave."""
+        spans = [(one.start_ns, self.end_ns if one.end_ns is None else one.end_ns) for one in self.further]
+        cuts = {self.start_ns, *(start_ns for start_ns, _ in spans), *(end_ns + 1 for _, end_ns in spans)}
+        starts = sorted(cut for cut in cuts if self.start_ns <= cut <= self.end_ns)
+        parts = []
+        for start_ns, after_ns in zip(starts, [*starts[1:], self.end_ns + 1], strict=True):
+            holding = tuple(
+                one
+                for one, (joins_ns, leaves_ns) in zip(self.further, spans, strict=True)
+                if joins_ns <= start_ns <= leaves_ns
+            )
+            geometries = (*filter(None, [self.geometry]), *(one.geometry for one in holding))
+            parts.append(SegmentPart(start_ns, after_ns - 1, holding, geometries))
+        return parts
 
     @property
     def touching(self) -> tuple[str | None, str | None]:

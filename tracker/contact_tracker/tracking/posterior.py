@@ -46,10 +46,19 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     geometry = telling.geometry if telling.contact is contact else None
     inseparable = telling.inseparable if telling.contact is contact else ()
     deliberate = telling.p_deliberate if telling.contact is contact else 0.0
+    further = telling.further if telling.contact is contact else ()
     probability = ambiguity.redistribute(probability, contact, inseparable, deliberate)
     onset_ns = min(onset_ns, then.stamp_ns)
     return Belief(
-        then.stamp_ns, contact, probability, onset_ns, geometry, then.residual, inseparable, deliberate
+        then.stamp_ns,
+        contact,
+        probability,
+        onset_ns,
+        geometry,
+        then.residual,
+        inseparable,
+        deliberate,
+        further,
     )
 
 

@@ -6,9 +6,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.formations.further import FormationTicks, KnownContact, find_formation
+from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
@@ -23,7 +26,7 @@ from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 
@@ -46,6 +49,27 @@ class SegmentTicks:
     origin_m: Array
 
 
+class FittedContact(NamedTuple):
+    """A further contact in ``spans`` of ticks, by the numbers of their first and last."""
+
+    contact: Contact
+    probability: float
+    spans: tuple[tuple[int, int], ...]
+    geometry: ContactGeometry
+    inseparable: tuple[Contact, ...]
+    constraints: int
+
+
+class FittedFormation(NamedTuple):
+    """Contacts beside that of a segment; ``is_open`` as in ``formations.Formation``."""
+
+    further: tuple[FittedContact, ...] = ()
+    is_open: bool = False
+
+
+NO_FORMATION: Final = FittedFormation()
+
+
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
     """Of one segment, as in ``Belief``."""
@@ -53,6 +77,7 @@ class SegmentFit:
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...]
     restricted: float
+    formation: FittedFormation = NO_FORMATION
 
 
 def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
@@ -82,7 +107,32 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     fitted, information = refine(fits[label.column], contact, window, scales)
     pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
     where = contact_geometry(fitted, 0, contact, scales, window, segment.origin_m, information)
-    return SegmentFit(named(where, pair), inseparable, restricted)
+    return SegmentFit(
+        named(where, pair),
+        inseparable,
+        restricted,
+        _formation(segment, window, KnownContact(contact, fitted.x[0])),
+    )
+
+
+def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
+    """What touches beside the ``first`` contact, which lasts through the ``window``."""
+    model, scales = segment.model, scales_of(segment.model)
+    ticks = FormationTicks(window, scales, model.transitions.leave_per_s)
+    found = find_formation(ticks, first)
+    power = model.certainty.posterior_power
+    further = (
+        FittedContact(
+            one.contact,
+            float(expit(power * one.log_odds)),
+            tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs),
+            named_by(segment.knowledge, one.elements.geometry(scales, segment.origin_m)),
+            tuple(kind for kind in one.inseparable if segment.knowledge.allows(kind)),
+            one.constraints,
+        )
+        for one in found.further
+    )
+    return FittedFormation(tuple(further), found.is_open)
 
 
 def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
@@ -125,13 +175,56 @@ class FinishedSegment(NamedTuple):
         contact = STATES[self.column]
         beliefs = np.zeros(len(self.rows), BELIEF)
         for belief, given in zip(beliefs, self.posterior, strict=True):
-            belief["probability"] = ambiguity.redistribute(given, contact, fit.inseparable, fit.restricted)
+            told = ambiguity.redistribute(given, contact, fit.inseparable, fit.restricted)
+            belief["probability"] = ambiguity.at_most(told, contact) if fit.formation.is_open else told
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
         beliefs["contact"], beliefs["residual"] = self.column, self.rows["residual"]
         beliefs["inseparable"] = [state in fit.inseparable for state in STATES]
         beliefs["restricted"] = fit.restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
+        further = self._further(fit.formation)
+        beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"])
         probability = float(beliefs["probability"][:, self.column].mean())
-        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable)
-        return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)])
+        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable, further)
+        return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)], formations)
+
+    def _further(self, formation: FittedFormation) -> tuple[FurtherContact, ...]:
+        """With times; in the order in which they join."""
+        begins = self.rows["start_ns"]
+        ends = np.append(begins[1:] - 1, self.end_ns)
+        before = int(self.ticks.window.index[0])
+        found = [
+            FurtherContact(
+                one.contact,
+                one.probability,
+                int(begins[first - before]),
+                int(ends[last - before]),
+                one.geometry,
+                one.inseparable,
+                one.constraints,
+            )
+            for one in formation.further
+            for first, last in one.spans
+        ]
+        return tuple(sorted(found, key=lambda one: one.start_ns))
+
+
+def _formations_of(
+    further: Sequence[FurtherContact], stamp_ns: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], list[tuple[FurtherContact, ...]]]:
+    """The further contacts of each tick: which of the formations it is, or -1."""
+    number = np.full(len(stamp_ns), -1)
+    if not further:
+        return number, []
+    there = np.array(
+        [(stamp_ns >= one.start_ns) & (stamp_ns <= (one.end_ns or stamp_ns[-1])) for one in further]
+    )
+    patterns, which = np.unique(there, axis=1, return_inverse=True)
+    formations = [
+        tuple(one for one, is_there in zip(further, pattern, strict=True) if is_there)
+        for pattern in patterns.T
+    ]
+    number[:] = which
+    number[~there.any(axis=0)] = -1
+    return number, formations

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack, unpack
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
 Array = NDArray[np.float64]
 
@@ -22,12 +22,14 @@ BELIEF: Final = np.dtype(
         ("residual", np.float64, len(CONTACTS)),
         ("restricted", np.float64),
         ("geometry", np.int64),
+        ("further", np.int64),
         ("inseparable", np.bool_, len(STATES)),
         ("contact", np.int8),
     ],
     align=True,
 )
-"""A belief as a row: ``contact`` and ``inseparable`` by column, the number of its ``geometry`` or -1."""
+"""A belief as a row: ``contact`` and ``inseparable`` by column, the number of its ``geometry`` or -1, and of
+its ``further`` contacts or -1."""
 
 
 class Beliefs(Sequence[Belief]):
@@ -37,11 +39,18 @@ class Beliefs(Sequence[Belief]):
     ----------
     rows : (T,) of dtype ``BELIEF``.
     geometries : that rows name by number, packed (see ``packing``).
+    formations : further contacts that rows name by number.
     """
 
-    def __init__(self, rows: NDArray[np.void] | None = None, geometries: Sequence[Array] = ()) -> None:
+    def __init__(
+        self,
+        rows: NDArray[np.void] | None = None,
+        geometries: Sequence[Array] = (),
+        formations: Sequence[tuple[FurtherContact, ...]] = (),
+    ) -> None:
         self.rows = np.zeros(0, BELIEF) if rows is None else rows
         self.geometries = geometries
+        self.formations = formations
         self._read: tuple[int, ContactGeometry | None] = (-1, None)
 
     @classmethod
@@ -49,29 +58,45 @@ class Beliefs(Sequence[Belief]):
         """From beliefs one by one; what has one geometry in common shares it."""
         rows: list[tuple[Any, ...]] = []
         geometries: dict[int, tuple[int, ContactGeometry]] = {}
+        formations: dict[int, tuple[int, tuple[FurtherContact, ...]]] = {}
         for b in beliefs:
-            number = -1
+            number = formation = -1
             if b.geometry is not None:
                 number, _ = geometries.setdefault(id(b.geometry), (len(geometries), b.geometry))
+            if b.further:
+                formation, _ = formations.setdefault(id(b.further), (len(formations), b.further))
             others = [state in b.inseparable for state in STATES]
-            cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_deliberate, number)
+            cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_deliberate, number, formation)
             rows.append((*cells, others, b.contact.column))
-        return cls(np.array(rows, BELIEF), [pack(geometry) for _, geometry in geometries.values()])
+        return cls(
+            np.array(rows, BELIEF),
+            [pack(geometry) for _, geometry in geometries.values()],
+            [further for _, further in formations.values()],
+        )
 
     @classmethod
     def join(cls, parts: Sequence["Beliefs"]) -> Self:
         """Beliefs one after the other."""
         rows = np.concatenate([np.zeros(0, BELIEF), *(part.rows for part in parts)])
-        before = np.cumsum([0, *(len(part.geometries) for part in parts)])[:-1]
-        has_one = rows["geometry"] >= 0
-        rows["geometry"][has_one] += np.repeat(before, [len(part) for part in parts])[has_one]
-        return cls(rows, [packed for part in parts for packed in part.geometries])
+        lengths = [len(part) for part in parts]
+        for name, counts in (
+            ("geometry", [len(part.geometries) for part in parts]),
+            ("further", [len(part.formations) for part in parts]),
+        ):
+            before = np.cumsum([0, *counts])[:-1]
+            has_one = rows[name] >= 0
+            rows[name][has_one] += np.repeat(before, lengths)[has_one]
+        return cls(
+            rows,
+            [packed for part in parts for packed in part.geometries],
+            [further for part in parts for further in part.formations],
+        )
 
     def with_probability(self, probability: Array) -> "Beliefs":
         """The same with other posteriors (T, 7)."""
         rows = self.rows.copy()
         rows["probability"] = probability
-        return Beliefs(rows, self.geometries)
+        return Beliefs(rows, self.geometries, self.formations)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -82,7 +107,7 @@ class Beliefs(Sequence[Belief]):
     def __getitem__(self, index: slice) -> "Beliefs": ...
     def __getitem__(self, index: int | slice) -> "Belief | Beliefs":
         if isinstance(index, slice):
-            return Beliefs(self.rows[index], self.geometries)
+            return Beliefs(self.rows[index], self.geometries, self.formations)
         row = self.rows[index]
         return Belief(
             int(row["stamp_ns"]),
@@ -93,6 +118,7 @@ class Beliefs(Sequence[Belief]):
             row["residual"].copy(),
             tuple(state for state, open in zip(STATES, row["inseparable"], strict=True) if open),
             float(row["restricted"]),
+            () if row["further"] < 0 else self.formations[row["further"]],
         )
 
     @property

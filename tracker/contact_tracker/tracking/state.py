@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.formations.online import NOTHING_BESIDE, Beside
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.birth import uninformed_proposal
@@ -78,6 +79,8 @@ class TrackerState(NamedTuple):
     """Beliefs of the last L ticks, where answers lag."""
     belief: Belief | None
     """The last one."""
+    beside: Beside = NOTHING_BESIDE
+    """Contacts beside the label."""
 
     @property
     def log_evidence(self) -> float:

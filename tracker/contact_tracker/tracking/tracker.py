@@ -15,6 +15,7 @@ from contact_tracker.motion.window import SlidingWindow
 from contact_tracker.states import Contact
 from contact_tracker.tracking import measurement_update
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.formation_tracking import follow_formation
 from contact_tracker.tracking.posterior import (
     answer,
     flush_lag,
@@ -107,7 +108,7 @@ def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
     return state._replace(averaging=averaging), [tick]
 
 
-def update(state: TrackerState, tick: Tick, detail: Detail = Detail.GEOMETRY) -> tuple[TrackerState, Belief]:
+def update(state: TrackerState, tick: Tick, detail: Detail = Detail.FORMATION) -> tuple[TrackerState, Belief]:
     """Take in one tick, and tell of it in ``detail``."""
     sliding = measurement_update.advanced_window(state, tick)
     if measurement_update.is_uninformative(state, tick):
@@ -140,6 +141,8 @@ def read_posterior(state: TrackerState, tick: Tick, detail: Detail) -> tuple[Tra
         state = state._replace(memory=state.memory.insert(where, belief.onset_ns, tick.stamp_ns, position_m))
     if where is not None and detail >= Detail.GEOMETRY:
         belief = replace(belief, geometry=where)
+    if detail >= Detail.FORMATION:
+        state, belief = follow_formation(state, belief, tick)
     return _record_belief(state, belief)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.outputs.text import describe
 from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import FurtherContact
 
 
 def event(
@@ -15,3 +16,10 @@ def event(
     Of what it tells is the row's level.
     """
     return f"{since_ns * 1e-9:7.2f} s  p {probability:.2f}  {describe(geometry, inseparable)}".rstrip()
+
+
+def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
+    """A contact that joins those that there are, or leaves them."""
+    how = "joins " if joins else "leaves"
+    where = describe(further.geometry, further.inseparable) if joins else ""
+    return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()

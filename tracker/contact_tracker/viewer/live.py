@@ -10,13 +10,14 @@ import numpy as np
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.outputs.text import FormationChanges
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.canvas import Canvas
-from contact_tracker.viewer.events import event
+from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw_all
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
 _CLOSE_S: Final = 5.0
@@ -46,6 +47,7 @@ class LiveViewer:
         self._contact: Contact | None = None
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
+        self._formation = FormationChanges()
         (sink or to_viewer())(self._recording, layout.live())
 
     def pose(self, pose: Pose) -> None:
@@ -74,10 +76,14 @@ class LiveViewer:
             sheet.states(canvas.FILTERED, stamp, [contact])
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
-        if changed or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
+        joins, leaves = self._formation.update(belief)
+        for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
+            told = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
+            sheet.events(stamp, [one.contact], [told])
+        if changed or joins or leaves or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
             self._drawn_ns = belief.stamp_ns
-            geometry = belief.geometry
-            sheet.drawings(stamp, [None if geometry is None else draw(geometry, tick, self._extent)])
+            touching = [*filter(None, [belief.geometry]), *(one.geometry for one in belief.further)]
+            sheet.drawings(stamp, [draw_all(touching, tick, self._extent)])
         sheet.fade(stamp, [contact], np.array([p]))
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
 """Where things stand: which part of an endless plane or line is worth drawing, and from where to look."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Plane
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.shapes import Mesh, body, uncertainty
+from contact_tracker.viewer.shapes import Mesh, body, joined, uncertainty
 
 _ENOUGH_POSES: Final = 200
 
@@ -58,6 +58,17 @@ class Viewpoint(NamedTuple):
     eye_m: Array
     target_m: Array
     up: Array
+
+
+def draw_all(geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent) -> Drawing | None:
+    """Draw the pairs that touch at the same time, the first of which is named; None without any."""
+    if not geometries:
+        return None
+    drawings = [draw(geometry, poses, extent) for geometry in geometries]
+    object, object_spread, world, world_spread = (
+        joined(meshes) for meshes in zip(*(one.meshes for one in drawings), strict=True)
+    )
+    return Drawing((object, object_spread, world, world_spread), drawings[0].label_m)
 
 
 def draw(geometry: ContactGeometry, poses: Poses, extent: Extent) -> Drawing:

@@ -10,13 +10,14 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
 from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.pose_buffer import Waiting
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.canvas import Canvas, Stamps
-from contact_tracker.viewer.events import event
+from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Ground, Viewpoint, draw, viewpoint
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Ground, Viewpoint, draw_all, viewpoint
 
 
 class Painter:
@@ -88,20 +89,33 @@ class Painter:
         """The geometry of each segment from its start, nothing where there is none; its event."""
         poses, segments = self._waiting.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
+        parts = [part for segment in segments for part in segment.parts]
         drawings: list[Drawing | None] = []
-        for segment in segments:
-            first = int(np.searchsorted(poses.stamp_ns, segment.start_ns))
-            last = int(np.searchsorted(poses.stamp_ns, segment.end_ns, side="right"))
+        for part in parts:
+            first = int(np.searchsorted(poses.stamp_ns, part.start_ns))
+            last = int(np.searchsorted(poses.stamp_ns, part.end_ns, side="right"))
             first = min(first, len(poses) - 1)
             within = poses[first : max(last, first + 1)]
-            drawings.append(
-                None if segment.geometry is None else draw(segment.geometry, within, self._extent)
-            )
-        self._sheet.drawings(starts, drawings)
+            drawings.append(draw_all(part.geometries, within, self._extent))
+        self._sheet.drawings(np.array([part.start_ns for part in parts], np.int64), drawings)
+        self._joins_and_leaves(segments)
         contacts, origin = [s.contact for s in segments], self._origin_ns
         texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
         self._sheet.events(starts, contacts, texts)
         self._changes(canvas.SMOOTHED, starts, contacts)
+
+    def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
+        """Events of further contacts."""
+        rows = [
+            (stamp_ns, one.contact, further_event(stamp_ns - self._origin_ns, one, joins))
+            for segment in segments
+            for one in segment.further
+            for stamp_ns, joins in ((one.start_ns, True), (one.end_ns, False))
+            if stamp_ns is not None
+        ]
+        if rows:
+            stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
+            self._sheet.events(np.array(stamps, np.int64), contacts, texts)
 
     def _fade(self, found: Segmentation) -> None:
         """Each tick's probability; a segment begins with that of its first tick."""

@@ -4,6 +4,7 @@ The uncertainty is the surface at two standard deviations: a pair of bowls about
 along a line, an ellipsoid about a point.
 """
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -56,7 +57,7 @@ def uncertainty(element: Element, centre: Array, half_m: float) -> Mesh:
             lifted = np.concatenate([disc, -np.ones((*disc.shape[:2], 1))], axis=-1)
             variance = np.einsum("...i,ij,...j->...", lifted, covariance, lifted)
             shift = np.minimum(SIGMAS * np.sqrt(np.maximum(variance, 0.0)), widest)[..., None] * normal
-            return _joined(_mesh(disc + shift), _mesh(disc - shift))
+            return joined((_mesh(disc + shift), _mesh(disc - shift)))
         case Line(direction):
             along, across = np.linspace(-half_m, half_m, 7), _across(direction)
             dd, dp, pp = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
@@ -129,9 +130,12 @@ def _normals(vertices: Array, triangles: NDArray[np.intp]) -> NDArray[np.float32
     return (sums / np.where(length > 0.0, length, 1.0)).astype(np.float32)
 
 
-def _joined(first: Mesh, second: Mesh) -> Mesh:
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """Several meshes as one."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
+    shifted = [mesh.triangles + np.uint32(start) for mesh, start in zip(meshes, starts, strict=True)]
     return Mesh(
-        np.concatenate([first.vertices, second.vertices]),
-        np.concatenate([first.triangles, second.triangles + np.uint32(len(first.vertices))]),
-        np.concatenate([first.normals, second.normals]),
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(shifted),
+        np.concatenate([mesh.normals for mesh in meshes]),
     )

@@ -1,0 +1,347 @@
+"""A batch leaves a row for each recording, and does again what has changed and nothing else."""
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+import contact_tracker
+from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_recordings
+from contact_tracker.batch import rows, segmenting
+from contact_tracker.batch.dataset import open_dataset
+from contact_tracker.batch.finding import find, recordings_among
+from contact_tracker.batch.processes import KILLED
+from contact_tracker.batch.run import Batch
+from contact_tracker.batch.segmenting import segment_recording
+from contact_tracker.errors import StateError, UnreadableRecording, UsageError
+from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
+from contact_tracker.recording import write_recording
+from contact_tracker.states import STATES
+from mcap_logs import smooth_poses
+from short_recordings import FACE_TO_EDGE, recorded
+
+TYPES = {"integer": pl.Int64, "number": pl.Float64, "text": pl.String}
+
+
+def summary(dataset: Path) -> pl.DataFrame:
+    return pl.read_parquet(dataset / "summary.parquet")
+
+
+@pytest.fixture
+def recordings(tmp_path: Path) -> list[Path]:
+    return write_recordings(tmp_path / "logs")
+
+
+def test_each_recording_has_a_row_and_those_that_can_be_used_their_segments(tmp_path: Path) -> None:
+    good = write_recordings(tmp_path / "logs")
+    cut = tmp_path / "logs" / "cut.mcap"
+    write_recording(str(cut), smooth_poses(600), None, {})
+    cut.write_bytes(cut.read_bytes()[:-700])
+    broken = write_broken(tmp_path / "broken")
+    outcome = run([tmp_path / "logs", *broken], tmp_path / "dataset")
+    assert (outcome.done, outcome.unchanged) == (len(good) + 1 + BROKEN, 0)
+    assert (outcome.bad, outcome.damaged) == (BROKEN, 1)
+    table = summary(tmp_path / "dataset")
+    assert table.schema == {name: TYPES[kind] for name, kind in rows.SUMMARY_COLUMNS.items()}
+    assert table["recording"].to_list() == sorted(map(str, [*good, cut, *broken]))
+    codes = dict(table.select("recording", "exit_code").iter_rows())
+    assert {path: codes[str(path)] for path in good} == dict.fromkeys(good, 0)
+    assert {Path(name).stem: codes[name] for name in map(str, [cut, *broken])} == {
+        "cut": 3,
+        "empty": 1,
+        "short": 1,
+        "zeros": 1,
+        "text": 1,
+        "link": 1,
+        "ambiguous": 2,
+    }
+    for row in table.iter_rows(named=True):
+        is_usable = row["exit_code"] in (0, 3)
+        assert (row["error"] is None) == is_usable
+        assert is_usable or row["recording"] in row["error"]
+        assert (row["damage"] is not None) == (row["exit_code"] == 3)
+        assert (row["file"] is not None) == is_usable
+    files = {
+        str(Path(name).relative_to("segments")) for name in contents(tmp_path / "dataset") if "/" in name
+    }
+    assert files == set(table["file"].drop_nulls())
+
+
+def test_what_is_written_is_what_segment_finds(tmp_path: Path) -> None:
+    log = tmp_path / "cube.mcap"
+    write_recording(str(log), recorded(FACE_TO_EDGE).poses, None, {})
+    run([log], tmp_path / "dataset", with_ticks=True)
+    result = contact_tracker.segment(log)
+    (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
+    for kind, columns in (("segments", SEGMENT_COLUMNS), ("ticks", BELIEF_COLUMNS)):
+        path = tmp_path / "dataset" / kind / row["file"]
+        written = pl.read_parquet(path)
+        assert path.stat().st_size == row[f"{kind}_bytes"]
+        assert written.schema == {"recording": pl.String} | {n: TYPES[k] for n, k in columns.items()}
+        assert set(written["recording"]) == {str(log)}
+        assert written.drop("recording").equals(result.to_polars(kind), null_equal=True)
+    assert row["poses"] == len(result.trajectory)
+    assert row["duration_s"] == pytest.approx(result.trajectory.duration_s)
+    assert (row["ticks"], row["segments"]) == (len(result.beliefs), len(result.segments))
+    assert json.loads(row["counts"]) == dict(result.counts)
+    assert (row["warnings"] or "").splitlines() == list(result.warnings)
+    for state in STATES:
+        name = state.value.replace("-", "")
+        spans = [one.end_ns - one.start_ns for one in result.segments if one.contact is state]
+        assert (row[f"segments_{name}"], row[f"time_{name}_s"]) == (len(spans), sum(spans) / 1e9)
+    assert row["segments_ff"] > 0
+    assert row["sigma_position_m"] == pytest.approx(result.report.noise[0])
+
+
+def test_the_second_run_opens_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good, broken = write_recordings(tmp_path / "logs"), write_broken(tmp_path / "broken")
+    first = run([*good, *broken], tmp_path / "dataset")
+    before = contents(tmp_path / "dataset")
+    read, names = segmenting.read_content, list[str]()
+    monkeypatch.setattr(segmenting, "read_content", lambda name: names.append(name) or read(name))
+    second = run([*good, *broken], tmp_path / "dataset")
+    assert names == [
+        str(tmp_path / "broken" / "link.mcap")
+    ]  # it leads nowhere: nothing tells whether it still does
+    missing = 1
+    assert (second.done, second.unchanged) == (missing, first.total - missing)
+    assert (second.bad, second.damaged) == (first.bad, first.damaged)
+    assert contents(tmp_path / "dataset") == before
+
+
+def test_what_has_changed_is_done_again_and_nothing_else(tmp_path: Path, recordings: list[Path]) -> None:
+    dataset = tmp_path / "dataset"
+
+    def done(**options: object) -> set[str]:
+        told: list[rows.Row] = []
+        run(recordings, dataset, told, **options)
+        return {Path(row["recording"]).stem for row in told}
+
+    assert done() == {"0", "1", "2"}
+    assert done() == set()
+    before = contents(dataset)
+    os.utime(recordings[0], ns=(1, 1))
+    assert done() == set()  # it is read, and found to be the same
+    now = contents(dataset)
+    assert now.pop("signatures.parquet") != before.pop("signatures.parquet")
+    assert now == before
+    write_recording(str(recordings[1]), smooth_poses(80, seed=9), None, {})
+    assert done() == {"1"}
+    assert summary(dataset)["poses"].to_list() == [60, 80, 60]
+    file = summary(dataset)["file"][2]
+    (dataset / "segments" / file).unlink()
+    assert done() == {"2"}
+    assert done(with_ticks=True) == {"0", "1", "2"}
+    assert done(with_ticks=True) == set()
+    assert done() == set()
+    assert done(model=MODEL.with_noise(1e-3, 1e-2)) == {"0", "1", "2"}
+    assert not list(dataset.glob("ticks/*/*"))  # they were of another model
+    assert done(topic="/object/pose") == {"0", "1", "2"}
+    recordings[0].write_bytes(b"")
+    assert done(topic="/object/pose") == {"0"}
+    assert len(list(dataset.glob("segments/*/*"))) == 2  # what there was of it is gone
+
+
+def test_a_change_that_does_not_show_is_found_by_content_only(tmp_path: Path, recordings: list[Path]) -> None:
+    run(recordings, tmp_path / "dataset")
+    state = recordings[0].stat()
+    data = bytearray(recordings[0].read_bytes())
+    data[len(data) // 2] ^= 1
+    with open(recordings[0], "r+b") as file:
+        file.write(data)
+    os.utime(recordings[0], ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert run(recordings, tmp_path / "dataset").unchanged == 3
+    assert run(recordings, tmp_path / "dataset", rehash=True).done == 1
+
+
+def test_of_another_version_everything_is_done_again(
+    tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(recordings, tmp_path / "dataset")
+    monkeypatch.setattr("contact_tracker.batch.settings.__version__", "9.9")
+    assert run(recordings, tmp_path / "dataset").done == 3
+
+
+def test_what_may_have_been_the_systems_fault_is_tried_again(
+    tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr("contact_tracker.batch.segmenting.open_log", refuse)
+        assert run(recordings, tmp_path / "dataset").bad == 3
+    errors = summary(tmp_path / "dataset")["error"].to_list()
+    assert errors == [f"{path}: it takes more memory than there is" for path in recordings]
+    assert run(recordings, tmp_path / "dataset").bad == 0
+
+
+def test_a_fault_of_ours_is_a_row_as_well(
+    tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("by nothing")
+
+    monkeypatch.setattr("contact_tracker.batch.segmenting.open_log", fail)
+    assert run(recordings[:1], tmp_path / "dataset").bad == 1
+    (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
+    assert row["exit_code"] == rows.UNEXPECTED
+    assert "ZeroDivisionError: by nothing (test_batch.py:" in row["error"]
+    assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # the next version may do better
+
+
+def test_a_recording_that_changes_while_it_is_read_has_no_result(
+    tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = segmenting.read_content
+
+    def read_and_change(name: str) -> object:
+        os.utime(name, ns=(5, 5))
+        return read(name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(segmenting, "read_content", read_and_change)
+        assert run(recordings[:1], tmp_path / "dataset").bad == 1
+    (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
+    assert "it changed while it was read" in row["error"]
+    assert not list((tmp_path / "dataset").glob("segments/*/*"))
+    assert run(recordings[:1], tmp_path / "dataset").bad == 0
+
+
+def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
+    tmp_path: Path, recordings: list[Path]
+) -> None:
+    with open_dataset(tmp_path / "dataset") as dataset:
+        batch = Batch(settings(), dataset, lambda _: None, lambda _: None)
+        killed = lambda _, jobs: ((job, KILLED) for job in jobs)  # noqa: E731
+        outcome = batch.run(find(map(str, recordings)), lambda: nullcontext(killed))
+    assert outcome.bad == 3
+    assert set(summary(tmp_path / "dataset")["exit_code"]) == {rows.KILLED}
+    assert run(recordings, tmp_path / "dataset").bad == 0
+
+
+def test_rows_that_were_recorded_are_there_after_a_kill(tmp_path: Path, recordings: list[Path]) -> None:
+    """Also if the last one was written half."""
+    dataset = tmp_path / "dataset"
+    run(recordings, dataset)
+    whole = contents(dataset)
+    for path in (dataset / "summary.parquet", dataset / "signatures.parquet"):
+        path.unlink()
+    with open_dataset(dataset) as opened:
+        for path in recordings[:2]:
+            opened.record(segment_recording(str(path), None, settings(), str(dataset)))
+        journal = (dataset / "journal.jsonl").read_bytes()
+    (dataset / "summary.parquet").unlink()
+    (dataset / "journal.jsonl").write_bytes(journal[:-20])
+    assert run(recordings, dataset).unchanged == 1
+    assert contents(dataset) == whole
+
+
+def test_a_dataset_is_written_by_one_and_replaces_nothing_else(
+    tmp_path: Path, recordings: list[Path]
+) -> None:
+    run(recordings[:1], tmp_path / "dataset")
+    with open_dataset(tmp_path / "dataset"), pytest.raises(UsageError, match="another process is writing it"):
+        run(recordings, tmp_path / "dataset")
+    with pytest.raises(UsageError, match="it holds something else"):
+        run(recordings, tmp_path / "logs")
+    with pytest.raises(UsageError, match="it is a file"):
+        run(recordings, recordings[0])
+    with pytest.raises(UsageError, match="there is no folder"):
+        run(recordings, tmp_path / "no" / "dataset")
+    (tmp_path / "dataset" / "dataset.json").write_text(
+        '{"format": "contact-tracker batch", "format_version": 2}'
+    )
+    with pytest.raises(UsageError, match="of another version"):
+        run(recordings, tmp_path / "dataset")
+
+
+@pytest.mark.parametrize("name", ["summary.parquet", "signatures.parquet"])
+def test_a_damaged_summary_is_told(name: str, tmp_path: Path, recordings: list[Path]) -> None:
+    run(recordings, tmp_path / "dataset")
+    path = tmp_path / "dataset" / name
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(StateError, match=f"{name}: it is damaged"):
+        run(recordings, tmp_path / "dataset")
+
+
+def test_a_folder_is_searched_and_one_with_metadata_is_one_recording(tmp_path: Path) -> None:
+    write_recordings(tmp_path / "logs" / "deep", 2)
+    poses = smooth_poses(120)
+    bag = tmp_path / "logs" / "bag"
+    bag.mkdir()
+    for i in range(2):
+        write_recording(str(bag / f"bag_{i}.mcap"), poses[60 * i : 60 * (i + 1)], None, {})
+    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    (tmp_path / "logs" / "notes.csv").write_text("a,b\n")
+    found = [Path(one.name).relative_to(tmp_path / "logs") for one in find([str(tmp_path / "logs")])]
+    assert found == [Path("bag"), Path("deep/0.mcap"), Path("deep/1.mcap")]
+    run([tmp_path / "logs"], tmp_path / "dataset")
+    assert summary(tmp_path / "dataset")["poses"].to_list() == [120, 60, 60]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UnreadableRecording, match=r"holds no recording \(\.mcap, "):
+        list(find([str(tmp_path / "empty")]))
+
+
+def test_recordings_among_files() -> None:
+    names = [
+        "s3://b/x/metadata.yaml",
+        "s3://b/x/p_1.mcap",
+        "s3://b/x/p_0.MCAP",
+        "s3://b/y.bag",
+        "s3://b/y.txt",
+    ]
+    assert recordings_among(dict.fromkeys(names, "")) == {
+        "s3://b/x": ["s3://b/x/metadata.yaml", "s3://b/x/p_0.MCAP", "s3://b/x/p_1.mcap"],
+        "s3://b/y.bag": ["s3://b/y.bag"],
+    }
+
+
+def test_the_same_recording_by_two_names_is_done_once(tmp_path: Path, recordings: list[Path]) -> None:
+    names = [recordings[0], tmp_path / "logs" / ".." / "logs" / "0.mcap", tmp_path / "logs"]
+    assert run(names, tmp_path / "dataset").total == 3
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
+def test_a_name_of_any_bytes_is_text_in_the_summary(tmp_path: Path) -> None:
+    (path,) = write_recordings(tmp_path / "logs", 1)
+    odd = os.fsdecode(os.fsencode(tmp_path / "logs") + b"/\xff\n.mcap")
+    path.rename(odd)
+    assert run([tmp_path / "logs"], tmp_path / "dataset").bad == 0
+    assert summary(tmp_path / "dataset")["recording"].to_list() == [f"{tmp_path}/logs/\\xff\n.mcap"]
+    assert run([tmp_path / "logs"], tmp_path / "dataset").unchanged == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    assert run([tmp_path / "pipe.mcap"], tmp_path / "dataset").bad == 1
+    assert "not a regular file" in summary(tmp_path / "dataset")["error"][0]
+
+
+def test_a_full_disk_ends_the_run_and_what_was_recorded_stays(
+    tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole_file = segmenting.whole_file
+
+    def refuse(path: Path) -> object:
+        if list((tmp_path / "dataset").glob("segments/*/*.parquet")):
+            raise OSError(28, "No space left on device", str(path))
+        return whole_file(path)
+
+    monkeypatch.setattr(segmenting, "whole_file", refuse)
+    with pytest.raises(OSError, match="No space left"):
+        run(recordings, tmp_path / "dataset")
+    assert len(summary(tmp_path / "dataset")) == 1
+
+
+def test_the_kernel_of_numpy_threads_is_told_before_processes_start() -> None:
+    """Importing what the command line imports does not import what computes."""
+    program = "import sys; import contact_tracker.cli.batch; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout.strip() == "False", done.stderr

@@ -1,0 +1,289 @@
+"""How well several contacts at once are found.
+
+    python tests/benchmarks/formations.py --seeds 20
+    python tests/benchmarks/formations.py --single recordings --tables formations.json
+
+Each scenario with a further contact is simulated with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz, 24 s), and
+so are those with the first contact alone. ``found`` is the share of the recordings in which the first
+contact has its label and the further one its kind, or is among the kinds that are said to be inseparable
+from it (``of which open``: only among these); where the first one itself is said to be open, that is
+``untold``. ``within 3 sd`` is the share of all elements of contacts that were named rightly. Errors of when
+a further contact joins and leaves are medians (s) over the recordings in which it does. ``false`` is the
+share of the time in which a further contact is told that is none, in the simulated recordings and in those
+of ``--single`` folders, offline and online. ``online`` is the share of the time of the further contact in
+which it is told at once, with its kind or an inseparable one, and ``delay`` the median time (s) until then.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+import kept_tables
+from contact_tracker import adaptation
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.geometry_errors import geometry_errors
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log, read_truth
+from contact_tracker.simulate import Phase, Scenario, simulate
+from contact_tracker.simulate.scenarios import FORMATIONS
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
+from contact_tracker.tracking.segmentation import Segmentation
+from kept_tables import Table
+
+ALONE: Final = {
+    f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
+    for contact in (Contact.FF, Contact.EF, Contact.VF)
+}
+"""Of which two vertices on the table are one edge."""
+COLUMNS: Final = (
+    *("scenario", "recordings", "found", "of which open", "untold", "within 3 sd"),
+    *("joins, s", "leaves, s", "false", "online", "delay, s", "false online"),
+)
+SINGLE_COLUMNS: Final = ("recordings of single contacts", "seconds", "false offline", "false online")
+NAN: Final = float("nan")
+
+
+class Measured(NamedTuple):
+    """Of one recording; nan where a figure does not apply."""
+
+    found: float = NAN
+    is_open: float = NAN
+    untold: float = NAN
+    deviations_sd: tuple[float, ...] = ()
+    joins_s: float = NAN
+    leaves_s: float = NAN
+    false_s: float = 0.0
+    online: float = NAN
+    delay_s: float = NAN
+    false_online_s: float = 0.0
+    seconds: float = 0.0
+    online_seconds: float = 0.0
+
+
+def measure(name: str, seed: int, online: bool) -> Measured:
+    """Simulate, segment and judge one recording, and if asked for what is said of it online."""
+    made = simulate(ALONE.get(name, name), seed)
+    found = _segmented(gate(made.poses), online)
+    interval = made.truth.intervals[0]
+    if not interval.further:
+        return single(found, made.poses)
+    return _judged(found, made.poses, interval, interval.further[0])
+
+
+def measure_file(path: str) -> Measured:
+    """Segment a recording of single contacts; nothing is measured of others."""
+    truth = read_truth(path)
+    if truth is not None and any(interval.further for interval in truth.intervals):
+        return Measured()
+    poses = gate(Poses.collect(open_log(path)))
+    return single(_segmented(poses, True), poses)
+
+
+def _segmented(poses: Poses, online: bool) -> Segmentation:
+    detail = Detail.FORMATION if online else Detail.WEIGHTS
+    return Segmentation.join([*adaptation.OfflineTracker(load_model()).pieces(poses, None, detail)])
+
+
+def single(found: Segmentation, poses: Poses) -> Measured:
+    """Of a recording without further contacts all of them are false."""
+    spans = [(one.start_ns, _end(one)) for segment in found.segments for one in segment.further]
+    online = sum(1 for belief in found.filtered if belief.further)
+    return Measured(
+        false_s=sum(end - start for start, end in spans) * 1e-9,
+        false_online_s=online * _tick_s(found),
+        seconds=_seconds(poses),
+        online_seconds=_seconds(poses) if len(found.filtered) else 0.0,
+    )
+
+
+def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: FurtherTruth) -> Measured:
+    right = [one for segment in found.segments for one in segment.further if _overlap(one, second) > 0]
+    best = max(right, key=lambda one: _overlap(one, second), default=None)
+    label = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
+    is_first = label.contact is first.contact
+    untold = not is_first or len(label.inseparable) > 1
+    named = best is not None and is_first and _names(best, second)
+    deviations = _deviations(poses, (first, second), (label, best)) if named and best is not None else ()
+    begins, ends = second.start_ns > first.start_ns, second.end_ns < first.end_ns
+    false_ns = sum(
+        _end(one) - one.start_ns - max(_overlap(one, second), 0)
+        for segment in found.segments
+        for one in segment.further
+        if one is not best
+    )
+    told = [belief for belief in found.filtered if any(_names(one, second) for one in belief.further)]
+    true_told = [b for b in told if second.start_ns <= b.stamp_ns <= second.end_ns]
+    true_ticks = sum(1 for b in found.filtered if second.start_ns <= b.stamp_ns <= second.end_ns)
+    return Measured(
+        float(named or (untold and best is None)),
+        float(named and best is not None and best.contact is not second.contact),
+        float(untold and not named),
+        tuple(deviations),
+        abs(best.start_ns - second.start_ns) * 1e-9 if best is not None and begins else NAN,
+        abs(_end(best) - second.end_ns) * 1e-9 if best is not None and ends else NAN,
+        false_ns * 1e-9,
+        len(true_told) / true_ticks if true_ticks else NAN,
+        (true_told[0].stamp_ns - second.start_ns) * 1e-9 if true_told else NAN,
+        _false_online(found.filtered, second) * _tick_s(found),
+        _seconds(poses),
+        _seconds(poses) if len(found.filtered) else 0.0,
+    )
+
+
+def _false_online(beliefs: Sequence[Belief], second: FurtherTruth) -> int:
+    """Ticks in which a further contact is told that is not there, or is another one."""
+    return sum(
+        1
+        for belief in beliefs
+        if belief.further
+        and not (
+            second.start_ns - 300_000_000 <= belief.stamp_ns <= second.end_ns + 300_000_000
+            and all(_names(one, second) for one in belief.further)
+        )
+    )
+
+
+def _names(one: FurtherContact, true: FurtherTruth) -> bool:
+    return true.contact in (one.contact, *one.inseparable)
+
+
+def _deviations(
+    poses: Poses, true: tuple[TruthInterval, FurtherTruth], found: tuple[Segment, FurtherContact]
+) -> tuple[float, ...]:
+    """Of all elements, in standard deviations. Two contacts of one kind may be told in either order."""
+    first, second = true
+    label, further = found
+    span = second.start_ns, second.end_ns
+    true_pair = [
+        TruthInterval(*span, contact, geometry=geometry)
+        for contact, geometry in ((first.contact, first.geometry), (second.contact, second.geometry))
+    ]
+    found_pair = [Segment(*span, one.contact, 1.0, one.geometry) for one in (label, further)]
+    orders = [
+        [
+            error.deviation.sd
+            for one, other in zip(true_pair, order, strict=True)
+            if one.contact is other.contact
+            for error in geometry_errors(poses, Truth((one,)), [other]).rows
+            if np.isfinite(error.deviation.sd)
+        ]
+        for order in (found_pair, found_pair[::-1] if label.contact is further.contact else found_pair)
+    ]
+    return tuple(min(orders, key=lambda deviations: sum(deviations)))
+
+
+def _overlap(one: FurtherContact, true: FurtherTruth) -> int:
+    return min(_end(one), true.end_ns) - max(one.start_ns, true.start_ns)
+
+
+def _end(one: FurtherContact) -> int:
+    assert one.end_ns is not None
+    return one.end_ns
+
+
+def _tick_s(found: Segmentation) -> float:
+    return float(np.median(np.diff(found.filtered.stamp_ns))) * 1e-9 if len(found.filtered) > 1 else 0.0
+
+
+def _seconds(poses: Poses) -> float:
+    return float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9
+
+
+def row(name: str, measured: Sequence[Measured]) -> list[str]:
+    """A line of the table of scenarios."""
+    seconds = sum(one.seconds for one in measured)
+    online_seconds = sum(one.online_seconds for one in measured)
+    deviations = np.array([sd for one in measured for sd in one.deviations_sd])
+    figures = (
+        _mean([one.found for one in measured]),
+        _mean([one.is_open for one in measured]),
+        _mean([one.untold for one in measured]),
+        float(np.mean(deviations <= 3.0)) if len(deviations) else NAN,
+        _median([one.joins_s for one in measured]),
+        _median([one.leaves_s for one in measured]),
+        sum(one.false_s for one in measured) / seconds,
+        _mean([one.online for one in measured]),
+        _median([one.delay_s for one in measured]),
+        sum(one.false_online_s for one in measured) / online_seconds if online_seconds else NAN,
+    )
+    return [name, str(len(measured)), *(number(figure) for figure in figures)]
+
+
+def single_row(name: str, measured: Sequence[Measured]) -> list[str]:
+    """A line of the table of recordings without further contacts."""
+    seconds = sum(one.seconds for one in measured)
+    shares = [sum(getattr(one, key) for one in measured) / seconds for key in ("false_s", "false_online_s")]
+    return [name, f"{seconds:.0f}", *map(number, shares)]
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.mean(known)) if known else NAN
+
+
+def _median(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else NAN
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    names = [*FORMATIONS, *ALONE]
+    parser.add_argument(
+        "--seeds", type=int, default=3, help="so many of each scenario (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--online", type=int, default=1000, metavar="N", help="the first so many also online (default: all)"
+    )
+    parser.add_argument("--only", nargs="+", default=names, choices=names, metavar="NAME")
+    parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
+    parser.add_argument("--processes", type=int, default=2)
+    args = parser.parse_args(argv)
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
+    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+        jobs = {
+            name: [pool.submit(measure, name, seed, seed <= args.online) for seed in range(1, args.seeds + 1)]
+            for name in args.only
+        }
+        files = {
+            folder.name: [pool.submit(measure_file, str(path)) for path in sorted(folder.glob("*.mcap"))]
+            for folder in args.single
+        }
+        rows = []
+        for name, some in tqdm(jobs.items(), file=sys.stderr, disable=None):
+            rows.append(row(name, [job.result() for job in some]))
+            print(" ".join(rows[-1]), flush=True)
+        print(table(COLUMNS, rows))
+        singles = [single_row(name, [job.result() for job in some]) for name, some in files.items()]
+        if singles:
+            print(table(SINGLE_COLUMNS, singles))
+    if args.tables:
+        command = f"python tests/benchmarks/formations.py --seeds {args.seeds}"
+        if args.online < args.seeds:
+            command += f" --online {args.online}"
+        tables = {"scenarios": Table(COLUMNS, rows)}
+        if singles:
+            command += f" --single {' '.join(f'FOLDER/{folder.name}' for folder in args.single)}"
+            tables["singles"] = Table(SINGLE_COLUMNS, singles)
+        kept_tables.keep(args.tables, command, tables)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+"""``segment`` of several recordings, and of all objects in one."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from contact_tracker.recording import write_recording
+from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "OMP_NUM_THREADS": "1"}
+
+
+def segment(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "contact_tracker", "segment", *arguments]
+    return subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=120)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two recordings of one object each, and one of four: on two topics, and two frames of /tf."""
+    path = tmp_path_factory.mktemp("several")
+    for number in (1, 2):
+        write_recording(str(path / f"take{number}.mcap"), smooth_poses(300, 100.0, number), None, {})
+    rows = [
+        (p.stamp_ns, {"transforms": [transform(*p, frame="world", child=child)]})
+        for p in smooth_poses(200, 100.0)
+        for child in ("cup", "lid")
+    ]
+    topics = [
+        poses_topic(smooth_poses(200, 100.0), name="/a/pose"),
+        poses_topic(smooth_poses(200, 100.0), name="/b/pose"),
+    ]
+    write_log(path / "four.mcap", [*topics, Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
+    return path
+
+
+def outputs(folder: Path, suffix: str = ".csv") -> dict[str, str]:
+    found = {path.name: path.read_text() for path in sorted(folder.glob(f"*{suffix}"))}
+    for name in found:
+        (folder / name).unlink()
+    return found
+
+
+def test_each_recording_has_what_it_has_alone(folder: Path) -> None:
+    done = segment(folder, "take1.mcap", "take2.mcap", "-o", "{}.csv")
+    assert done.returncode == 0, done.stderr
+    together = outputs(folder)
+    assert list(together) == ["take1.csv", "take2.csv"]
+    for name, content in together.items():
+        assert segment(folder, name.replace("csv", "mcap"), "-o", "alone.csv").returncode == 0
+        assert outputs(folder) == {"alone.csv": content}
+    shown = segment(folder, "take1.mcap", "take2.mcap").stdout
+    alone = [segment(folder, name).stdout for name in ("take1.mcap", "take2.mcap")]
+    assert shown == f"take1.mcap\n{alone[0]}take2.mcap\n{alone[1]}"
+
+
+def test_a_recording_that_cannot_be_read_costs_the_others_nothing(folder: Path) -> None:
+    done = segment(folder, "nothing.mcap", "four.mcap", "take1.mcap", "-o", "{}.csv")
+    assert done.returncode == 1
+    assert "nothing.mcap: no such file" in done.stderr
+    assert "four.mcap holds several pose sources" in done.stderr
+    assert list(outputs(folder)) == ["take1.csv"]
+
+
+def test_all_objects_of_a_recording(folder: Path) -> None:
+    done = segment(folder, "four.mcap", "--all", "-o", "{}.csv")
+    assert done.returncode == 0, done.stderr
+    assert list(outputs(folder)) == ["four-a_pose.csv", "four-b_pose.csv", "four-cup.csv", "four-lid.csv"]
+    done = segment(folder, "four.mcap", "--all", "--topic", "/tf")
+    assert [line for line in done.stdout.splitlines() if line.startswith("four")] == [
+        f"four.mcap /tf world->{child} (tf2_msgs/msg/TFMessage)" for child in ("cup", "lid")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["take1.mcap", "take2.mcap", "-o", "out.csv"], "write {} where the name of each goes, as in {}.csv"),
+        (["take1.mcap", "./take1.mcap", "-o", "{}.csv"], "would be written to take1.csv"),
+        (["take1.mcap", "-"], "standard input is read alone"),
+        (["-", "--all"], "--all reads a recording twice"),
+        (["take1.mcap", "take2.mcap", "-o", "{}.mcap"], "it is the input take1.mcap"),
+    ],
+)
+def test_what_cannot_be_done_is_wrong_usage(folder: Path, arguments: list[str], reason: str) -> None:
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    done = segment(folder, *arguments)
+    assert done.returncode == 2
+    assert reason in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

@@ -1,0 +1,130 @@
+"""Evidence of a further contact: what the first one implies is none, whatever the units of a constraint."""
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from contact_motions import touching, x_of
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
+from contact_tracker.formations.presence import AT_FIRST, most_probable
+from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio
+from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.window import Window
+from contact_tracker.states import CONTACTS, Contact
+
+Array = NDArray[np.float64]
+TICKS = 120
+SCALES = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
+VARIANCE, EXCESS = (1e-8, 1e-6), (1e-4, 1e-2)
+
+
+def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
+    """Ticks that keep a contact but for noise, and its true x."""
+    rng = np.random.default_rng(seed)
+    motion = touching(contact, rng, TICKS)
+    position = motion.position_m + rng.normal(0.0, np.sqrt(VARIANCE[0]), (TICKS, 3))
+    rows = np.ones((TICKS, 1))
+    window = Window(
+        np.arange(TICKS), lift(motion.rotation, position), rows * VARIANCE, rows * EXCESS, None, None
+    )
+    return window, x_of(contact, motion.object, motion.environment)
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_a_contact_beside_itself_tells_nothing(contact: Contact) -> None:
+    window, x = kept(contact, 1)
+    c = coefficients(CONTACT_MODELS[contact.column], x)
+    motion = ConditionalMotion.of(window, SCALES)
+    assert motion.evidence(c).gain.min() > 1.0
+    again = motion.keeping(c).evidence(c)
+    np.testing.assert_allclose(again.gain, 0.0, atol=1e-6)
+    np.testing.assert_allclose(again.log_ratio, 0.0, atol=1e-6)
+
+
+def test_vertices_and_lines_of_an_edge_on_a_face_are_implied() -> None:
+    window, x = kept(Contact.EF, 2)
+    direction, foot, normal, offset = x[:3], x[3:6], x[6:9], x[9:]
+    motion = ConditionalMotion.of(window, SCALES).keeping(coefficients(CONTACT_MODELS[1], x))
+    for along_m in (-0.1, 0.0, 0.3):
+        vertex = np.concatenate([foot + along_m * direction, normal, offset])
+        told = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], vertex))
+        np.testing.assert_allclose(told.log_ratio, 0.0, atol=1e-6)
+    beside = np.concatenate([foot + 0.1 * np.cross(direction, normal), normal, offset])
+    told = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], beside))
+    assert np.median(told.gain) > 0.5  # not implied
+    assert told.log_ratio.sum() < -100.0  # nor kept
+
+
+@given(st.sampled_from(CONTACTS), st.floats(1e-4, 1e4), st.integers(0, 99))
+@settings(max_examples=40)
+def test_units_of_a_row_do_not_matter(contact: Contact, unit: float, seed: int) -> None:
+    window, x = kept(contact, seed)
+    motion = ConditionalMotion.of(window, SCALES)
+    c = coefficients(CONTACT_MODELS[contact.column], x)
+    one, other = motion.evidence(c), motion.evidence(c * unit)
+    np.testing.assert_allclose(other.log_ratio, one.log_ratio, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV])
+def test_without_a_contact_before_it_is_the_evidence_against_free_motion(contact: Contact) -> None:
+    window, x = kept(contact, 3)
+    model = CONTACT_MODELS[contact.column]
+    ratio = log_ratio(model, x[None], window, SCALES)
+    told = ConditionalMotion.of(window, SCALES).evidence(coefficients(model, x))
+    np.testing.assert_allclose(told.gain, ratio.gain[0, :, 0], rtol=0.02)
+    np.testing.assert_allclose(told.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
+
+
+def test_lasting_errors_count_only_what_is_new_in_each_tick() -> None:
+    window, x = kept(Contact.VF, 4)
+    c = coefficients(CONTACT_MODELS[Contact.VF.column], x)
+    scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1, correlation=0.9)
+    residual = window.zeta @ c[0]
+    new = np.append(residual[0] * scales.alone, residual[1:] - 0.9 * residual[:-1])
+    motion = ConditionalMotion.of(window, scales)
+    np.testing.assert_allclose(motion.new @ c[0], new, atol=1e-12)
+
+
+@pytest.mark.parametrize(("contact", "seed"), [*product(CONTACTS, range(3))])
+def test_constraints_are_counted_once(contact: Contact, seed: int) -> None:
+    window, x = kept(contact, seed)
+    motion = ConditionalMotion.of(window, SCALES)
+    c = coefficients(CONTACT_MODELS[contact.column], x)
+    assert count_constraints(motion, [c]) == contact.codimension
+    assert count_constraints(motion, [c, c]) == contact.codimension
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_the_relaxed_problem_sees_a_contact_until_it_is_known(contact: Contact) -> None:
+    window, x = kept(contact, 5)
+    motion = ConditionalMotion.of(window, SCALES)
+    known = motion.keeping(coefficients(CONTACT_MODELS[contact.column], x))
+    before = max(relaxed_ratio(moments(model, motion)) for model in RELAXED)
+    after = max(relaxed_ratio(moments(model, known)) for model in RELAXED)
+    assert before > 100.0
+    assert after < LEAST_RATIO
+
+
+@given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=8), st.floats(0.01, 0.6))
+@settings(max_examples=80)
+def test_presence_is_the_best_of_all_paths(ratio: list[float], change: float) -> None:
+    def weight(path: tuple[int, ...]) -> float:
+        total = np.log(AT_FIRST if path[0] else 1.0 - AT_FIRST)
+        for before, now in pairwise(path):
+            total += np.log(change if before != now else 1.0 - change)
+        return float(total + np.dot(path, ratio))
+
+    weights = {path: weight(path) for path in product((0, 1), repeat=len(ratio))}
+    found = most_probable(np.array(ratio), np.full(len(ratio), np.log(change)))
+    path = np.zeros(len(ratio), int)
+    for run in found.runs:
+        path[slice(*run)] = 1
+    none = weights[(0,) * len(ratio)]
+    assert weights[tuple(path.tolist())] == pytest.approx(max(weights.values()))
+    assert found.log_odds == pytest.approx(max(weights.values()) - none, abs=1e-9)

@@ -1,0 +1,170 @@
+"""Contacts beside the first in simulated recordings: found offline and online, with elements and times."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from contact_tracker import adaptation
+from contact_tracker.adaptation.online import AdaptiveState
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.geometry_errors import geometry_errors
+from contact_tracker.formations.naming import named_by
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.hypotheses import compiled
+from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
+from contact_tracker.outputs.tables import json_line
+from contact_tracker.outputs.text import FormationChanges, table
+from contact_tracker.saved_state import load, save
+from contact_tracker.simulate import Phase, Scenario, Simulated, simulate
+from contact_tracker.states import Contact
+from contact_tracker.tracking import ambiguity
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+
+SECOND = 10**9
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+
+
+@cache
+def made(name: str) -> Simulated:
+    return simulate(name, 1)
+
+
+@cache
+def found(name: str) -> Segmentation:
+    return adaptation.segment(made(name).poses, load_model())
+
+
+@cache
+def online(name: str) -> tuple[AdaptiveState, tuple[Belief, ...]]:
+    state, beliefs = adaptation.advance(adaptation.start(load_model()), made(name).poses)
+    return state, tuple(beliefs)
+
+
+def only_further(name: str) -> FurtherContact:
+    (segment,) = found(name).segments
+    (further,) = segment.further
+    return further
+
+
+@needs_kernels
+@pytest.mark.parametrize(
+    ("name", "label", "constraints"),
+    [("vertex_and_vertex", Contact.VF, 2), ("edge_and_vertex", Contact.EF, 3)],
+)
+def test_a_vertex_on_the_wall_is_found_with_its_elements(name: str, label: Contact, constraints: int) -> None:
+    further, (segment,) = only_further(name), found(name).segments
+    assert segment.contact is label
+    assert (further.contact, further.constraints) == (Contact.VF, constraints)
+    assert further.probability > 0.9
+    assert not further.inseparable
+    true = made(name).truth.intervals[0]
+    geometries = [true.geometry, *(one.geometry for one in true.further)]
+    told = [
+        Segment(true.start_ns, true.end_ns, Contact.VF, 1.0, one)
+        for one in (segment.geometry, further.geometry)
+        if one is not None and isinstance(one.object, Point)
+    ]
+    for one in told:  # of two vertices either may be the label
+        deviations = [
+            max(error.deviation.sd for error in geometry_errors(made(name).poses, truth, [one]).rows)
+            for geometry in geometries
+            if geometry is not None and isinstance(geometry.object, Point)
+            for truth in [Truth((TruthInterval(true.start_ns, true.end_ns, Contact.VF, geometry=geometry),))]
+        ]
+        assert min(deviations) < 4.0
+
+
+@needs_kernels
+def test_given_the_table_an_edge_on_the_wall_is_as_well_a_vertex() -> None:
+    further = only_further("face_and_edge")
+    assert Contact.EF in (further.contact, *further.inseparable)
+    assert Contact.VF in (further.contact, *further.inseparable)
+    assert Contact.FF not in (further.contact, *further.inseparable)
+    assert further.constraints == 4
+
+
+@needs_kernels
+def test_a_further_contact_joins_and_leaves() -> None:
+    name = "wall_in_between"
+    further, result = only_further(name), found(name)
+    (true,) = made(name).truth.intervals[0].further
+    assert further.end_ns is not None
+    assert abs(further.start_ns - true.start_ns) < 0.3 * SECOND
+    assert abs(further.end_ns - true.end_ns) < 0.3 * SECOND
+    holds = np.array([bool(belief.further) for belief in result.beliefs])
+    inside = (result.stamp_ns >= further.start_ns) & (result.stamp_ns <= further.end_ns)
+    np.testing.assert_array_equal(holds, inside)
+    lines = [line.split() for line in table(result.segments, result.segments[0].start_ns)]
+    assert [line[2:4] for line in lines if "+" in line] == [["+", "v-f"]]
+    assert len(result.beliefs.formations) == 1
+
+
+@needs_kernels
+@pytest.mark.parametrize("contact", [Contact.FF, Contact.EF, Contact.VF, Contact.EE])
+def test_nothing_is_found_beside_a_single_contact(contact: Contact) -> None:
+    """Two vertices on the table are one edge, three a face."""
+    poses = simulate(Scenario((Phase(contact, 12.0),)), 1).poses
+    result = adaptation.segment(poses, load_model())
+    assert not any(segment.further for segment in result.segments)
+    _, beliefs = adaptation.advance(adaptation.start(load_model()), poses)
+    assert not any(belief.further for belief in beliefs)
+
+
+@needs_kernels
+def test_online_it_is_told_while_it_holds() -> None:
+    _, beliefs = online("wall_in_between")
+    (true,) = made("wall_in_between").truth.intervals[0].further
+    told = [belief for belief in beliefs if belief.further]
+    assert len(told) > 10
+    assert all(true.start_ns <= one.stamp_ns <= true.end_ns + 0.3 * SECOND for one in told)
+    assert abs(told[0].further[0].start_ns - true.start_ns) < 0.5 * SECOND
+    changes = FormationChanges()
+    events = [(len(joins), len(leaves)) for belief in beliefs for joins, leaves in [changes.update(belief)]]
+    assert [event for event in events if any(event)] == [(1, 0), (0, 1)]
+
+
+@needs_kernels
+def test_a_saved_stream_goes_on_with_its_formation(tmp_path) -> None:
+    poses = made("vertex_and_vertex").poses
+    state, said = adaptation.advance(adaptation.start(load_model()), poses[:3600])
+    assert said[-1].further
+    save(tmp_path / "state", state)
+    restored = load(tmp_path / "state")
+    _, rest = adaptation.advance(state, poses[3600:])
+    _, again = adaptation.advance(restored, poses[3600:])
+    assert list(map(json_line, again)) == list(map(json_line, rest))
+    assert any(belief.further for belief in rest)
+
+
+def test_beliefs_keep_their_formations_through_columns() -> None:
+    geometry = ContactGeometry(Point(np.zeros(3)), Plane(np.array([1.0, 0.0, 0.0]), 0.0))
+    further = (FurtherContact(Contact.VF, 0.9, 5, None, geometry, (), 2),)
+    beliefs = [
+        Belief(stamp, Contact.VF, np.full(7, 1 / 7), 0, None, np.zeros(6), further=some)
+        for stamp, some in enumerate([(), further, further, ()])
+    ]
+    kept = Beliefs.join([Beliefs.of(beliefs[:2]), Beliefs.of(beliefs[2:])])
+    assert [belief.further for belief in kept] == [(), further, further, ()]
+    assert [belief.constraints for belief in kept] == [1, 2, 2, 1]
+    assert [len(belief.contacts_json) for belief in kept] == [1, 2, 2, 1]
+
+
+def test_a_label_that_leaves_constraints_unnamed_is_not_sure() -> None:
+    sure = np.array([0.97, 0.01, 0.01, 0.0, 0.0, 0.0, 0.01])
+    told = ambiguity.at_most(sure, Contact.FF)
+    assert told[0] == pytest.approx(0.9)
+    assert told.sum() == pytest.approx(1.0)
+    np.testing.assert_array_equal(ambiguity.at_most(told, Contact.FF), told)
+
+
+def test_known_elements_give_their_names() -> None:
+    wall = NamedElement("wall", known_to(Plane(np.array([1.0, 0.0, 0.0]), 0.5), Accuracy()))
+    near = Plane(np.array([1.0, 0.0, 0.0]), 0.5005, 1e-6 * np.eye(4))
+    far = Plane(np.array([0.0, 1.0, 0.0]), 0.5, 1e-6 * np.eye(4))
+    corner = Point(np.zeros(3), 1e-6 * np.eye(3))
+    knowledge = PriorMap(environment=(wall,))
+    assert named_by(knowledge, ContactGeometry(corner, near)).names == (None, "wall")
+    assert named_by(knowledge, ContactGeometry(corner, far)).names == (None, None)

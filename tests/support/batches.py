@@ -1,0 +1,75 @@
+"""Recordings for batches, and a batch in this process."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from contact_tracker.batch.dataset import open_dataset
+from contact_tracker.batch.finding import find
+from contact_tracker.batch.rows import Row
+from contact_tracker.batch.run import Batch, Outcome
+from contact_tracker.batch.settings import Settings, settings_of
+from contact_tracker.config.loading import load_model
+from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.recording import write_recording
+from mcap_logs import poses_topic, smooth_poses, write_log
+
+MODEL = load_model()
+BROKEN = 6
+
+
+def write_recordings(folder: Path, count: int = 3, poses: int = 60) -> list[Path]:
+    """Some short ones that can be segmented."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{i}.mcap" for i in range(count)]
+    for i, path in enumerate(paths):
+        write_recording(str(path), smooth_poses(poses, seed=i), None, {})
+    return paths
+
+
+def write_broken(folder: Path) -> list[Path]:
+    """``BROKEN`` ways to be of no use."""
+    folder.mkdir(parents=True, exist_ok=True)
+    whole = write_recordings(folder / "whole", 1)[0].read_bytes()
+    contents = {"empty": b"", "short": whole[:200], "zeros": bytes(5000), "text": b"no recording\n"}
+    paths = [folder / f"{name}.mcap" for name in contents]
+    for path, content in zip(paths, contents.values(), strict=True):
+        path.write_bytes(content)
+    (folder / "link.mcap").symlink_to("nowhere.mcap")
+    poses = smooth_poses()
+    topics = [poses_topic(poses, "/a"), poses_topic(poses, "/b")]
+    return [*paths, folder / "link.mcap", write_log(folder / "ambiguous.mcap", topics)]
+
+
+def settings(**options: Any) -> Settings:
+    return settings_of(options.pop("model", MODEL), EMPTY_MAP, **options)
+
+
+def run(
+    names: Iterable[object],
+    dataset: Path,
+    told: list[Row] | None = None,
+    rehash: bool = False,
+    **options: Any,
+) -> Outcome:
+    """A batch in this process."""
+    with open_dataset(dataset) as opened:
+        batch = Batch(
+            settings(**options), opened, ([] if told is None else told).append, lambda _: None, rehash
+        )
+        return batch.run(find(map(str, names)), lambda: nullcontext(one_by_one))
+
+
+def one_by_one(
+    function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]
+) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    for job in jobs:
+        yield job, function(*job)
+
+
+def contents(dataset: Path) -> dict[str, bytes]:
+    """All files below a folder."""
+    return {
+        str(path.relative_to(dataset)): path.read_bytes() for path in dataset.rglob("*") if path.is_file()
+    }

@@ -1,0 +1,201 @@
+"""The folder of a dataset: a file of segments for each recording, and the summary of all (docs/batch.md).
+
+Answers are appended to a journal as they come and merged into the summary now and then: what a killed process
+has recorded is there.
+"""
+
+import json
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple
+
+from contact_tracker.atomic_file import whole_file
+from contact_tracker.batch import rows
+from contact_tracker.batch.rows import SUMMARY_COLUMNS, Row
+from contact_tracker.batch.segmenting import Answer, Known
+from contact_tracker.batch.settings import Settings
+from contact_tracker.errors import StateError, UsageError
+from contact_tracker.exports.columns import Kind
+from contact_tracker.exports.parquet import read_rows, write_merged
+
+FORMAT: Final = {"format": "contact-tracker batch", "format_version": 1}
+_MARK: Final = "dataset.json"
+_SUMMARY: Final = "summary.parquet"
+_SIGNATURES: Final = "signatures.parquet"
+_JOURNAL: Final = "journal.jsonl"
+_SIGNATURE_COLUMNS: Final[dict[str, Kind]] = {"recording": "text", "signature": "text"}
+_SAVE_EVERY_S: Final = 60.0
+_SAVE_SHARE: Final = 0.02
+"""Of the time, at most so much goes into merging."""
+
+
+class Entry(NamedTuple):
+    """What has to be at hand of a row."""
+
+    content_hash: str | None
+    settings_hash: str
+    exit_code: int
+    segments_bytes: int | None
+    ticks_bytes: int | None
+
+
+class Dataset:
+    """An open dataset; nobody else writes it meanwhile. Made by ``open_dataset``."""
+
+    def __init__(self, folder: Path, journal: IO[bytes]) -> None:
+        self.folder = folder
+        self._journal = journal
+        self._entries: dict[str, Entry] = {}
+        self._signatures: dict[str, str] = {}
+        self._new_rows: dict[str, Row] = {}
+        self._new_signatures: dict[str, str] = {}
+        self._next_save_s = time.monotonic() + _SAVE_EVERY_S
+        self._read()
+
+    def known(self, name: str, settings: Settings) -> Known | None:
+        """What the result of a recording was made of, if that was with these settings and it is there."""
+        key = rows.shown(name)
+        entry = self._entries.get(key)
+        if entry is None or entry.content_hash is None or entry.settings_hash != settings.settings_hash:
+            return None
+        has_segments = entry.segments_bytes is not None
+        if has_segments and settings.with_ticks and entry.ticks_bytes is None:
+            return None
+        files = {
+            "segments": entry.segments_bytes,
+            "ticks": entry.ticks_bytes if settings.with_ticks else None,
+        }
+        for kind, size in files.items():
+            if size is not None and not _has(self.folder / kind / rows.file_of(name), size):
+                return None
+        return Known(self._signatures.get(key, ""), entry.content_hash)
+
+    def exit_code(self, name: str) -> int:
+        """That of a recording whose result is there."""
+        return self._entries[rows.shown(name)].exit_code
+
+    def record(self, answer: Answer) -> None:
+        """Keep an answer, and save all of them from time to time."""
+        line = {"recording": rows.shown(answer.name), "signature": answer.signature, "row": answer.row}
+        self._journal.write(json.dumps(line).encode() + b"\n")
+        self._journal.flush()
+        self._take(line)
+        if time.monotonic() >= self._next_save_s:
+            begin_s = time.monotonic()
+            self.save()
+            took_s = time.monotonic() - begin_s
+            self._next_save_s = time.monotonic() + max(_SAVE_EVERY_S, took_s / _SAVE_SHARE)
+
+    def save(self) -> None:
+        """Merge what is new into the summary."""
+        new = (
+            (_SUMMARY, SUMMARY_COLUMNS, list(self._new_rows.values())),
+            (
+                _SIGNATURES,
+                _SIGNATURE_COLUMNS,
+                [{"recording": name, "signature": told} for name, told in self._new_signatures.items()],
+            ),
+        )
+        for name, columns, some in new:
+            path = self.folder / name
+            if some or not path.exists():
+                with whole_file(path) as temporary:
+                    write_merged(columns, path, some, "recording", temporary)
+        self._journal.truncate(0)
+        self._new_rows.clear()
+        self._new_signatures.clear()
+
+    def _read(self) -> None:
+        names = ("recording", *Entry._fields)
+        if (self.folder / _SUMMARY).exists():
+            known: dict[str, str] = {}  # there are few settings: one text for all of them
+            for key, content, settings, *others in read_rows(self.folder / _SUMMARY, names):
+                self._entries[key] = Entry(content, known.setdefault(settings, settings), *others)
+        if (self.folder / _SIGNATURES).exists():
+            self._signatures = dict(read_rows(self.folder / _SIGNATURES, tuple(_SIGNATURE_COLUMNS)))
+        for line in (self.folder / _JOURNAL).read_bytes().splitlines():
+            with suppress(ValueError, TypeError, KeyError):  # the last one may be half a line
+                self._take(json.loads(line))
+        if self._new_rows or self._new_signatures:
+            self.save()
+        self._journal.truncate(0)
+
+    def _take(self, line: dict[str, Any]) -> None:
+        key, signature, row = str(line["recording"]), str(line["signature"]), line["row"]
+        if row is not None:
+            if row.keys() != SUMMARY_COLUMNS.keys():
+                raise KeyError("a row of another version")
+            self._entries[key] = Entry(*(row[name] for name in Entry._fields))
+            self._new_rows[key] = row
+        self._signatures[key] = signature
+        self._new_signatures[key] = signature
+
+
+@contextmanager
+def open_dataset(folder: Path) -> Iterator[Dataset]:
+    """Open or make the dataset in ``folder``; all that was recorded is saved at the end, whatever happens.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else, or another process writes it.
+    StateError
+        A file of it is damaged.
+    OSError
+        It cannot be written.
+    """
+    _check(folder)
+    folder.mkdir(exist_ok=True)
+    if not (folder / _MARK).exists():
+        with whole_file(folder / _MARK) as temporary:
+            temporary.write_text(json.dumps(FORMAT) + "\n", encoding="utf-8")
+    with open(folder / _JOURNAL, "ab") as journal:
+        _lock(journal, folder)
+        dataset = Dataset(folder, journal)
+        try:
+            yield dataset
+        finally:
+            dataset.save()
+
+
+def _check(folder: Path) -> None:
+    if not folder.exists():
+        if not folder.parent.is_dir():
+            raise UsageError(f"cannot write {folder}: there is no folder {folder.parent}")
+        return
+    if not folder.is_dir():
+        raise UsageError(f"cannot write {folder}: it is a file, a dataset is a folder")
+    try:
+        told = json.loads((folder / _MARK).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        if any(not name.startswith(f".{_MARK}.") for name in os.listdir(folder)):
+            raise UsageError(f"cannot write {folder}: it holds something else; name a new folder") from None
+        return
+    except (OSError, ValueError) as error:
+        raise StateError(f"{folder / _MARK}: it is damaged ({error})") from error
+    if told != FORMAT:
+        raise UsageError(f"cannot write {folder}: it is a dataset of another version; name a new folder")
+
+
+def _lock(journal: IO[bytes], folder: Path) -> None:
+    """As long as the file is open; where the system has no such locks, nothing is checked."""
+    if os.name != "posix":
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UsageError(f"cannot write {folder}: another process is writing it") from None
+    except OSError:  # a disk without locks
+        return
+
+
+def _has(path: Path, size: int) -> bool:
+    try:
+        return path.stat().st_size == size
+    except OSError:
+        return False

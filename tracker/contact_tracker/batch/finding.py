@@ -1,0 +1,106 @@
+"""The recordings that names and folders stand for, without reading them."""
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
+
+from contact_tracker.batch import remote
+from contact_tracker.batch.content import signature_of
+from contact_tracker.errors import UnreadableRecording
+
+SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
+"""Of the files in a folder that are taken; a table may hold something else than poses: it is named."""
+_METADATA: Final = "metadata.yaml"
+
+
+class Found(NamedTuple):
+    """A recording by its absolute ``name`` or URL; ``signature`` is empty where only a worker can tell it, or
+    nothing is there."""
+
+    name: str
+    signature: str
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether nothing is there that could be read."""
+        return not self.signature and not remote.is_remote(self.name)
+
+
+def find(names: Iterable[str]) -> Iterator[Found]:
+    """Each recording once, folders replaced by the recordings in them in the order of their names.
+
+    A folder with a ``metadata.yaml`` is one recording. What is not there is found all the same: that it
+    cannot be read is its result.
+
+    Raises
+    ------
+    UnreadableRecording
+        A folder without recordings.
+    MissingExtra
+        The library for a store is not installed.
+    """
+    seen = set[str]()
+    for name in names:
+        for found in _found(name):
+            if found.name not in seen:
+                seen.add(found.name)
+                yield found
+
+
+def _found(name: str) -> Iterator[Found]:
+    if remote.is_remote(name):
+        files = remote.files_in(name)
+        if files is None:
+            yield Found(name, "")
+            return
+        inside = recordings_among(files)
+        yield from (Found(one, _joined(files[part] for part in parts)) for one, parts in inside.items())
+    else:
+        name = os.path.abspath(name)
+        if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
+            yield Found(name, signature_of(name))
+            return
+        inside = recordings_among(_files_in(name))
+        yield from (Found(one, signature_of(one)) for one in inside)
+    if not inside:
+        raise UnreadableRecording(
+            f"{name}: this folder holds no recording ({', '.join(SUFFIXES)}); others can be named one by "
+            "one, or on standard input"
+        )
+
+
+def _joined(signatures: Iterable[str]) -> str:
+    """Empty if one of them is."""
+    given = list(signatures)
+    return " ".join(given) if all(given) else ""
+
+
+def _files_in(folder: str) -> Mapping[str, str]:
+    return dict.fromkeys(
+        (os.path.join(where, name) for where, _, names in os.walk(folder) for name in names), ""
+    )
+
+
+def recordings_among(files: Mapping[str, str]) -> dict[str, Sequence[str]]:
+    """The recordings among the paths ``files`` with the files that each consists of, sorted.
+
+    A folder with a ``metadata.yaml`` is one, all its files of the ``SUFFIXES`` are its parts.
+    """
+    wanted = sorted(path for path in files if path.lower().endswith(SUFFIXES))
+    whole = {_folder(path) for path in files if _base(path) == _METADATA}
+    found: dict[str, list[str]] = {}
+    for path in wanted:
+        folder = _folder(path)
+        if folder in whole:
+            found.setdefault(folder, [f"{path[: len(folder) + 1]}{_METADATA}"]).append(path)
+        else:
+            found[path] = [path]
+    return {name: found[name] for name in sorted(found)}
+
+
+def _folder(path: str) -> str:
+    return path[: -len(_base(path)) - 1]
+
+
+def _base(path: str) -> str:
+    return path.replace(os.sep, "/").rpartition("/")[2]

@@ -1,0 +1,129 @@
+"""The row of the summary that a recording gets, whatever comes of it; the columns are in docs/batch.md."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from typing import Any, Final
+
+from contact_tracker import __version__
+from contact_tracker.batch.settings import Settings
+from contact_tracker.errors import printable
+from contact_tracker.exports.columns import PROBABILITIES, Kind
+from contact_tracker.outputs.adaptation import report_json
+from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Segment
+
+Row = dict[str, Any]
+"""Values by the names of ``SUMMARY_COLUMNS``."""
+
+_STATES: Final = tuple(name.removeprefix("p_") for name in PROBABILITIES)
+SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
+    "recording": "text",
+    "exit_code": "integer",
+    "error": "text",
+    "damage": "text",
+    "warnings": "text",
+    "counts": "text",
+    "poses": "integer",
+    "first_ns": "integer",
+    "last_ns": "integer",
+    "duration_s": "number",
+    "ticks": "integer",
+    "segments": "integer",
+    **{f"segments_{state}": "integer" for state in _STATES},
+    **{f"time_{state}_s": "number" for state in _STATES},
+    "tick_s": "number",
+    "sigma_position_m": "number",
+    "sigma_rotation_rad": "number",
+    "tick_sigma_position_m": "number",
+    "tick_sigma_rotation_rad": "number",
+    "topic": "text",
+    "frame_id": "text",
+    "child_frame_id": "text",
+    "size_bytes": "integer",
+    "content_hash": "text",
+    "model": "text",
+    "model_hash": "text",
+    "settings_hash": "text",
+    "version": "text",
+    "file": "text",
+    "segments_bytes": "integer",
+    "ticks_bytes": "integer",
+}
+OK: Final = 0
+INPUT: Final = 1
+USAGE: Final = 2
+DAMAGED: Final = 3
+UNEXPECTED: Final = 70
+KILLED: Final = 137
+"""What a recording alone would have made of ``segment``'s exit code; ``UNEXPECTED`` is a fault of ours."""
+
+
+def shown(name: str) -> str:
+    """The name of a recording as it stands in the column ``recording``: text, whatever bytes are in it."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def file_of(name: str) -> str:
+    """Where the Parquet files of a recording are, below the folders ``segments`` and ``ticks``."""
+    import hashlib
+
+    digits = hashlib.blake2b(shown(name).encode(), digest_size=16).hexdigest()
+    return str(PurePosixPath(digits[:2], f"{digits[2:]}.parquet"))
+
+
+@dataclass
+class Tally:
+    """Counts of the segments of one recording on their way to its file."""
+
+    ticks: int = 0
+    segments: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_STATES, 0))
+    time_ns: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_STATES, 0))
+
+    def add(self, segments: Iterable[Segment], ticks: int) -> None:
+        self.ticks += ticks
+        for one in segments:
+            state = _STATES[STATES.index(one.contact)]
+            self.segments[state] += 1
+            self.time_ns[state] += one.end_ns - one.start_ns
+
+    def cells(self) -> Row:
+        counts: Row = {"ticks": self.ticks, "segments": sum(self.segments.values())}
+        counts |= {f"segments_{state}": count for state, count in self.segments.items()}
+        return counts | {f"time_{state}_s": time / 1e9 for state, time in self.time_ns.items()}
+
+
+def base(name: str, settings: Settings) -> Row:
+    """A row with nothing in it but what was asked for."""
+    return dict.fromkeys(SUMMARY_COLUMNS) | {
+        "recording": shown(name),
+        "exit_code": OK,
+        "model": settings.model.name,
+        "model_hash": settings.model_hash,
+        "settings_hash": settings.settings_hash,
+        "version": __version__,
+    }
+
+
+def failure(name: str, settings: Settings, exit_code: int, error: str, content_hash: str | None) -> Row:
+    """The row of a recording of which there are no segments.
+
+    ``content_hash`` is None where another run may do better, with the same content and settings.
+    """
+    found = {"exit_code": exit_code, "error": printable(error), "content_hash": content_hash}
+    return base(name, settings) | found
+
+
+def adapted_cells(adapted: Any) -> Row:
+    """What the tracker has adapted to."""
+    if adapted is None:
+        return {}
+    told = report_json(adapted)
+    names = ("tick_s", "sigma_position_m", "sigma_rotation_rad")
+    return {name: told[name] for name in (*names, "tick_sigma_position_m", "tick_sigma_rotation_rad")}
+
+
+def counts_text(counts: Any) -> str:
+    """JSON of what was dropped or repaired, by kind."""
+    return json.dumps({kind: int(count) for kind, count in sorted(counts.items()) if count})

@@ -1,0 +1,107 @@
+"""All recordings of a batch: those whose result is there are passed over, the others get one."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, Final
+
+from contact_tracker.batch import rows
+from contact_tracker.batch.dataset import Dataset
+from contact_tracker.batch.finding import Found
+from contact_tracker.batch.processes import Jobs, Killed
+from contact_tracker.batch.segmenting import Answer, segment_recording
+from contact_tracker.batch.settings import Settings
+
+_GIVEN_UP: Final = "the process that segmented it was ended twice, as happens where memory runs out"
+
+
+@dataclass
+class Outcome:
+    """How many recordings have a new row (``done``) and are ``unchanged``; of both, how many are ``bad``
+    (without a result) and ``damaged`` (with one of what can be read)."""
+
+    done: int = 0
+    unchanged: int = 0
+    bad: int = 0
+    damaged: int = 0
+
+    @property
+    def total(self) -> int:
+        return self.done + self.unchanged
+
+
+class Batch:
+    """Brings a ``dataset`` up to date.
+
+    Parameters
+    ----------
+    tell : is told each new row.
+    set_done : is told how many recordings are done.
+    looks_at_content : take no recording for unchanged because its files look it.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        dataset: Dataset,
+        tell: Callable[[rows.Row], None],
+        set_done: Callable[[int], None],
+        looks_at_content: bool = False,
+    ) -> None:
+        self.outcome = Outcome()
+        self._settings = settings
+        self._dataset = dataset
+        self._tell = tell
+        self._set_done = set_done
+        self._looks_at_content = looks_at_content
+
+    def run(
+        self, recordings: Iterable[Found], workers: Callable[[], AbstractContextManager[Jobs]]
+    ) -> Outcome:
+        """Give each of the ``recordings`` its row; ``workers`` are opened if there is anything to do.
+
+        Raises
+        ------
+        ContactTrackerError, OSError
+            The dataset cannot be written, or nobody is there to work. What was recorded until then is kept.
+        """
+        jobs = self._jobs(recordings)
+        first = next(jobs, None)
+        if first is None:
+            return self.outcome
+        with workers() as call:
+            for (name, *_), answer in call(segment_recording, chain([first], jobs)):
+                if isinstance(answer, Killed):
+                    error = f"{name}: {_GIVEN_UP}"
+                    answer = Answer(name, "", rows.failure(name, self._settings, rows.KILLED, error, None))
+                self._take(answer)
+        return self.outcome
+
+    def _jobs(self, recordings: Iterable[Found]) -> Iterator[tuple[Any, ...]]:
+        """The arguments of ``segment_recording`` for those that take work."""
+        folder = str(self._dataset.folder)
+        for found in recordings:
+            known = self._dataset.known(found.name, self._settings)
+            if known is not None and self._looks_at_content:
+                known = known._replace(signature="")
+            if found.is_missing:
+                self._take(segment_recording(found.name, known, self._settings, folder))
+            elif known is not None and found.signature and known.signature == found.signature:
+                self._count(found.name, False)
+            else:
+                yield found.name, known, self._settings, folder
+
+    def _take(self, answer: Answer) -> None:
+        self._dataset.record(answer)
+        if answer.row is not None:
+            self._tell(answer.row)
+        self._count(answer.name, answer.row is not None)
+
+    def _count(self, name: str, is_new: bool) -> None:
+        outcome, code = self.outcome, self._dataset.exit_code(name)
+        outcome.done += is_new
+        outcome.unchanged += not is_new
+        outcome.damaged += code == rows.DAMAGED
+        outcome.bad += code not in (rows.OK, rows.DAMAGED)
+        self._set_done(outcome.total)

@@ -1,0 +1,218 @@
+"""What is done to one recording: read, segmented, written, and told of in a row."""
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from contact_tracker.adaptation import OfflineTracker
+from contact_tracker.atomic_file import whole_file
+from contact_tracker.batch import remote, rows
+from contact_tracker.batch.content import read_content, signature_of
+from contact_tracker.batch.rows import Row, Tally
+from contact_tracker.batch.settings import Settings
+from contact_tracker.errors import ContactTrackerError, InputError, MissingExtra, NoPoses, UnreadableRecording
+from contact_tracker.exports.columns import (
+    BELIEF_COLUMNS,
+    SEGMENT_COLUMNS,
+    Columns,
+    Kind,
+    belief_columns,
+    segment_columns,
+)
+from contact_tracker.exports.parquet import open_parquet
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.outputs.adaptation import warnings
+from contact_tracker.recording import PoseLog, open_log
+from contact_tracker.tracking.belief import Detail
+
+_RECORDING: Final[dict[str, Kind]] = {"recording": "text"}
+SEGMENTS: Final = _RECORDING | SEGMENT_COLUMNS
+TICKS: Final = _RECORDING | BELIEF_COLUMNS
+
+
+class Known(NamedTuple):
+    """A recording as it was when its result was made, which is still there."""
+
+    signature: str
+    content_hash: str
+
+
+class Answer(NamedTuple):
+    """The ``row`` of a recording; None if what is known of it still holds, whose ``signature`` may be new."""
+
+    name: str
+    signature: str
+    row: Row | None
+
+
+def segment_recording(name: str, known: Known | None, settings: Settings, folder: str) -> Answer:
+    """Write the segments of a recording into the dataset in ``folder``, unless it still is as ``known``.
+
+    The result depends on the content of the recording, its name and the settings alone. What is wrong with
+    a recording is in its row; no exception tells of it.
+
+    Raises
+    ------
+    OSError
+        The dataset cannot be written.
+    """
+    try:
+        signature = _signature_of(name)
+        if known is not None and signature and signature == known.signature:
+            return Answer(name, signature, None)
+        if not remote.is_remote(name):
+            answer = _answer(name, name, signature, known, settings, Path(folder))
+        else:
+            with remote.local_copy(name) as copy:
+                answer = _answer(name, copy, signature, known, settings, Path(folder))
+        if _signature_of(name) != signature:
+            raise UnreadableRecording(f"{name}: it changed while it was read")
+    except ContactTrackerError as error:
+        answer = Answer(name, "", rows.failure(name, settings, _code(error), str(error), None))
+    if answer.row is not None and answer.row["segments_bytes"] is None:
+        _remove(Path(folder), rows.file_of(name), "segments", "ticks")
+    return answer
+
+
+def _signature_of(name: str) -> str:
+    return remote.signature_of(name) if remote.is_remote(name) else signature_of(name)
+
+
+def _code(error: ContactTrackerError) -> int:
+    return rows.INPUT if isinstance(error, InputError) else rows.USAGE
+
+
+def _answer(
+    name: str, path: str, signature: str, known: Known | None, settings: Settings, folder: Path
+) -> Answer:
+    """Of a recording that is at ``path`` on this machine."""
+    try:
+        content = read_content(path)
+    except OSError as error:
+        raise UnreadableRecording(f"{name}: {error.strerror or error}") from error
+    if known is not None and content.digits == known.content_hash:
+        return Answer(name, signature, None)
+    try:
+        row = _segmented(name, path, settings, folder)
+        return Answer(
+            name, signature, row | {"content_hash": content.digits, "size_bytes": content.size_bytes}
+        )
+    except ContactTrackerError as error:
+        code, text, is_lasting = _code(error), str(error), not isinstance(error, MissingExtra | _Unread)
+    except MemoryError:
+        code, text, is_lasting = rows.INPUT, "it takes more memory than there is", False
+    except OSError:
+        raise
+    except Exception as error:
+        place = _innermost(error)
+        text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
+        code, is_lasting = rows.UNEXPECTED, True
+    text = text.replace(path, name)
+    text = text if name in text else f"{name}: {text}"
+    row = rows.failure(name, settings, code, text, content.digits if is_lasting else None)
+    return Answer(name, signature, row | {"size_bytes": content.size_bytes})
+
+
+def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
+    """The row, once the files are written."""
+    with _reading():
+        log = open_log(path, settings.topic, settings.frame, relative_to=settings.relative_to)
+    stream, tally = _Counted(log), Tally()
+    tracker = OfflineTracker(settings.model, settings.knowledge)
+    outliers, file, recording = 0, rows.file_of(name), rows.shown(name)
+    targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
+    with ExitStack() as stack:
+        append = {}
+        for kind, columns in targets.items():
+            target = folder / kind / file
+            target.parent.mkdir(parents=True, exist_ok=True)
+            temporary = stack.enter_context(whole_file(target))
+            append[kind] = stack.enter_context(open_parquet(columns, temporary, kind == "segments"))
+        for piece in tracker.pieces(stream, None, Detail.WEIGHTS):
+            tally.add(piece.segments, len(piece.beliefs))
+            outliers += piece.outliers
+            append["segments"](_of(recording, segment_columns(piece.segments)))
+            if settings.with_ticks:
+                append["ticks"](_of(recording, belief_columns(piece.beliefs)))
+        if not stream.poses:
+            noted = rows.counts_text(log.counts)
+            raise NoPoses(f"{name}: no pose that can be used{f'; noted: {noted}' if log.counts else ''}")
+    if not settings.with_ticks:
+        _remove(folder, file, "ticks")
+    adapted = tracker.report
+    told = [*([] if log.note is None else [log.note]), *([] if adapted is None else warnings(adapted))]
+    return {
+        **rows.base(name, settings),
+        **tally.cells(),
+        **rows.adapted_cells(adapted),
+        "exit_code": rows.OK if log.damage is None else rows.DAMAGED,
+        "damage": log.damage,
+        "warnings": "\n".join(told) or None,
+        "counts": rows.counts_text({**log.counts, "outlier": outliers}),
+        "poses": stream.poses,
+        "first_ns": stream.first_ns,
+        "last_ns": stream.last_ns,
+        "duration_s": (stream.last_ns - stream.first_ns) / 1e9,
+        "topic": log.source.topic,
+        "frame_id": log.source.frame_id,
+        "child_frame_id": log.source.child_frame_id,
+        "file": file,
+        **{f"{kind}_bytes": (folder / kind / file).stat().st_size for kind in targets},
+    }
+
+
+class _Unread(UnreadableRecording):
+    """The system did not give what is in the file."""
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise _Unread(error.strerror or str(error)) from error
+
+
+class _Counted:
+    """Poses on their way, as ``poses.Batched``."""
+
+    def __init__(self, log: PoseLog) -> None:
+        self._log = log
+        self.poses = 0
+        self.first_ns = 0
+        self.last_ns = 0
+
+    def batches(self) -> Iterator[Poses]:
+        stream = self._log.batches()
+        while True:
+            with _reading():
+                some = next(stream, None)
+            if some is None:
+                return
+            if not self.poses:
+                self.first_ns = int(some.stamp_ns[0])
+            self.last_ns = int(some.stamp_ns[-1])
+            self.poses += len(some)
+            yield some
+
+    def __iter__(self) -> Iterator[Pose]:
+        return (pose for some in self.batches() for pose in some)
+
+
+def _of(recording: str, columns: Columns) -> Columns:
+    return {"recording": [recording] * len(columns["contact"]), **columns}
+
+
+def _remove(folder: Path, file: str, *kinds: str) -> None:
+    for kind in kinds:
+        (folder / kind / file).unlink(missing_ok=True)
+
+
+def _innermost(error: Exception) -> str:
+    """The file and line where it was raised."""
+    step = error.__traceback__
+    while step is not None and step.tb_next is not None:
+        step = step.tb_next
+    return "" if step is None else f"{os.path.basename(step.tb_frame.f_code.co_filename)}:{step.tb_lineno}"

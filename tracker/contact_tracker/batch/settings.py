@@ -1,0 +1,44 @@
+"""How recordings are segmented, the same for all of a run, with a hash by which a result is known again."""
+
+from dataclasses import dataclass
+
+from contact_tracker import __version__
+from contact_tracker.config.parameters import Model
+from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.saved_state.encoding import fingerprint
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What decides on a result besides the recording.
+
+    Parameters
+    ----------
+    topic, frame, relative_to : which poses to take, as of ``recording.open_log``.
+    with_ticks : write what is believed of each tick, too.
+    model_hash : of the model with its noise, and of what is known.
+    settings_hash : of all but ``with_ticks``, and of the version.
+    """
+
+    model: Model
+    knowledge: PriorMap
+    topic: str | None
+    frame: str | None
+    relative_to: str | None
+    with_ticks: bool
+    model_hash: str
+    settings_hash: str
+
+
+def settings_of(
+    model: Model,
+    knowledge: PriorMap,
+    topic: str | None = None,
+    frame: str | None = None,
+    relative_to: str | None = None,
+    with_ticks: bool = False,
+) -> Settings:
+    """The settings with their hashes."""
+    model_hash = fingerprint((model, knowledge))
+    settings_hash = fingerprint((__version__, model_hash, topic, frame, relative_to))
+    return Settings(model, knowledge, topic, frame, relative_to, with_ticks, model_hash, settings_hash)

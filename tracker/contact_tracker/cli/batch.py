@@ -1,0 +1,133 @@
+"""``contact-tracker batch``: many recordings into one dataset."""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from contact_tracker.cli.arguments import add_model, add_source, model_of
+from contact_tracker.cli.known import add_known, knowledge_of
+from contact_tracker.cli.status import DAMAGED, DONE
+from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
+from contact_tracker.errors import UsageError
+from contact_tracker.exports.suffixes import require_library
+from contact_tracker.extras import extra
+
+if TYPE_CHECKING:
+    from contact_tracker.batch.processes import Jobs
+    from contact_tracker.batch.rows import Row
+
+HELP: Final = "segment many recordings into one dataset of Parquet files"
+DESCRIPTION: Final = f"""\
+Segment many recordings into a dataset: a Parquet file of segments for each of them, and
+DATASET/summary.parquet with a row for each. Called once more, it does what is new: other recordings,
+recordings whose content has changed, or another model. A recording that cannot be used is a row with
+the error, and the others go on; the exit code is {DAMAGED} then."""
+EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
+_MOST_TOLD: Final = 10
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "logs",
+        nargs="+",
+        metavar="LOG",
+        help="recordings, folders to search for MCAP files and ROS bags, URLs (s3://, https://, ...), or - "
+        "for names on stdin, one a line",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DATASET", help="the folder of the dataset"
+    )
+    parser.add_argument(
+        "--ticks", action="store_true", help="write the beliefs of all ticks, too: some ten times as much"
+    )
+    add_source(parser)
+    add_model(parser)
+    add_known(parser)
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--processes",
+        type=_processes,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="recordings at once (default: as many as there are cores)",
+    )
+    where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
+    parser.add_argument(
+        "--rehash",
+        action="store_true",
+        help="read all recordings to see whether they have changed, also where size, time and inode have not",
+    )
+
+
+def _processes(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 to 1024")
+    return int(text)
+
+
+def run(args: argparse.Namespace) -> int:
+    if "://" in str(args.output):
+        raise UsageError(
+            f"cannot write {args.output}: a dataset is a folder of this machine or a shared disk"
+        )
+    require_library(Path("summary.parquet"))
+
+    from contact_tracker.batch.dataset import open_dataset
+    from contact_tracker.batch.finding import find
+    from contact_tracker.batch.run import Batch
+    from contact_tracker.batch.settings import settings_of
+
+    chosen = args.topic, args.frame, args.relative_to, args.ticks
+    settings = settings_of(model_of(args), knowledge_of(args), *chosen)
+    recordings = list(find(_names(args.logs)))
+    told = 0
+
+    def tell(row: "Row") -> None:
+        nonlocal told
+        text = row["error"] or (row["damage"] and f"{row['recording']}: {row['damage']}")
+        if text:
+            told += 1
+            if told <= _MOST_TOLD:
+                warn(text)
+
+    with (
+        open_dataset(Path(os.path.abspath(args.output))) as dataset,
+        progress("batch", "recordings", len(recordings)) as set_done,
+    ):
+        batch = Batch(settings, dataset, tell, set_done, args.rehash)
+        outcome = batch.run(recordings, lambda: _workers(args))
+    if told > _MOST_TOLD:
+        warn(f"{told - _MOST_TOLD} more cannot be used or are damaged: the summary names them")
+    say(
+        f"{outcome.total} recordings: {outcome.done} done now, {outcome.unchanged} unchanged; of all, "
+        f"{outcome.bad} cannot be used and {outcome.damaged} are damaged; {args.output / 'summary.parquet'}"
+    )
+    return DAMAGED if outcome.bad or outcome.damaged else DONE
+
+
+def _names(logs: list[str]) -> Iterator[str]:
+    """As given; those on standard input end with a line, or with a NUL where there is one."""
+    for log in logs:
+        if log != "-":
+            yield log
+            continue
+        data = sys.stdin.buffer.read()
+        lines = data.split(b"\0") if b"\0" in data else data.splitlines()
+        names = [os.fsdecode(line) for line in lines if line]
+        if not names:
+            raise UsageError("there are no names of recordings on standard input")
+        yield from names
+
+
+def _workers(args: argparse.Namespace) -> "AbstractContextManager[Jobs]":
+    if args.scheduler is None:
+        from contact_tracker.batch.processes import local_processes
+
+        return local_processes(args.processes, take_over_warnings)
+    with extra("cluster", "--scheduler"):
+        from contact_tracker.batch.cluster import dask_cluster
+    return dask_cluster(args.scheduler)

@@ -1,0 +1,84 @@
+"""Several recordings, or several objects in one: the input and the output of each."""
+
+import argparse
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from contact_tracker.errors import UsageError
+
+PLACE: Final = "{}"
+"""Stands for the name of a recording, and of an object, in the name of an output."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording and source. ``name`` is unlike those of the other jobs; ``output`` None is stdout."""
+
+    log: str
+    topic: str | None
+    frame: str | None
+    name: str
+    output: Path | None
+
+    def arguments(self, args: argparse.Namespace) -> argparse.Namespace:
+        """``args`` of this job alone."""
+        own = {"log": self.log, "topic": self.topic, "frame": self.frame, "output": self.output}
+        return argparse.Namespace(**{**vars(args), **own})
+
+
+def jobs_of(args: argparse.Namespace) -> list[Job]:
+    """A job for each of ``args.logs``, with ``args.all`` for each source of poses in each of them.
+
+    Raises
+    ------
+    UsageError
+        Two jobs would write the same file, or a recording would have to be read twice that cannot be.
+    InputError
+        With ``args.all``, a recording cannot be read or has no source of poses.
+    """
+    if len(args.logs) > 1 and "-" in args.logs:
+        raise UsageError("standard input is read alone, without other recordings")
+    found = [job for log in args.logs for job in (_objects(log, args) if args.all else _whole(log, args))]
+    outputs = [job.output for job in found if job.output is not None]
+    if len(found) > 1 and args.output is not None and PLACE not in str(args.output):
+        raise UsageError(
+            f"{len(found)} outputs cannot all be {args.output}: write {PLACE} where the name of each goes, "
+            f"as in {args.output.with_stem(PLACE)}"
+        )
+    if doubled := {str(output) for output in outputs if outputs.count(output) > 1}:
+        raise UsageError(f"several recordings would be written to {min(doubled)}: take them one by one")
+    return found
+
+
+def _whole(log: str, args: argparse.Namespace) -> Iterator[Job]:
+    yield Job(log, args.topic, args.frame, log, _output(args.output, [_stem(log)]))
+
+
+def _objects(log: str, args: argparse.Namespace) -> Iterator[Job]:
+    from contact_tracker.errors import NoPoses
+    from contact_tracker.recording import list_sources
+
+    if log == "-":
+        raise UsageError("--all reads a recording twice: name a file, not -")
+    sources = [s for s in list_sources(log) if args.topic is None or s.topic == args.topic]
+    sources = [s for s in sources if args.frame is None or s.is_named(args.frame)]
+    if not sources:
+        raise NoPoses(f"{log}: no source of poses; contact-tracker info shows what is in it")
+    for source in sources:
+        body = source.child_frame_id or source.topic
+        output = _output(args.output, [_stem(log), body])
+        yield Job(log, f"{source.topic}:{source.type}", source.frames or None, f"{log} {source}", output)
+
+
+def _stem(log: str) -> str:
+    return "stdin" if log == "-" else Path(log).resolve().stem
+
+
+def _output(pattern: Path | None, names: Iterable[str]) -> Path | None:
+    if pattern is None:
+        return None
+    plain = "-".join(re.sub(r"[^\w.-]+", "_", name).strip("_") for name in names)
+    return Path(str(pattern).replace(PLACE, plain))

@@ -1,0 +1,42 @@
+"""Elements of a further contact at their greatest likelihood, as those of the first (docs/theory.md, T26)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.hypotheses.bank import Bank, blank
+from contact_tracker.hypotheses.contact_geometry import contact_geometry
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.refinement import refine
+from contact_tracker.hypotheses.refit import accumulate_window
+from contact_tracker.motion.window import Window
+
+Array = NDArray[np.float64]
+
+
+class FittedElements(NamedTuple):
+    """A ``bank`` of one hypothesis with the elements x; ``information`` (P, P) of its ``window`` on them."""
+
+    model: ContactModel
+    bank: Bank
+    window: Window
+    information: Array
+
+    @property
+    def x(self) -> Array:
+        """(S,)"""
+        return np.asarray(self.bank.x[0])
+
+    def geometry(self, scales: EvidenceParameters, origin_m: Array) -> ContactGeometry:
+        """The elements with covariance; ``origin_m`` as of ``contact_geometry``."""
+        return contact_geometry(self.bank, 0, self.model, scales, self.window, origin_m, self.information)
+
+
+def fit_elements(model: ContactModel, x: Array, window: Window, scales: EvidenceParameters) -> FittedElements:
+    """Go from near the minimum, x (S,), to it, with the noise of each tick of the window."""
+    bank = accumulate_window(blank(model, 1).replace_columns(x=x[None]), model, window, scales)
+    fitted, information = refine(bank, model, window, scales)
+    return FittedElements(model, fitted, window, information)

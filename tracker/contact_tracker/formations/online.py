@@ -1,0 +1,257 @@
+"""Further contacts while poses come in: bounded work in each tick (docs/theory.md, section 18).
+
+Now and then constraints are looked for that the last ticks keep; if there may be some, kinds are searched for
+one after the other, one in a tick. What was found is weighed anew in every tick.
+"""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.formations.conditional import ConditionalMotion, count_constraints
+from contact_tracker.formations.further import (
+    SIX,
+    SURE_NATS,
+    Candidate,
+    FormationTicks,
+    KnownContact,
+    best_of,
+    found_in,
+    inseparable_kinds,
+    longest,
+    promising_kinds,
+    refined,
+    weigh,
+)
+from contact_tracker.formations.presence import Presence, Run
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.motion.used_directions import used_directions
+from contact_tracker.states import CONTACTS, Contact
+
+Array = NDArray[np.float64]
+
+LONGEST_TICKS: Final = 150
+"""So many of the last ticks are weighed."""
+SPANS: Final = (40, 100)
+"""In the last so many ticks constraints are looked for."""
+LOOK_TICKS: Final = 10.0
+LONGEST_WAIT_TICKS: Final = 20.0
+"""After so many ticks with motion they are looked for again; after each vain search the next one waits
+longer, up to so many ticks."""
+REFIT_SHARE: Final = 1.5
+"""Elements are fitted again when they have touched for so many times as long as at the last fit."""
+REMEMBERED: Final = 3
+MOST: Final = 2
+"""Further contacts at once."""
+
+
+class Elements(NamedTuple):
+    """Of a contact: its kind and x (S,)."""
+
+    contact: Contact
+    x: Array
+
+    @property
+    def known(self) -> KnownContact:
+        return KnownContact(CONTACT_MODELS[self.contact.column], self.x)
+
+
+class Held(NamedTuple):
+    """A further contact that was found: it ``holds`` since the tick ``since``, or does so no more."""
+
+    elements: Elements
+    geometry: ContactGeometry
+    inseparable: tuple[Contact, ...]
+    constraints: int
+    """Of the first contact and all further ones up to this one."""
+    log_odds: float
+    since: int
+    holds: bool
+    fitted_ticks: int
+    """For so many ticks it had held when its elements were fitted."""
+
+
+class Beside(NamedTuple):
+    """What is known of contacts beside the ``first``; bounded in size.
+
+    ``remembered`` elements may touch again when the first contact has changed. ``queue`` are the kinds that
+    are still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds``
+    says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
+    last look, ``wait`` is how many there must be. ``is_open``: more constraints are kept than those of the
+    contacts that are told, by motion that does not show which.
+    """
+
+    first: Elements | None = None
+    held: tuple[Held, ...] = ()
+    remembered: tuple[Elements, ...] = ()
+    queue: tuple[Contact, ...] = ()
+    span: int = 0
+    found: tuple[Elements, ...] = ()
+    kinds: bool = False
+    waited: float = 0.0
+    wait: float = LOOK_TICKS
+    is_open: bool = False
+
+
+NOTHING_BESIDE: Final = Beside()
+
+
+def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m: Array) -> Beside:
+    """One tick on: the newest of ``ticks``, all of which are of the ``first`` contact."""
+    window = ticks.window
+    motion = ConditionalMotion.of(window, ticks.scales)
+    beside = _beside(beside, first, motion)
+    beside = beside._replace(waited=beside.waited + float(window.motion_ratio[-1]))
+    looks = bool(beside.queue) or beside.waited >= beside.wait
+    if not beside.held and not looks:
+        return beside
+    motion = motion.keeping(first.c)
+    held = []
+    for one in beside.held:
+        now, runs = _weighed(one, ticks, motion, origin_m)
+        held.append(now)
+        for run in runs:
+            motion = motion.keeping(one.elements.known.c, *run)
+    beside = beside._replace(held=tuple(held))
+    if sum(one.holds for one in held) >= MOST:
+        return beside._replace(queue=(), found=())
+    if beside.queue:
+        return _searched(beside, ticks, motion, first, origin_m)
+    return _looked(beside, ticks, motion, first, origin_m) if looks else beside
+
+
+def interrupted(beside: Beside) -> Beside:
+    """No contact is sure: nothing is told beside it, and no search goes on."""
+    held = tuple(one._replace(holds=False) for one in beside.held)
+    return beside._replace(held=held, queue=(), found=(), is_open=False)
+
+
+def _beside(beside: Beside, first: KnownContact, motion: ConditionalMotion) -> Beside:
+    """The same if the first contact is that of before; else all that was known is remembered."""
+    elements, before = Elements(first.model.contact, first.x), beside.first
+    if before is None:
+        return beside._replace(first=elements)
+    if before.contact is elements.contact and _is_same(motion, before.known, first):
+        return beside._replace(first=elements)
+    known = [before, *(one.elements for one in beside.held), *beside.remembered]
+    return Beside(elements, remembered=tuple(known[:REMEMBERED]), wait=0.0)
+
+
+def _is_same(motion: ConditionalMotion, one: KnownContact, other: KnownContact) -> bool:
+    """Whether two contacts of one kind constrain the newest tick alike."""
+    newest = motion.cut(len(motion) - 1, len(motion))
+    return count_constraints(newest, [one.c, other.c]) == one.model.contact.codimension
+
+
+def _weighed(
+    one: Held, ticks: FormationTicks, motion: ConditionalMotion, origin_m: Array
+) -> tuple[Held, tuple[Run, ...]]:
+    """The same by the newest tick, and when it held."""
+    candidate = weigh(ticks, motion, one.elements.known)
+    if candidate is None or candidate.presence.log_odds <= 0.0:
+        return one._replace(holds=False), ()
+    last = candidate.presence.runs[-1]
+    if last.end < len(motion):
+        return one._replace(holds=False, log_odds=candidate.presence.log_odds), candidate.presence.runs
+    begins = int(ticks.window.index[last.first])
+    since = min(one.since, begins) if one.holds and last.first == 0 else begins
+    log_odds = max(candidate.presence.log_odds, one.log_odds) if one.holds else candidate.presence.log_odds
+    now = one._replace(holds=one.holds or log_odds > SURE_NATS, log_odds=log_odds, since=since)
+    held_for = last.end - last.first
+    if now.holds and held_for >= REFIT_SHARE * one.fitted_ticks:
+        better, fitted = refined(ticks, motion, candidate)
+        now = now._replace(
+            elements=Elements(one.elements.contact, better.known.x),
+            geometry=fitted.geometry(ticks.scales, origin_m),
+            fitted_ticks=held_for,
+        )
+    return now, candidate.presence.runs
+
+
+def _looked(
+    beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact, origin_m: Array
+) -> Beside:
+    """What is remembered may touch; if it does not, kinds of constraints that the last ticks may keep."""
+    beside = beside._replace(waited=0.0, wait=max(beside.wait, LOOK_TICKS))
+    candidates = [weigh(ticks, motion, one.known) for one in beside.remembered]
+    best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
+    if best is not None:
+        return _accepted(beside, best, [], ticks, motion, first, origin_m)
+    for span in SPANS:
+        some = motion.cut(len(motion) - min(span, len(motion)), len(motion))
+        models = promising_kinds(some)
+        if models:
+            queue = tuple(model.contact for model in models)
+            return beside._replace(queue=queue, span=len(some), found=(), kinds=False)
+        if len(some) < span:
+            break
+    return beside._replace(is_open=False)
+
+
+def _searched(
+    beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact, origin_m: Array
+) -> Beside:
+    """One kind more; after the last, what follows from all that was found."""
+    kind, *queue = beside.queue
+    run = Run(max(len(motion) - beside.span, 0), len(motion))
+    new = (Elements(kind, one.known.x) for one in found_in(ticks, motion, CONTACT_MODELS[kind.column], run))
+    beside = beside._replace(queue=tuple(queue), found=(*beside.found, *new))
+    if queue:
+        return beside
+    candidates = [*_candidates(beside, ticks, motion)]
+    best = best_of(candidates)
+    if best is None:
+        return beside._replace(found=(), wait=min(2.0 * beside.wait, LONGEST_WAIT_TICKS), is_open=False)
+    if beside.kinds:
+        return _accepted(beside, best, candidates, ticks, motion, first, origin_m)
+    return beside._replace(
+        queue=CONTACTS, found=(Elements(best.known.model.contact, best.known.x),), kinds=True
+    )
+
+
+def _candidates(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
+    for one in beside.found:
+        candidate = weigh(ticks, motion, one.known)
+        if candidate is not None and _is_now(candidate.presence, motion):
+            yield candidate
+
+
+def _is_now(presence: Presence, motion: ConditionalMotion) -> bool:
+    return presence.runs[-1].end == len(motion)
+
+
+def _accepted(
+    beside: Beside,
+    best: Candidate,
+    candidates: list[Candidate],
+    ticks: FormationTicks,
+    motion: ConditionalMotion,
+    first: KnownContact,
+    origin_m: Array,
+) -> Beside:
+    """With the best candidate among those that hold, if the motion uses the freedom that all leave."""
+    beside = beside._replace(queue=(), found=(), kinds=False, wait=LOOK_TICKS)
+    best, elements = refined(ticks, motion, best)
+    holding = [one for one in beside.held if one.holds]
+    before = holding[-1].constraints if holding else first.model.contact.codimension
+    run = longest(best.presence)
+    contacts = [first.c, *(one.elements.known.c for one in holding), best.known.c]
+    constraints = count_constraints(motion.cut(*run), contacts)
+    uses_freedom = used_directions(ticks.window.cut(*run)) >= SIX - constraints
+    if constraints <= before or not uses_freedom or not _is_now(best.presence, motion):
+        return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
+    kind, last = best.known.model.contact, best.presence.runs[-1]
+    held = Held(
+        Elements(kind, best.known.x),
+        elements.geometry(ticks.scales, origin_m),
+        inseparable_kinds(best, candidates, constraints - before),
+        constraints,
+        best.presence.log_odds,
+        int(ticks.window.index[last.first]),
+        True,
+        last.end - last.first,
+    )
+    return beside._replace(held=(*holding, held), is_open=False)

@@ -1,0 +1,224 @@
+"""Elements of a further contact, from moments of the ticks alone (docs/theory.md, T36).
+
+The squares of a residual must be as small as the noise, and motion that keeps the contacts known before must
+be able to make it large: of what these imply it is not. All three are quadratic forms of the residual's
+coefficients.
+"""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.contacts.parameter_layout import turns
+from contact_tracker.formations.conditional import ConditionalMotion
+from contact_tracker.geometry.vectors import unit
+from contact_tracker.hypotheses import gauss_newton
+from contact_tracker.hypotheses.evidence import weak_prior
+from contact_tracker.hypotheses.global_search import directions
+from contact_tracker.hypotheses.quadratic_prior import Prior
+from contact_tracker.motion.lifted_pose import R, T
+from contact_tracker.motion.window import Window
+from contact_tracker.states import Contact
+
+Array = NDArray[np.float64]
+
+LEAST_RATIO: Final = 2.0
+"""A further constraint may be kept where motion could have violated it by so many times the squares that are
+left of it; each contact has one row or more with that."""
+RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
+"""Every contact keeps the constraint of at least one of these."""
+NOISE_SHARE: Final = 0.1
+RIDGE: Final = 1e-9
+ROUNDING: Final = 1e-14
+"""Of the trace of the squares: sums of squares are not known better."""
+SCREENED: Final = 12
+ROUNDS: Final = ((4, 5), (10, 2))
+"""So many steps, and on from so many of the best."""
+FIRST_DAMPING: Final = 1.0
+LESS: Final = 0.3
+MORE: Final = 6.0
+TINY: Final = 1e-12
+RELAXED_STARTS: Final = 2
+DRAWS: Final = 7
+"""A seed of random directions."""
+
+
+class Moments(NamedTuple):
+    """Mean squares (C, C) of a contact's lifted poses over some ticks, each over the noise of its position.
+
+    ``square`` of what was measured, ``free`` of what motion that keeps the contacts known before makes of it
+    in a tick, and ``noise`` of what noise does.
+    """
+
+    square: Array
+    free: Array
+    noise: Array
+    ticks: int
+
+
+def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
+    """Of ticks (W,)."""
+    weight = 1.0 / motion.noise_sd[:, 3:4]
+    square = model.lifted(motion.new) * weight
+    moved = np.swapaxes(motion.free, 1, 2) @ motion.moved
+    free = (model.lifted(moved) * weight[:, None]).reshape(-1, square.shape[1])
+    noise = (model.lifted(motion.moved * motion.noise_sd[:, :, None]) * weight[:, None]).reshape(
+        -1, square.shape[1]
+    )
+    count = len(motion)
+    return Moments(square.T @ square / count, free.T @ free / count, noise.T @ noise / count, count)
+
+
+def relaxed_ratio(of: Moments) -> float:
+    """The largest ratio of what motion could have made of a residual to what is left of it, whatever its
+    coefficients: no contact has a larger one (but for noise)."""
+    lower, free = _whitened(of)
+    return float(np.linalg.eigvalsh(_congruent(lower, free))[-1])
+
+
+def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
+    """Starts with the directions that solve the relaxed problem; the others are those of x (B, S)."""
+    lower, free = _whitened(of)
+    scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
+    vectors = np.linalg.eigh(_congruent(lower, free))[1][:, : -1 - RELAXED_STARTS : -1]
+    c = (np.linalg.solve(lower.T, vectors) / scale[:, None]).T
+    form, starts = model.family.FORM, []
+    for one in c:
+        start = np.array(x)
+        if form.h < 0:
+            left, _, right = np.linalg.svd(one[9:18].reshape(3, 3))
+            start = start[:1]
+            start[:, form.d1 : form.d1 + 3], start[:, form.d2 : form.d2 + 3] = right[0], left[:, 0]
+        else:
+            normal = unit(one[9:12])
+            start[:, form.d2 : form.d2 + 3] = normal
+            if model.contact is Contact.FF:
+                rotation = of.square[:9, 12].reshape(3, 3)
+                start = start[:1]
+                start[:, form.d1 : form.d1 + 3] = unit(normal @ rotation)
+        starts.append(start)
+    return np.concatenate(starts)
+
+
+def _whitened(of: Moments) -> tuple[Array, Array]:
+    """The lower factor of the squares, with a little noise, and the free motion, both scaled by the noise."""
+    scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
+    outer = scale[:, None] * scale
+    lift = ROUNDING * of.square.trace()
+    square = (of.square + NOISE_SHARE * of.noise + lift * np.eye(len(scale))) / outer
+    square += RIDGE * np.trace(of.noise / outer) * np.eye(len(square))
+    return np.linalg.cholesky(square), of.free / outer
+
+
+def _congruent(lower: Array, matrix: Array) -> Array:
+    half = np.linalg.solve(lower, matrix)
+    return np.asarray(np.linalg.solve(lower, half.T))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Local minima x (B, S) of one contact with the cost (B,), lowest first."""
+
+    model: ContactModel
+    x: Array
+    cost: Array
+
+
+def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach_m: float) -> Found:
+    """Search for elements of ``model`` in the ticks of ``motion``, which are those of ``window``."""
+    family = model.family
+    anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
+    prior = weak_prior(family, anchors, reach_m)
+    problem = _Problem(model, moments(model, motion), prior, anchors)
+    turn = window.zeta[-1, R].reshape(3, 3)
+    x = model.turned(directions(model, DRAWS), turn)
+    x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
+    x = x[np.argsort(problem.ratio(x), kind="stable")[:SCREENED]]
+    for steps, kept in ROUNDS:
+        x = problem.descend(x, steps)
+        x = x[np.argsort(problem.ratio(x), kind="stable")[:kept]]
+    cost = problem.cost(x)
+    best = np.argsort(cost, kind="stable")
+    return Found(model, x[best], cost[best])
+
+
+class _Problem(NamedTuple):
+    """One contact, some ticks: half the squares over the noise, less what motion could have made of them."""
+
+    model: ContactModel
+    of: Moments
+    prior: Prior
+    anchors: Array
+
+    def cost(self, x: Array) -> Array:
+        """(B,) nats at x (B, S)."""
+        c = self.model.family.rows(x)
+        square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
+        terms = square / noise - np.log1p(free / noise)
+        return np.asarray(0.5 * self.of.ticks * terms.sum(axis=1) + self._prior(x).cost(x))
+
+    def ratio(self, x: Array) -> Array:
+        """(B,) squares over what motion could have made of them: of what is implied that is large."""
+        c = self.model.family.rows(x)
+        square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
+        return np.asarray((square / noise).sum(axis=1) / (free / noise).sum(axis=1))
+
+    def complete(self, x: Array) -> Array:
+        """x (B, S) with coordinates at which its directions cost least."""
+        count = len(x)
+        return gauss_newton.complete(
+            self.model.family,
+            np.broadcast_to(self.of.square, (count, *self.of.square.shape)) * self.of.ticks,
+            np.ones((count, self.model.family.ROWS)),
+            self._prior(x),
+            self.anchors.repeat(count, axis=0),
+            x,
+        )[0]
+
+    def descend(self, x: Array, steps: int) -> Array:
+        """Some damped steps from x (B, S); where they lead."""
+        family, anchors = self.model.family, self.anchors.repeat(len(x), axis=0)
+        cost, damping = self.cost(x), np.full(len(x), FIRST_DAMPING)
+        for _ in range(steps):
+            tangent, gradient, hessian = self._normal(x, anchors)
+            diagonal = np.einsum("bii->bi", hessian)
+            turning = turns(family.FORM)
+            diagonal += 1e-9 + 1e-3 * damping[:, None] * diagonal
+            diagonal[:, turning] += damping[:, None]
+            step = -np.linalg.solve(hessian, gradient[..., None])
+            there = family.normalise(x + (tangent @ step)[..., 0], anchors)
+            then = self.cost(there)
+            better = then < cost
+            x, cost = np.where(better[:, None], there, x), np.where(better, then, cost)
+            damping = np.clip(damping * np.where(better, LESS, MORE), 1e-6, 1e9)
+        return x
+
+    def _normal(self, x: Array, anchors: Array) -> tuple[Array, Array, Array]:
+        family, prior = self.model.family, self._prior(x)
+        tangent, c = family.tangent(x, anchors), family.rows(x)
+        along = np.swapaxes(tangent, -1, -2)
+        slopes = along[:, None] @ family.rows_derivative(x)  # (B, K, P, C)
+        square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
+        # half the derivative of each form
+        d_square, d_free, d_noise = ((slopes @ matrix @ c[..., None])[..., 0] for matrix in self.of[:3])
+        pull = (
+            d_square / noise[..., None]
+            - (square / noise**2)[..., None] * d_noise
+            - (d_free + d_noise) / (free + noise)[..., None]
+            + d_noise / noise[..., None]
+        )
+        ticks = self.of.ticks
+        curvature = (slopes / noise[..., None, None]) @ self.of.square @ np.swapaxes(slopes, -1, -2)
+        gradient = ticks * pull.sum(axis=1) + (along @ prior.gradient(x)[..., None])[..., 0]
+        hessian = ticks * curvature.sum(axis=1) + along @ prior.precision @ tangent
+        return tangent, gradient, hessian
+
+    def _form(self, c: Array, matrix: Array) -> Array:
+        """(B, K)"""
+        return np.asarray(np.maximum(((c @ matrix) * c).sum(axis=-1), TINY))
+
+    def _prior(self, x: Array) -> Prior:
+        return self.prior.pick(np.zeros(len(x), np.int64))
