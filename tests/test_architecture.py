@@ -27,7 +27,7 @@ LAYERS = (
     ("adaptation",),
     ("extras",),
     ("recording", "simulate", "evaluation", "prior_map_files", "saved_state", "interrupts"),
-    ("calibration", "outputs"),
+    ("calibration", "outputs", "replication"),
     ("viewer",),
     ("exports",),
     ("batch",),

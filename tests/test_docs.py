@@ -2,15 +2,11 @@
 
 import ast
 import math
-import os
 import re
-import subprocess
-import sys
-from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
-from itertools import islice, pairwise, takewhile
+from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
@@ -22,6 +18,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.recording.message_types import POSE_TYPES
 from contact_tracker.states import Contact
+from page_steps import FENCED, Step, assert_shown, carried_out, steps
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
@@ -30,37 +27,6 @@ MODELS = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
 EXAMPLES = ROOT / "docs" / "examples"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 TUTORIAL = (ROOT / "docs" / "tutorial_first_segmentation.md").read_text(encoding="utf-8")
-FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-SETUP = "$ source .venv/bin/activate"  # the reader's; here, the package is at hand already
-
-
-class Step(NamedTuple):
-    """A command or a piece of Python, and the output that the tutorial shows."""
-
-    language: str
-    code: str
-    shown: str
-
-
-def steps(text: str) -> Iterator[Step]:
-    """What the reader does, in order; a text block shows the output of the Python before it."""
-    blocks = FENCED.findall(text)
-    for (language, block), (next_language, next_block) in pairwise([*blocks, ("", "")]):
-        if language == "python":
-            yield Step(language, block, next_block if next_language == "text" else "")
-        elif language == "console":
-            lines = block.splitlines()
-            assert lines[0].startswith("$ "), f"a console block starts with a command: {lines[0]}"
-            for i, line in enumerate(lines):
-                if line.startswith("$ ") and line != SETUP:
-                    shown = takewhile(lambda following: not following.startswith("$ "), lines[i + 1 :])
-                    yield Step(language, line[2:], "\n".join(shown))
-
-
-def loosely(output: str) -> list[str]:
-    """Lines with numbers masked and spaces joined: figures may differ from machine to machine."""
-    return [" ".join(NUMBER.sub("N", line).split()) for line in output.splitlines() if line.strip()]
 
 
 def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
@@ -81,24 +47,6 @@ def test_the_calibration_on_the_models_page_runs_as_it_is_written(tmp_path: Path
     assert done.returncode == 0, done.stderr
     assert_shown(step, done.stdout)
     assert load_model(str(tmp_path / "mine.toml")).transitions.counts.begins[0] == 2.0
-
-
-def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str]":
-    """Run a step where ``contact-tracker`` is this checkout."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "PYTHON": sys.executable}
-    program = 'contact-tracker() { "$PYTHON" -m contact_tracker "$@"; }\n'
-    shell = ["bash", "-c", program + step.code]
-    command = shell if step.language == "console" else [sys.executable, "-c", step.code]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-
-
-def assert_shown(step: Step, output: str) -> None:
-    """Lines agree one by one; a line ``...`` in the tutorial stands for all that follow it."""
-    expected, got = loosely(step.shown), loosely(output)
-    if expected[-1] == "...":
-        expected.pop()
-        got = got[: len(expected)]
-    assert got == expected, f"$ {step.code}"
 
 
 def with_short_recording(folder: Path, name: str) -> Path:

@@ -10,10 +10,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, filtfilt, lfilter
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
 from contact_tracker.motion.poses import Poses
+from contact_tracker.simulate.filters import low_pass, rate_hz, smoothed
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -28,10 +29,6 @@ def seconds(poses: Poses) -> Array:
     return np.asarray((poses.stamp_ns - poses.stamp_ns[0]) * 1e-9)
 
 
-def rate_hz(poses: Poses) -> float:
-    return 1e9 / float(np.median(np.diff(poses.stamp_ns)))
-
-
 def turned(poses: Poses, turn: Array) -> Array:
     """Quaternions (N, 4) after turns (N, 3) about the body's axes."""
     return np.asarray((Rotation.from_quat(poses.quat_xyzw) * Rotation.from_rotvec(turn)).as_quat())
@@ -40,27 +37,12 @@ def turned(poses: Poses, turn: Array) -> Array:
 # Filtered or interpolated before they were recorded: noise is correlated.
 
 
-def smoothed(poses: Poses, smooth: Callable[[Array], Array]) -> Poses:
-    """Positions and quaternions (their signs do not jump) through a filter along the first axis."""
-    quat = smooth(poses.quat_xyzw)
-    norm = np.linalg.norm(quat, axis=1)[:, None]
-    return replace(poses, position_m=smooth(poses.position_m), quat_xyzw=quat / norm)
-
-
 def moving_average(poses: Poses, frames: int) -> Poses:
     def smooth(rows: Array) -> Array:
         wide = np.pad(rows, ((frames // 2, frames // 2), (0, 0)), mode="edge")
         return np.asarray(np.array([wide[i : i + len(rows)] for i in range(frames)]).mean(axis=0))
 
     return smoothed(poses, smooth)
-
-
-def low_pass(poses: Poses, cutoff_hz: float) -> Poses:
-    """Butterworth of second order, forth and back; slow poses are left as they are."""
-    if rate_hz(poses) <= 2.2 * cutoff_hz:
-        return poses
-    b, a = butter(2, 2.0 * cutoff_hz / rate_hz(poses))
-    return smoothed(poses, lambda rows: np.asarray(filtfilt(b, a, rows, axis=0)))
 
 
 def exponential(poses: Poses, share: float) -> Poses:

@@ -24,13 +24,14 @@ from scipy.stats import chi2
 import kept_tables
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.evaluation.bound import cramer_rao
+from contact_tracker.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
 from contact_tracker.evaluation.elements import Deviation
 from contact_tracker.evaluation.geometry_errors import ElementError, geometry_errors
 from contact_tracker.evaluation.scoring import Scoring, scoring
 from contact_tracker.evaluation.tables import number, table
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import estimate_noise
+from contact_tracker.paper.reported import REPORTED_ERRORS
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
@@ -45,33 +46,12 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 SIDES: Final = ("object", "environment")
 BAND: Final = 0.95
 GOAL: Final = 1.3
-DRAWS: Final = 400
 MOSTLY: Final = 0.5
 
 
 SIMULATED: Final = ("noise", "contact", "side", "error", "median", "bound", "x bound", "nees", "95 % band")
 AGAINST_PAPER: Final = ("contact", "side", "error", "n", "median", "worst", "bound", "paper's")
 COVARIANCE: Final = ("set", "elements", "n", "nees", "95 % band", "median", "within 95 %")
-PAPER: Final = {
-    (Contact.FF, "object"): (0.12, np.nan),
-    (Contact.FF, "environment"): (0.12, np.nan),
-    (Contact.EF, "object"): (0.76, 5.6),
-    (Contact.EF, "environment"): (0.72, np.nan),
-    (Contact.VF, "object"): (np.nan, 9.4),
-    (Contact.VF, "environment"): (0.14, np.nan),
-    (Contact.EE, "object"): (0.43, 6.3),
-    (Contact.EE, "environment"): (0.15, 4.0),
-}
-"""The paper's own errors, deg and mm, of the object's and of the environment's element."""
-
-
-def parts(contact: Contact, side: int, size: int) -> Iterator[tuple[str, slice]]:
-    """Which entries of an error are angles (rad) and which distances (m)."""
-    angles = 0 if contact.value[2 * side] == "v" else 2
-    if angles:
-        yield "angle", slice(0, angles)
-    if size > angles:
-        yield "distance", slice(angles, size)
 
 
 def over_bound(error: Array, bound: Array) -> tuple[float, float, float]:
@@ -81,9 +61,7 @@ def over_bound(error: Array, bound: Array) -> tuple[float, float, float]:
     """
     least = np.sqrt(np.trace(bound, axis1=1, axis2=2))
     size = np.linalg.norm(error, axis=1)
-    drawn = np.random.default_rng(0).normal(size=(len(bound), DRAWS, bound.shape[1]))
-    reached = np.linalg.norm(drawn @ np.linalg.cholesky(bound).swapaxes(1, 2), axis=2)
-    worse = np.median(size / least) / np.median(reached / least[:, None])
+    worse = np.median(size / least) / np.median(errors_at_bound(bound) / least[:, None])
     return float(np.median(size)), float(np.median(least)), float(worse)
 
 
@@ -101,7 +79,7 @@ def simulation_rows(name: str, contact: Contact, found: Sequence[Found]) -> Iter
     for side, title in enumerate(SIDES):
         error, bound = (np.array([getattr(f, key)[side] for f in found]) for key in ("error", "bound"))
         nees, low, high = mean_deviation(f.deviation[side] for f in found)
-        for kind, part in parts(contact, side, error.shape[1]):
+        for kind, part in angles_and_distances(contact, side, error.shape[1]):
             size, least, worse = over_bound(error[:, part], bound[:, part, part])
             unit, per = ("deg", float(np.degrees(1.0))) if kind == "angle" else ("mm", 1e3)
             figures = number(size * per, 4), number(least * per, 4), number(worse, 2), number(nees, 2)
@@ -129,7 +107,8 @@ def judge(path: Path) -> Judged:
         )
         for side, bound in zip(SIDES, least, strict=True):
             square = {
-                k: np.trace(bound[p, p]) for k, p in parts(interval.contact, SIDES.index(side), len(bound))
+                k: np.trace(bound[p, p])
+                for k, p in angles_and_distances(interval.contact, SIDES.index(side), len(bound))
             }
             rms = (
                 np.degrees(np.sqrt(square.get("angle", np.nan))),
@@ -151,7 +130,7 @@ def rightly_labelled(segments: Iterable[Segment], scored: Scoring) -> list[Segme
 
 
 def paper_rows(judged: Sequence[Judged]) -> Iterator[list[str]]:
-    for (contact, side), best in PAPER.items():
+    for (contact, side), best in REPORTED_ERRORS.items():
         mine = [row for j in judged for row in j.rows if (row.contact, row.side) == (contact, side)]
         least = [j.bounds[contact, side] for j in judged if (contact, side) in j.bounds]
         for column, kind in enumerate(("angle deg", "distance mm")):

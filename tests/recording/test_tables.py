@@ -13,10 +13,12 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import list_sources, open_log, summarise
 from contact_tracker.recording.extras import MissingExtra
 from mcap_logs import smooth_poses
+from motive_export import ABOUT, HEADS, VALUES, write_motive
 
 pytest.importorskip("polars")
 POSES = smooth_poses(300)
 OTHER = smooth_poses(300, seed=5)
+HIDDEN = slice(100, 110)
 
 
 def columns(poses: Poses) -> np.ndarray:
@@ -121,50 +123,10 @@ def test_several_bodies_in_named_columns(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
 
 
-_BODY = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
-_VALUES = ["Rotation"] * 4 + ["Position"] * 3
-_NAMES = [*["cup"] * 8, *['"cup:Marker, 1"'] * 3, *["table"] * 7]
-ABOUT = (
-    "Format Version,{version},Take Name,take,Capture Frame Rate,200.0,Export Frame Rate,200.0,"
-    "Capture Start Time,2023-06-02 12.09.45 PM,Rotation Type,{rotation},Length Units,{units},"
-    "Coordinate Space,Global"
-)
-HEADS = {
-    "1.22": [["", "", *_BODY], ["", "", *_NAMES]],
-    "1.23": [["", "Type", *_BODY], ["", "Name", *_NAMES], ["", "ID", *map(str, range(18))]],
-    "1.25": [
-        ["", "Type", *_BODY],
-        ["", "Name", *_NAMES],
-        ["", "ID", *map(str, range(18))],
-        ["", "Parent", *["Root"] * 18],
-    ],
-}
-"""The rows of names that formats of Motive 2 and 3 have, as in exports that others have published."""
-
-
-def write_motive(
-    path: Path, rotation: str = "Quaternion", units: str = "Millimeters", version: str = "1.23"
-) -> Path:
-    """As Motive exports two rigid bodies and a marker; one body is hidden for a while."""
-    scale = 1e3 if units == "Millimeters" else 1.0
-    with path.open("w", newline="", encoding="utf-8-sig") as file:
-        file.write(ABOUT.format(version=version, rotation=rotation, units=units) + "\n\n")
-        file.writelines(",".join(row) + "\n" for row in HEADS[version])
-        file.write(",".join(["", "", *_VALUES, "Mean Marker Error", *["Position"] * 3, *_VALUES]) + "\n")
-        file.write("Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,X,Y,Z,W,X,Y,Z\n")
-        for i, (a, b) in enumerate(zip(POSES, OTHER, strict=True)):
-            first = [*a.quat_xyzw, *(scale * v for v in a.position_m), 0.1]
-            second = [*b.quat_xyzw, *(scale * v for v in b.position_m)]
-            if 100 <= i < 110:
-                first = [""] * 8
-            csv.writer(file).writerow([i, f"{i / 200:.6f}", *first, 0, 0, 0, *second])
-    return path
-
-
 @pytest.mark.parametrize("units", ["Millimeters", "Meters"])
 @pytest.mark.parametrize("version", HEADS)
 def test_motive(tmp_path: Path, units: str, version: str) -> None:
-    path = str(write_motive(tmp_path / "take.csv", units=units, version=version))
+    path = str(write_motive(tmp_path / "take.csv", POSES, OTHER, units=units, version=version, hidden=HIDDEN))
     with pytest.raises(AmbiguousSource, match=r"take.csv ->cup \(Motive\); take.csv ->table \(Motive\)"):
         open_log(path)
     log = open_log(path, frame="cup")
@@ -187,22 +149,26 @@ def motive(kinds: list[str], names: list[str], values: list[str], axes: str, spa
 
 def test_motive_bodies_of_one_name_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
-    path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, _VALUES * 2, "XYZWXYZ" * 2))
+    path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))
     assert [source.child_frame_id for source in list_sources(str(path))] == ["cup", "cup 2"]
 
 
 def test_motive_bones_are_read_in_global_coordinates_only(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
-    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, _VALUES, "XYZWXYZ"))
+    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, VALUES, "XYZWXYZ"))
     assert [source.child_frame_id for source in list_sources(str(path))] == ["hand"]
-    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, _VALUES, "XYZWXYZ", space="Local"))
+    path.write_text(motive(["Bone"] * 7, ["hand"] * 7, VALUES, "XYZWXYZ", space="Local"))
     with pytest.raises(UnreadableRecording, match=r"no rigid body has both .* in global coordinates"):
         open_log(str(path))
 
 
 def test_rows_of_exports_may_be_shorter_than_others(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
-    lines = write_motive(tmp_path / "whole.csv").read_text(encoding="utf-8-sig").splitlines()
+    lines = (
+        write_motive(tmp_path / "whole.csv", POSES, OTHER, hidden=HIDDEN)
+        .read_text(encoding="utf-8-sig")
+        .splitlines()
+    )
     path.write_text("\n".join([*lines[:7], "0,0.0,,,,", *lines[8:]]))
     found = Poses.collect(open_log(str(path), frame="table"))
     np.testing.assert_allclose(found.position_m, OTHER.position_m[1:], rtol=0, atol=1e-12)
@@ -267,7 +233,7 @@ def test_what_a_table_lacks_is_said(tmp_path: Path, text: str, message: str) -> 
 
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnreadableRecording, match="rotations are XYZ: export it from Motive"):
-        open_log(str(write_motive(tmp_path / "a.csv", rotation="XYZ")))
+        open_log(str(write_motive(tmp_path / "a.csv", POSES, OTHER, rotation="XYZ")))
     with pytest.raises(UnreadableRecording, match="rotations of cup are three angles or a helical vector"):
         open_log(str(write_vicon(tmp_path / "b.csv", quaternions=False)))
     path = write_vicon(tmp_path / "c.csv", quaternions=False, kind="Objects", about="Global Angle (Helical) ")

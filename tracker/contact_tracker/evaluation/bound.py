@@ -6,6 +6,7 @@ frame tells of theta is the second in units of the first (docs/theory.md, T25). 
 differences of the contact's exact residuals at the true poses and elements, and know nothing of a fit.
 """
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -18,9 +19,11 @@ from contact_tracker.evaluation.geometry_errors import places
 from contact_tracker.geometry.elements import ContactGeometry, Plane, numbers
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
+DRAWS: Final = 400
 _STEP: Final = 1e-5
 
 
@@ -67,6 +70,24 @@ def cramer_rao(
         jacobian = (rows[:half] - rows[half:]).T / (2.0 * _STEP)
         bounds.append(jacobian @ np.linalg.solve(information, jacobian.T))
     return bounds[0], bounds[1]
+
+
+def angles_and_distances(contact: Contact, side: int, size: int) -> Iterator[tuple[str, slice]]:
+    """Which of the ``size`` entries of ``errors`` are angles (rad) and which distances (m).
+
+    ``side`` is 0 for the object's element and 1 for the environment's.
+    """
+    angles = 0 if contact.value[2 * side] == "v" else 2
+    if angles:
+        yield "angle", slice(0, angles)
+    if size > angles:
+        yield "distance", slice(angles, size)
+
+
+def errors_at_bound(bound: Array) -> Array:
+    """Sizes (n, 400) of errors as an estimator makes them that attains the bounds (n, d, d)."""
+    drawn = np.random.default_rng(0).normal(size=(len(bound), DRAWS, bound.shape[1]))
+    return np.asarray(np.linalg.norm(drawn @ np.linalg.cholesky(bound).swapaxes(1, 2), axis=2))
 
 
 def _information(

@@ -1,0 +1,70 @@
+"""What the documentation tells its readers to do, step by step, and doing it in a folder.
+
+A block marked ``console`` has commands after ``$ ``, each followed by what it prints; ``...`` stands for the
+rest of that. Blocks marked ``python`` are run as they are, and a ``text`` block after one is what it prints.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from itertools import pairwise, takewhile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+FENCED = re.compile(r"^```(console|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+SETUP = {
+    "$ python3 -m venv .venv",
+    "$ .venv/bin/pip install -q -e '.[all]'",
+    "$ source .venv/bin/activate",
+}
+"""The reader's; here, the package is at hand already."""
+
+
+class Step(NamedTuple):
+    """A command or a piece of Python, and the output that the page shows."""
+
+    language: str
+    code: str
+    shown: str
+
+
+def steps(text: str) -> Iterator[Step]:
+    """What the reader does, in order; a text block shows the output of the Python before it."""
+    blocks = FENCED.findall(text)
+    for (language, block), (next_language, next_block) in pairwise([*blocks, ("", "")]):
+        if language == "python":
+            yield Step(language, block, next_block if next_language == "text" else "")
+        elif language == "console":
+            lines = block.splitlines()
+            assert lines[0].startswith("$ "), f"a console block starts with a command: {lines[0]}"
+            for i, line in enumerate(lines):
+                if line.startswith("$ ") and line not in SETUP:
+                    shown = takewhile(lambda following: not following.startswith("$ "), lines[i + 1 :])
+                    yield Step(language, line[2:], "\n".join(shown))
+
+
+def carried_out(step: Step, folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run a step where ``contact-tracker`` and ``python`` are this checkout's."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "tracker"), "PYTHON": sys.executable}
+    programs = 'contact-tracker() { "$PYTHON" -m contact_tracker "$@"; }\npython() { "$PYTHON" "$@"; }\n'
+    shell = ["bash", "-c", programs + step.code]
+    command = shell if step.language == "console" else [sys.executable, "-c", step.code]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def loosely(output: str) -> list[str]:
+    """Lines with numbers masked and spaces joined: figures may differ from machine to machine."""
+    return [" ".join(NUMBER.sub("N", line).split()) for line in output.splitlines() if line.strip()]
+
+
+def assert_shown(step: Step, output: str) -> None:
+    """Lines agree one by one; a line ``...`` on the page stands for all that follow it."""
+    expected, got = loosely(step.shown), loosely(output)
+    if expected[-1] == "...":
+        expected.pop()
+        got = got[: len(expected)]
+    assert got == expected, f"$ {step.code}"

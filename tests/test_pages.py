@@ -1,0 +1,163 @@
+"""The pages of the site run as they are written, and the site is built of all of them."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.recording import open_log
+from mcap_logs import Topic, transform, write_log
+from motive_export import write_motive
+from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
+
+DOCS = ROOT / "docs"
+PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
+RUN_HERE = {"beliefs.md", "knowledge.md", "live_robot.md", "models.md", "motion_capture.md", "robot_tf.md"}
+RUN_IN_TEST_DOCS = {"tutorial_first_segmentation.md", "python.md"}
+SET_UP = {"index.md", "formats.md"}  # how to install, which .ci/run does
+LONG = {"paper.md"}  # run on fewer recordings below
+TF = "tf2_msgs/msg/TFMessage"
+UP = np.array([0.566, 0.556, 0.609])
+"""Which way the desk of ``paper_experiment`` looks."""
+
+
+def page(name: str) -> str:
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+def test_every_page_with_commands_is_run_somewhere() -> None:
+    with_steps = {
+        name for name in PAGES if {"console", "python"} & {kind for kind, _ in FENCED.findall(page(name))}
+    }
+    assert with_steps == RUN_HERE | RUN_IN_TEST_DOCS | SET_UP | LONG
+
+
+@pytest.mark.parametrize("name", sorted(RUN_HERE))
+def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("polars")
+    (tmp_path / "recordings").symlink_to(ROOT / "recordings")
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    write_samples(name, tmp_path)
+    for step in steps(page(name)):
+        done = carried_out(step, tmp_path)
+        assert done.returncode == 0, f"{step.code}\n{done.stderr}"
+        if step.shown:
+            assert_shown(step, done.stdout)
+
+
+def write_samples(name: str, folder: Path) -> None:
+    """The files that a page supposes its reader to have."""
+    if name == "motion_capture.md":
+        write_take(folder / "take.csv")
+    if name == "robot_tf.md":
+        write_robot(folder / "robot.mcap")
+    if name == "knowledge.md":
+        (folder / "LOG").symlink_to(ROOT / "recordings" / "paper_experiment.mcap")
+        (toml, *_) = re.findall(r"^```toml\n(.*?)^```$", page(name), re.MULTILINE | re.DOTALL)
+        (folder / "bench.toml").write_text(toml, encoding="utf-8")
+        pytest.importorskip("trimesh").creation.box((100.0, 100.0, 100.0)).export(folder / "part.stl")
+
+
+def recorded(seconds: float) -> Poses:
+    """The paper's experiment after its rest."""
+    poses = Poses.collect(open_log(str(ROOT / "recordings" / "paper_experiment.mcap")))
+    return poses[1000 : 1000 + round(200 * seconds)]
+
+
+def write_take(path: Path) -> None:
+    """A cup on a table, with y up."""
+    axis = np.cross(UP, [0.0, 1.0, 0.0])
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arccos(UP[1] / np.linalg.norm(UP)))
+    poses = recorded(15.0)
+    cup = Poses(
+        poses.stamp_ns,
+        turn.apply(poses.position_m),
+        (turn * Rotation.from_quat(poses.quat_xyzw)).as_quat(),
+    )
+    rng = np.random.default_rng(0)
+    still = np.tile([0.4, 0.7, 0.1], (len(cup), 1)) + rng.normal(0.0, 3e-4, (len(cup), 3))
+    shaken = Rotation.from_rotvec(rng.normal(0.0, 1e-3, (len(cup), 3))).as_quat()
+    write_motive(path, cup, Poses(cup.stamp_ns, still, shaken))
+
+
+def write_robot(path: Path) -> None:
+    """``base`` to ``flange`` moves, the object is mounted on the flange."""
+    poses = recorded(12.0)
+    mount = Rotation.from_euler("xyz", [0.3, -0.5, 0.7])
+    turns = Rotation.from_quat(poses.quat_xyzw) * mount.inv()
+    places = poses.position_m - turns.apply([0.0, 0.0, 0.08])
+    moving = [
+        (stamp, {"transforms": [transform(stamp, place, quat, frame="base", child="flange")]})
+        for stamp, place, quat in zip(poses.stamp_ns.tolist(), places, turns.as_quat(), strict=True)
+    ]
+    fixed = Pose(int(poses.stamp_ns[0]), (0.0, 0.0, 0.08), tuple(mount.as_quat()))
+    still = [(fixed.stamp_ns, {"transforms": [transform(*fixed, frame="flange", child="object")]})]
+    write_log(path, [Topic("/tf", TF, moving), Topic("/tf_static", TF, still)])
+
+
+def test_the_page_on_the_paper_is_what_its_command_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for the figures, of which fewer recordings give others."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(str(DOCS / "examples"))
+    import paper
+
+    paper.main(["--recordings", "1", "--slsqp-every", "300", "--processes", "1", "--docs", str(tmp_path)])
+    written = (tmp_path / "paper.md").read_text(encoding="utf-8")
+    assert without_figures(written) == without_figures(page("paper.md"))
+    for name in ("geometry", "sequence_white", "sequence_filtered"):
+        assert (tmp_path / "images" / f"paper_{name}.png").stat().st_size > 10_000
+
+
+def without_figures(text: str) -> list[str]:
+    return [re.sub(r"^\| N ", "| ", line) for line in loosely(text)]
+
+
+def test_the_pictures_of_the_contacts_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(str(DOCS / "examples"))
+    import contact_pictures
+
+    for contact in contact_pictures.CONTACTS:
+        figure = contact_pictures.draw_contact(contact)
+        assert figure.axes
+        assert contact_pictures.path_of(contact).exists()
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    listed = re.findall(
+        r"(?:: |- )([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert sorted(listed) == PAGES
+
+
+def test_formulas_become_mathml(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mkdocs")
+    pytest.importorskip("latex2mathml")
+    monkeypatch.syspath_prepend(str(DOCS))
+    import mkdocs_hooks
+
+    html = mkdocs_hooks.on_page_content(
+        r'<span class="arithmatex">\(n\cdot x &lt; h\)</span>', None, None, None
+    )
+    assert html.startswith("<math")
+    assert "&#x0003C;" in html
+    assert "arithmatex" not in html
+    assert sys.modules["mkdocs_hooks"].OUTWARD.sub(r"\1", "[a](../models/b.toml) [c](d.md)") == "a [c](d.md)"
+
+
+def test_descriptions_of_parameters_are_no_types(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("griffe")
+    monkeypatch.syspath_prepend(str(DOCS))
+    import docstring_descriptions
+
+    parameters = "a, b : (N, 3), in m;\n    of : all.\nc : one.\n\nReturns\n-------\nd : x"
+    before = f"Say.\n\nParameters\n----------\n{parameters}"
+    after = docstring_descriptions.with_descriptions_below(before)
+    parameters = after.partition("----------\n")[2]
+    assert parameters == "a, b\n    (N, 3), in m;\n    of : all.\nc\n    one.\n\nReturns\n-------\nd : x"

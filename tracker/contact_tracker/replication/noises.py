@@ -1,0 +1,21 @@
+"""What becomes of the white noise of the simulated sensor before poses are recorded."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Final
+
+from contact_tracker.motion.poses import Poses
+from contact_tracker.simulate.filters import low_pass
+
+CUTOFF_HZ: Final = 20.0
+
+
+def _as_measured(poses: Poses) -> Poses:
+    return poses
+
+
+NOISES: Final[Mapping[str, Callable[[Poses], Poses]]] = MappingProxyType(
+    {"white": _as_measured, "filtered": partial(low_pass, cutoff_hz=CUTOFF_HZ)}
+)
+"""``filtered``: a Butterworth low-pass, forth and back, as software of motion capture has it."""
