@@ -44,15 +44,20 @@ class SegmentTicks:
     model: Model
     knowledge: PriorMap
     origin_m: Array
+    wrench_evidence: Array | None = None
+    """(7,) log evidence of each state by measured wrenches."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """Of one segment, as in ``Belief``."""
+    """Of one segment, as in ``Belief``: its ``contact``, and where wrenches have chosen that among contacts which
+    motion does not tell apart, the ``share`` (7,) of each in their probability."""
 
+    contact: Contact
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...]
     restricted: float
+    share: Array | None = None
 
 
 def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
@@ -74,15 +79,17 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     )
     others = ambiguity.indistinguishable(label, rivals, underused)
     inseparable = tuple(other for other in others if knowledge.allows(other))
-    restricted = ambiguity.p_deliberate(underused, window, model.tick_s)
+    restricted, share = ambiguity.p_deliberate(underused, window, model.tick_s), None
+    if segment.wrench_evidence is not None:
+        label, inseparable, share = ambiguity.told_by_wrenches(label, inseparable, segment.wrench_evidence)
     if label is Contact.FREE:
-        return SegmentFit(None, inseparable, restricted)
+        return SegmentFit(label, None, inseparable, restricted, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fits[label.column], contact, window, scales)
     pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
     where = contact_geometry(fitted, 0, contact, scales, window, segment.origin_m, information)
-    return SegmentFit(named(where, pair), inseparable, restricted)
+    return SegmentFit(label, named(where, pair), inseparable, restricted, share)
 
 
 def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
@@ -122,16 +129,20 @@ class FinishedSegment(NamedTuple):
 
     def with_fit(self, fit: SegmentFit) -> tuple[Segment, Beliefs]:
         """The segment and the beliefs of its ticks."""
-        contact = STATES[self.column]
+        contact, column = fit.contact, fit.contact.column
         beliefs = np.zeros(len(self.rows), BELIEF)
         for belief, given in zip(beliefs, self.posterior, strict=True):
-            belief["probability"] = ambiguity.redistribute(given, contact, fit.inseparable, fit.restricted)
+            belief["probability"] = (
+                ambiguity.redistribute(given, contact, fit.inseparable, fit.restricted)
+                if fit.share is None
+                else ambiguity.shared(given, fit.share)
+            )
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
-        beliefs["contact"], beliefs["residual"] = self.column, self.rows["residual"]
+        beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["inseparable"] = [state in fit.inseparable for state in STATES]
         beliefs["restricted"] = fit.restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
-        probability = float(beliefs["probability"][:, self.column].mean())
+        probability = float(beliefs["probability"][:, column].mean())
         segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable)
         return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)])
