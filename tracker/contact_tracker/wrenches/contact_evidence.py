@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.vectors import cross, dot
 from contact_tracker.states import STATES
 from contact_tracker.wrenches.line_of_action import FLOOR_M, LinesOfAction, fixed_direction, fixed_in_both
-from contact_tracker.wrenches.load import ContactWrenches
+from contact_tracker.wrenches.load import ContactWrenches, skew
 
 Array = NDArray[np.float64]
 
@@ -54,30 +54,31 @@ class WrenchEvidence:
         force = self.wrenches.force_n[rows]
         square = dot(force, force)
         typical = float(np.median(dot(self.wrenches.force_n, self.wrenches.force_n))) + FREE_SD_N**2
-        variance = np.minimum(FREE_SD_N**2 + self.wrenches.force_variance[rows], typical)
+        variance = np.minimum(FREE_SD_N**2 + self.wrenches.force_variance(rows), typical)
         ratio = 0.5 * square * (1.0 / variance - 1.0 / typical) - 1.5 * np.log(typical / variance)
         return float(np.clip(ratio, *FREE_CLIP).sum())
 
     def _of_kinds(self, rows: NDArray[np.int64]) -> Array:
         """Log evidence (6,) of each contact, by the lines of action that are significant."""
         wrenches = self.wrenches
-        force, variance = wrenches.force_n[rows], wrenches.force_variance[rows]
+        force, variance = wrenches.force_n[rows], wrenches.force_variance(rows)
         strong = dot(force, force) > SIGNIFICANT**2 * 3.0 * variance
-        rows, force, variance = rows[strong], force[strong], variance[strong]
+        rows, force = rows[strong], force[strong]
         if len(rows) < FEWEST_TICKS:
             return np.zeros(len(STATES) - 1)
-        moment, rotation = wrenches.moment_nm[rows], wrenches.ticks.rotation[rows]
-        square = dot(force, force)
+        moment, rotation, square = wrenches.moment_nm[rows], wrenches.ticks.rotation[rows], dot(force, force)
         foot = cross(force, moment) / square[:, None]
-        place = (wrenches.moment_variance[rows] + dot(foot, foot) * variance) / square + FLOOR_M**2
+        place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
         middle = foot.mean(axis=0)  # elements are near: their prior is about where the force acts
-        body = LinesOfAction(force, moment - cross(middle, force), place)
-        turned = np.einsum("tij,tj->ti", rotation, force)
-        about = np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
-        about = about - about.mean(axis=0)
-        world = LinesOfAction(
-            turned, np.einsum("tij,tj->ti", rotation, body.moment_nm) + cross(about, turned), place
+        of_force, of_moment = (errors[rows] for errors in wrenches.load_errors)
+        body = LinesOfAction(
+            force,
+            moment - cross(middle, force),
+            place + FLOOR_M**2,
+            of_force,
+            of_moment - skew(middle) @ of_force,
         )
+        world = body.seen_from_world(rotation, np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows])
         of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
         edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()
         mean = rotation.mean(axis=0)

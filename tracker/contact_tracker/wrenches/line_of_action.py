@@ -36,12 +36,21 @@ REFINEMENTS: Final = 2
 
 @dataclass(frozen=True, eq=False)
 class LinesOfAction:
-    """Forces and moments (T, 3) of ticks in one frame about its origin, and the variance (T,) of their place
-    across the force (m^2)."""
+    """Forces and moments of ticks in one frame about its origin.
+
+    Parameters
+    ----------
+    force_n, moment_nm : (T, 3).
+    variance_m2 : (T,) of the place across the force, independent from tick to tick.
+    common_n, common_nm : (T, 3, P) by how much P standard errors, which are the same in all ticks, change forces
+        and moments.
+    """
 
     force_n: Array
     moment_nm: Array
     variance_m2: Array
+    common_n: Array
+    common_nm: Array
 
     @property
     def direction(self) -> Array:
@@ -58,34 +67,48 @@ class LinesOfAction:
         """What a row earns in all ticks that it holds."""
         return float(0.5 * np.log(self.excess / self.variance_m2).sum())
 
+    def seen_from_world(self, rotation: Array, origin_m: Array) -> "LinesOfAction":
+        """The same in the world, for bodies with ``rotation`` (T, 3, 3) and frames at ``origin_m`` (T, 3); about
+        the mean of these."""
+        force = np.einsum("tij,tj->ti", rotation, self.force_n)
+        moment = np.einsum("tij,tj->ti", rotation, self.moment_nm)
+        about = origin_m - origin_m.mean(axis=0)
+        of_force = rotation @ self.common_n
+        of_moment = rotation @ self.common_nm + skew(about) @ of_force
+        return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
+
     def through_point(self) -> float:
         """Log evidence that all go through one point of the frame."""
         strength = np.linalg.norm(self.force_n, axis=1)
         across = skew(self.direction)
-        design = across @ skew(self.force_n) / strength[:, None, None]
+        design = across @ np.concatenate([skew(self.force_n) * REACH_M, self.common_nm], axis=2)
+        design /= strength[:, None, None]
         target = np.einsum("tij,tj->ti", across, self.moment_nm) / strength[:, None]
         weight = 1.0 / self.variance_m2 - 1.0 / self.excess
-        prior = EYE / REACH_M**2
-        information = np.einsum("t,tji,tjk->ik", weight, design, design) + prior
+        information = np.einsum("t,tji,tjk->ik", weight, design, design) + np.eye(design.shape[2])
         pull = np.einsum("t,tji,tj->i", weight, design, target)
         squares = float(weight @ dot(target, target) - pull @ np.linalg.solve(information, pull))
-        price = 0.5 * (np.linalg.slogdet(information)[1] - np.linalg.slogdet(prior)[1])
-        return 2.0 * self.row_gain - 0.5 * squares - float(price)
+        return 2.0 * self.row_gain - 0.5 * squares - 0.5 * float(np.linalg.slogdet(information)[1])
 
     def twist(self) -> float:
         """Log evidence that there is no moment about the lines themselves: only against, not in favour, since
         little friction leaves none in any contact."""
-        twist_m = dot(self.force_n, self.moment_nm) / dot(self.force_n, self.force_n)
+        strength = np.linalg.norm(self.force_n, axis=1)
+        twist_m = dot(self.direction, self.moment_nm) / strength
+        common = np.einsum("ti,tij->tj", self.direction, self.common_nm) / strength[:, None]
         least = self.variance_m2 - FLOOR_M**2 + TWIST_M**2
-        return float(-0.5 * (twist_m**2 * (1.0 / least - 1.0 / (least + WANDER_M**2))).sum())
+        weight = 1.0 / least - 1.0 / (least + WANDER_M**2)
+        pull = common.T @ (weight * twist_m)
+        information = (common.T * weight) @ common + np.eye(common.shape[1])
+        return float(-0.5 * (weight @ twist_m**2 - pull @ np.linalg.solve(information, pull)))
 
     def along_lines(self) -> "LineFits":
         """Log likelihoods that all meet one line of the frame, which is normal to the mean force, by its
         direction."""
-        strength_sq = dot(self.force_n, self.force_n)
-        weight = (1.0 / self.variance_m2 - 1.0 / self.excess) / strength_sq
-        rows = np.concatenate([self.moment_nm, self.force_n], axis=1)
-        moments = np.einsum("t,ti,tj->ij", weight, rows, rows)
+        weight = (1.0 / self.variance_m2 - 1.0 / self.excess) / dot(self.force_n, self.force_n)
+        rows = np.concatenate([self.moment_nm[..., None], self.common_nm, skew(self.force_n) * REACH_M], axis=2)
+        count = rows.shape[2]
+        moments = np.einsum("t,tia,tjb->iajb", weight, rows, rows).reshape(3 * count, 3 * count)
         normal = unit(self.direction.sum(axis=0))
         first, second = sphere_tangent(normal).T
         middle, half = 0.5 * np.pi, 0.5 * np.pi
@@ -126,16 +149,24 @@ class LineFits:
 
 
 def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
-    """(N,) of lines with ``direction`` (N, 3), their places being integrated over: m = a n + b n x d."""
+    """(N,) of lines with ``direction`` (N, 3), the place of each and the common errors being integrated over.
+
+    ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, what common errors change of it, and what a
+    shift of the line changes; lines shift across themselves, along the ``normal`` and within the plane.
+    """
+    count, size = len(moments) // 3, len(direction)
     side = cross(normal, direction)
-    by_moment, mixed, by_force = moments[:3, :3], moments[:3, 3:], moments[3:, 3:]
-    squares = dot(direction @ by_moment, direction)
-    up, along = direction @ mixed @ normal, dot(direction @ mixed, side)
-    prior = REACH_M**-2
-    aa, bb, ab = normal @ by_force @ normal + prior, dot(side @ by_force, side) + prior, side @ by_force @ normal
-    determinant = aa * bb - ab**2
-    left = squares - (bb * up**2 - 2.0 * ab * up * along + aa * along**2) / determinant
-    return np.asarray(-0.5 * left - 0.5 * np.log(determinant / prior**2))
+    columns = np.zeros((size, 3, count, count - 1))  # of the rows, in one row along the direction
+    for column in range(count - 3):
+        columns[:, :, column, column] = direction
+    shifts = np.stack([np.broadcast_to(normal, side.shape), side], axis=2)
+    columns[:, :, count - 3 :, count - 3 :] = direction[:, :, None, None] * shifts[:, None]
+    columns = columns.reshape(size, 3 * count, count - 1)
+    found = columns.swapaxes(1, 2) @ moments @ columns
+    information = found[:, 1:, 1:] + np.eye(count - 2)
+    pull = found[:, 1:, 0]
+    left = found[:, 0, 0] - dot(pull, np.linalg.solve(information, pull[..., None])[..., 0])
+    return np.asarray(-0.5 * left - 0.5 * np.linalg.slogdet(information)[1])
 
 
 def fixed_direction(direction: Array) -> float:

@@ -23,7 +23,7 @@ NEAR_N: Final = 1.0
 """Weights that agree within so much are the same load: of free ticks, other than of those in contact."""
 LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
 """Of the mean of a tick (N^2, (N m)^2): what no sensor beats, and tremor leaves."""
-BIAS_SD: Final = (2.0, 0.2)
+BIAS_SD: Final = (1.0, 0.1)
 """Prior standard deviations of the sensor's bias per axis (N, N m)."""
 CENTRE_SD_M: Final = 0.3
 """Of the centre of mass about the body's origin."""
@@ -65,18 +65,44 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class ContactWrenches:
-    """Wrench of the surroundings on the object about the body's origin, in its axes, (T, 3) each, with the
-    variance (T,) per axis that noise and the load leave; ``is_measured`` as of ``TickWrenches``."""
+    """Wrench of the surroundings on the object about the body's origin, in its axes, (T, 3) each.
+
+    Parameters
+    ----------
+    force_noise, moment_noise : (T,) variance of the mean per axis, by noise.
+    force_by_load, moment_by_load : (T, 3, 6), (T, 3, 12) what the load's numbers have to do with each.
+    """
 
     ticks: TickWrenches
+    load: Load
     force_n: Array
     moment_nm: Array
-    force_variance: Array
-    moment_variance: Array
+    force_noise: Array
+    moment_noise: Array
+    force_by_load: Array
+    moment_by_load: Array
 
     @property
     def is_measured(self) -> Bools:
+        """(T,) as of ``TickWrenches``."""
         return self.ticks.is_measured
+
+    def force_variance(self, rows: NDArray[np.int64]) -> Array:
+        """(n,) per axis, by noise and by the load's errors, in some ticks."""
+        design, covariance = self.force_by_load[rows], self.load.force_covariance
+        return self.force_noise[rows] + np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
+
+    @property
+    def load_errors(self) -> tuple[Array, Array]:
+        """(T, 3, 18) twice: by how much standard errors of the load, one and all independent, change force and
+        moment."""
+        of_force = self.force_by_load @ _root(self.load.force_covariance)
+        of_moment = self.moment_by_load @ _root(self.load.moment_covariance)
+        none = np.zeros_like
+        return (
+            np.concatenate([of_force, none(of_moment)], axis=2),
+            np.concatenate([none(of_force), of_moment], axis=2),
+        )
 
 
 def estimate_load(ticks: TickWrenches, p_free: Array, mass_kg: float | None = None) -> Load | None:
@@ -169,10 +195,13 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
     moment = of_moment @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
     return ContactWrenches(
         ticks,
+        load,
         force - ticks.force_n,
         moment - ticks.moment_nm,
-        np.maximum(ticks.force_variance, LEAST_VARIANCE[0]) + _spread(of_force, load.force_covariance),
-        np.maximum(ticks.moment_variance, LEAST_VARIANCE[1]) + _spread(of_moment, load.moment_covariance),
+        np.maximum(ticks.force_variance, LEAST_VARIANCE[0]),
+        np.maximum(ticks.moment_variance, LEAST_VARIANCE[1]),
+        of_force,
+        of_moment,
     )
 
 
@@ -180,9 +209,10 @@ def _redescending(squares: Array) -> Array:
     return np.asarray(1.0 / (1.0 + 0.25 * squares) ** 2)
 
 
-def _spread(design: Array, covariance: Array) -> Array:
-    """Mean variance per axis (T,)."""
-    return np.asarray(np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0)
+def _root(covariance: Array) -> Array:
+    """Matrix whose product with its transpose is the covariance (P, P)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _solve(design: Array, target: Array, weight: Array, prior: Array, pull: Array) -> tuple[Array, Array]:
