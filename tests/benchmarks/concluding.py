@@ -17,6 +17,7 @@ from typing import Any
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.window import EMPTY_WINDOW
 from contact_tracker.recording import open_log
+from contact_tracker.states import Contact
 from contact_tracker.tracking.forward_pass import FilteredTick, forward
 from contact_tracker.tracking.offline_smoother import Segmenter
 from contact_tracker.tracking.segment_fit import SegmentFit
@@ -27,7 +28,7 @@ class NoFits(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         future: Future[Any] = Future()
-        future.set_result(SegmentFit(None, (), 0.0))
+        future.set_result(SegmentFit(Contact.FREE, None, (), 0.0))
         return future
 
 

@@ -1,5 +1,7 @@
-"""Motion first, then wrenches: what the hand carries is told by the ticks in which motion shows no contact."""
+"""Motion first, then wrenches: what the hand carries is told by the ticks in which motion shows no
+contact."""
 
+from collections.abc import Callable
 from typing import Final
 
 from contact_tracker.adaptation.offline import OfflineTracker
@@ -28,6 +30,7 @@ def wrench_evidence(
     model: Model,
     knowledge: PriorMap = EMPTY_MAP,
     mass_kg: float | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> tuple[WrenchEvidence, Load]:
     """What wrenches of the hand on the object say of its contacts, in the whole of a recording.
 
@@ -36,18 +39,22 @@ def wrench_evidence(
     poses : all of them, validated.
     wrenches : about the body's origin, in its axes, on the clock of the poses.
     mass_kg : of the object and what else the sensor carries, where it is known.
+    progress : called now and then with the number of poses read so far.
 
     Raises
     ------
     NoLoad
         Wrenches and poses do not overlap, or too little free motion shows what the hand carries.
     """
-    found = Segmentation.join(list(OfflineTracker(model, knowledge).pieces(poses, None, Detail.WEIGHTS)))
+    found = Segmentation.join(list(OfflineTracker(model, knowledge).pieces(poses, progress, Detail.WEIGHTS)))
     ticks = average(poses, wrenches.valid, found.stamp_ns)
     if ticks.is_measured.mean() < LEAST_SHARE:
         raise NoLoad("wrenches and poses hardly overlap in time: are their stamps of one clock?")
-    free = found.beliefs.rows["contact"] == Contact.FREE.column
-    load = estimate_load(ticks, free * 0.5 + 0.5 * found.beliefs.probability[:, Contact.FREE.column], mass_kg)
+    column = Contact.FREE.column
+    is_free = found.beliefs.rows["contact"] == column
+    load = estimate_load(ticks, is_free, found.beliefs.probability[:, column], mass_kg)
     if load is None:
-        raise NoLoad("too little free motion shows what the hand carries: weight and sensor bias are not known")
+        raise NoLoad(
+            "too little free motion shows what the hand carries: weight and sensor bias are not known"
+        )
     return WrenchEvidence(contact_wrenches(ticks, load)), load

@@ -12,6 +12,7 @@ from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.terminal import detail, progress, show
 from contact_tracker.cli.workers import add_processes, workers
+from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 
@@ -36,6 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     add_model(parser)
     add_known(parser)
+    add_wrench(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -62,10 +64,11 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
+    wrenches = evidence_of(args.log, args, model, knowledge)
     log = open_log(args.log, args.topic, args.frame)
     source = Source(log, args)
     with progress("segment", "poses", source.expected) as set_done, workers(args.processes) as executor:
-        tracker = OfflineTracker(model, knowledge, executor)
+        tracker = OfflineTracker(model, knowledge, executor, wrenches)
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
             segments = [one for piece in found for one in piece.segments]

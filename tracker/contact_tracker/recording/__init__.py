@@ -8,9 +8,11 @@ from contact_tracker.recording.log import PoseLog, list_sources, open_log
 from contact_tracker.recording.reading import may_be_recording, parts_of
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise
+from contact_tracker.recording.wrenches import WRENCH_TYPE, WrenchLog, read_wrenches
 from contact_tracker.recording.writing import write_recording
 
 __all__ = [
+    "WRENCH_TYPE",
     "Channel",
     "Follow",
     "PoseLog",
@@ -18,6 +20,7 @@ __all__ = [
     "RawMessage",
     "RecordingSummary",
     "SourceSummary",
+    "WrenchLog",
     "list_sources",
     "may_be_recording",
     "need_truth",
@@ -25,6 +28,7 @@ __all__ = [
     "parts_of",
     "read_metadata",
     "read_truth",
+    "read_wrenches",
     "summarise",
     "write_beside",
     "write_recording",

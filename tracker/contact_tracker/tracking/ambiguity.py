@@ -130,7 +130,8 @@ def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...]
 def told_by_wrenches(
     label: Contact, others: tuple[Contact, ...], evidence: Array
 ) -> tuple[Contact, tuple[Contact, ...], Array | None]:
-    """What measured wrenches make of a ``label`` and the ``others``, which motion does not tell from it (T38).
+    """What measured wrenches make of a ``label`` and the ``others``, which motion does not tell from it
+    (T38).
 
     Parameters
     ----------

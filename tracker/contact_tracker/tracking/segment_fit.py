@@ -50,8 +50,8 @@ class SegmentTicks:
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """Of one segment, as in ``Belief``: its ``contact``, and where wrenches have chosen that among contacts which
-    motion does not tell apart, the ``share`` (7,) of each in their probability."""
+    """Of one segment, as in ``Belief``: its ``contact``, and where wrenches have chosen that among
+    contacts which motion does not tell apart, the ``share`` (7,) of each in their probability."""
 
     contact: Contact
     geometry: ContactGeometry | None

@@ -36,7 +36,8 @@ class WrenchEvidence:
         """Log evidence (7,) of each state, to the power ``EXPONENT``, against free motion; None where too
         little is measured.
 
-        The first and the last tick from ``first_ns`` to ``last_ns`` are left out: they may hold another contact.
+        The first and the last tick from ``first_ns`` to ``last_ns`` are left out: they may hold another
+        contact.
         """
         ticks = self.wrenches.ticks
         first, end = ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
@@ -78,7 +79,9 @@ class WrenchEvidence:
             of_force,
             of_moment - skew(middle) @ of_force,
         )
-        world = body.seen_from_world(rotation, np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows])
+        world = body.seen_from_world(
+            rotation, np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
+        )
         of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
         edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()
         mean = rotation.mean(axis=0)

@@ -42,8 +42,8 @@ class LinesOfAction:
     ----------
     force_n, moment_nm : (T, 3).
     variance_m2 : (T,) of the place across the force, independent from tick to tick.
-    common_n, common_nm : (T, 3, P) by how much P standard errors, which are the same in all ticks, change forces
-        and moments.
+    common_n, common_nm : (T, 3, P) by how much P standard errors, which are the same in all ticks, change
+        forces and moments.
     """
 
     force_n: Array
@@ -68,8 +68,8 @@ class LinesOfAction:
         return float(0.5 * np.log(self.excess / self.variance_m2).sum())
 
     def seen_from_world(self, rotation: Array, origin_m: Array) -> "LinesOfAction":
-        """The same in the world, for bodies with ``rotation`` (T, 3, 3) and frames at ``origin_m`` (T, 3); about
-        the mean of these."""
+        """The same in the world, for bodies with ``rotation`` (T, 3, 3) and frames at ``origin_m`` (T, 3);
+        about the mean of these."""
         force = np.einsum("tij,tj->ti", rotation, self.force_n)
         moment = np.einsum("tij,tj->ti", rotation, self.moment_nm)
         about = origin_m - origin_m.mean(axis=0)
@@ -106,7 +106,9 @@ class LinesOfAction:
         """Log likelihoods that all meet one line of the frame, which is normal to the mean force, by its
         direction."""
         weight = (1.0 / self.variance_m2 - 1.0 / self.excess) / dot(self.force_n, self.force_n)
-        rows = np.concatenate([self.moment_nm[..., None], self.common_nm, skew(self.force_n) * REACH_M], axis=2)
+        rows = np.concatenate(
+            [self.moment_nm[..., None], self.common_nm, skew(self.force_n) * REACH_M], axis=2
+        )
         count = rows.shape[2]
         moments = np.einsum("t,tia,tjb->iajb", weight, rows, rows).reshape(3 * count, 3 * count)
         normal = unit(self.direction.sum(axis=0))
@@ -142,8 +144,8 @@ class LineFits:
         return np.asarray(self.direction[self.log_likelihood.argmax()])
 
     def across(self, other: Array) -> float:
-        """What is lost, at least, where the line crosses the direction ``other`` (3,): lines that are parallel
-        constrain the same coordinate, and it counts once."""
+        """What is lost, at least, where the line crosses the direction ``other`` (3,): lines that are
+        parallel constrain the same coordinate, and it counts once."""
         shared = (self.direction @ other) ** 2
         return float((self.log_likelihood - self.log_likelihood.max() - shared * self.row_gain).max())
 
@@ -151,7 +153,8 @@ class LineFits:
 def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
     """(N,) of lines with ``direction`` (N, 3), the place of each and the common errors being integrated over.
 
-    ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, what common errors change of it, and what a
+    ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, what common errors change of it, and
+    what a
     shift of the line changes; lines shift across themselves, along the ``normal`` and within the plane.
     """
     count, size = len(moments) // 3, len(direction)
@@ -161,11 +164,12 @@ def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
         columns[:, :, column, column] = direction
     shifts = np.stack([np.broadcast_to(normal, side.shape), side], axis=2)
     columns[:, :, count - 3 :, count - 3 :] = direction[:, :, None, None] * shifts[:, None]
-    columns = columns.reshape(size, 3 * count, count - 1)
-    found = columns.swapaxes(1, 2) @ moments @ columns
+    projected = columns.reshape(size, 3 * count, count - 1)
+    found = np.asarray(projected.swapaxes(1, 2) @ moments @ projected)
     information = found[:, 1:, 1:] + np.eye(count - 2)
     pull = found[:, 1:, 0]
-    left = found[:, 0, 0] - dot(pull, np.linalg.solve(information, pull[..., None])[..., 0])
+    solved = np.asarray(np.linalg.solve(information, pull[..., None])[..., 0], float)
+    left = found[:, 0, 0] - dot(pull, solved)
     return np.asarray(-0.5 * left - 0.5 * np.linalg.slogdet(information)[1])
 
 
@@ -176,7 +180,8 @@ def fixed_direction(direction: Array) -> float:
 
 
 def fixed_in_both(direction: Array, rotation: Array) -> float:
-    """The same of one direction of the body, which its rotations (T, 3, 3) keep fixed in the world as well."""
+    """The same of one direction of the body, which its rotations (T, 3, 3) keep fixed in the world as
+    well."""
     count, mean = len(direction), rotation.mean(axis=0)
     turned = EYE - mean.T @ mean
     information = REPEATED * count * (EYE / CONE_RAD**2 + turned / PARALLEL_RAD**2)

@@ -1,6 +1,8 @@
-"""What the hand carries: weight, centre of mass, inertia and the sensor's bias, by ticks in which nothing touches.
+"""What the hand carries: weight, centre of mass, inertia and the sensor's bias, by ticks in which nothing
+touches.
 
-Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of the hand (docs/theory.md, T35).
+Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of the hand (docs/theory.md,
+T35).
 """
 
 from dataclasses import dataclass
@@ -94,8 +96,8 @@ class ContactWrenches:
 
     @property
     def load_errors(self) -> tuple[Array, Array]:
-        """(T, 3, 18) twice: by how much standard errors of the load, one and all independent, change force and
-        moment."""
+        """(T, 3, 18) twice: by how much standard errors of the load, one and all independent, change force
+        and moment."""
         of_force = self.force_by_load @ _root(self.load.force_covariance)
         of_moment = self.moment_by_load @ _root(self.load.moment_covariance)
         none = np.zeros_like
@@ -105,7 +107,9 @@ class ContactWrenches:
         )
 
 
-def estimate_load(ticks: TickWrenches, p_free: Array, mass_kg: float | None = None) -> Load | None:
+def estimate_load(
+    ticks: TickWrenches, is_free: Bools, p_free: Array, mass_kg: float | None = None
+) -> Load | None:
     """The load by robust least squares over ticks that are probably free.
 
     Ticks in contact may be among them: the load is what most runs of free ticks agree on, and what stands off
@@ -113,13 +117,13 @@ def estimate_load(ticks: TickWrenches, p_free: Array, mass_kg: float | None = No
 
     Parameters
     ----------
-    p_free : (T,) probability that nothing touches; ticks above one half are used.
+    is_free : (T,) whether motion says that nothing touches: such ticks are used.
+    p_free : (T,) the probability of that.
     mass_kg : where it is known.
     """
-    free = p_free > 0.5
-    usable = ticks.is_measured & free
-    usable[1:] &= free[:-1]
-    usable[:-1] &= free[1:]  # an acceleration takes in the ticks beside it
+    usable = ticks.is_measured & is_free
+    usable[1:] &= is_free[:-1]
+    usable[:-1] &= is_free[1:]  # an acceleration takes in the ticks beside it
     rows = np.flatnonzero(usable)
     if len(rows) < FEWEST_TICKS:
         return None
@@ -129,13 +133,15 @@ def estimate_load(ticks: TickWrenches, p_free: Array, mass_kg: float | None = No
     return _refined(ticks, rows, weight_n, mass_kg)
 
 
-def _agreed_weight(ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None) -> Array | None:
+def _agreed_weight(
+    ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None
+) -> Array | None:
     """The weight (3,) that most runs of ticks agree on: one that holds in one run only may be a contact."""
     held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows])
     off = np.linalg.norm(held[:, None] - held, axis=2)
     run = np.cumsum(np.append(0, np.diff(rows) > 1))
     kernel = p_free / (1.0 + (off / NEAR_N) ** 2)
-    support = sum(kernel[:, run == one].mean(axis=1) for one in range(run[-1] + 1))
+    support = np.sum([kernel[:, run == one].mean(axis=1) for one in range(run[-1] + 1)], axis=0)
     if mass_kg is not None:
         ratio = np.linalg.norm(held, axis=1) / (GRAVITY * mass_kg)
         support = support * np.exp(-0.5 * ((ratio - 1.0) / 0.1) ** 2)
@@ -182,7 +188,15 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         weight = _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
     return Load(
-        weight_n, centre, inertia, bias, moment_bias, by_force * scale, by_moment * scale, scale, float(weight.sum())
+        weight_n,
+        centre,
+        inertia,
+        bias,
+        moment_bias,
+        by_force * scale,
+        by_moment * scale,
+        scale,
+        float(weight.sum()),
     )
 
 
@@ -243,7 +257,7 @@ def _moment_design(ticks: TickWrenches, gravity: Array, rows: NDArray[np.int64])
     """(n, 3, 12) of centre of mass, inertia and bias in the moment of the hand."""
     spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
     inertial = _inertia_times(turning) + np.einsum("tij,tjk->tik", skew(spin), _inertia_times(spin))
-    return np.concatenate([skew(gravity), inertial, np.broadcast_to(EYE, inertial.shape[:1] + (3, 3))], axis=2)
+    return np.concatenate([skew(gravity), inertial, np.broadcast_to(EYE, (len(inertial), 3, 3))], axis=2)
 
 
 def _moment_prior(mass: float) -> Array:

@@ -46,7 +46,8 @@ class TickWrenches:
 
 
 def average(poses: Poses, wrenches: Wrenches, stamp_ns: NDArray[np.int64]) -> TickWrenches:
-    """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the one before."""
+    """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the one
+    before."""
     pose_rows = _rows(poses.stamp_ns, stamp_ns)
     mean = _means(poses.rotation.reshape(-1, 9), pose_rows).reshape(-1, 3, 3)
     quat = np.array([nearest(matrix) for matrix in mean]).reshape(-1, 4)
@@ -83,7 +84,9 @@ def _means(values: Array, rows: NDArray[np.int64]) -> Array:
     """Means (T, D) of the rows (N, D) between bounds; zero of none."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
     count = np.diff(rows)[:, None]
-    return np.asarray(np.where(count, np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values), 0.0))
+    return np.asarray(
+        np.where(count, np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values), 0.0)
+    )
 
 
 def _middle(values: Array) -> Array:
@@ -119,8 +122,8 @@ def _is_steady(time_s: Array, has_poses: Bools) -> Bools:
 
 
 def _motion(quat: Array, position_m: Array, time_s: Array, steady: Bools) -> tuple[Array, Array, Array]:
-    """Acceleration of the origin, angular velocity and acceleration (T, 3), in the body's axes; zero where not
-    ``steady``."""
+    """Acceleration of the origin, angular velocity and acceleration (T, 3), in the body's axes; zero where
+    not ``steady``."""
     linear, spin, turning = np.zeros((3, len(time_s), 3))
     if len(time_s) < 3:
         return linear, spin, turning
