@@ -22,8 +22,8 @@ FREE_CLIP: Final = (-2.0, 3.0)
 """Nats that a tick may say at most, for free motion and against it: a touch may be light."""
 SIGNIFICANT: Final = 5.0
 """Forces below so many standard deviations have no line of action."""
-INERTIA_ERROR: Final = 0.1
-"""Share of the inertial force that second differences miss."""
+MISFIT_NATS: Final = -10.0
+"""Where something touches and each contact fits worse than this, none of them is the window's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class WrenchEvidence:
 
     def log_evidence(self, first_ns: int, last_ns: int) -> Array | None:
         """Log evidence (7,) of each state, to the power ``EXPONENT``, against free motion; None where too
-        little is measured.
+        little is measured, or no contact fits what is.
 
         The first and the last tick from ``first_ns`` to ``last_ns`` are left out: they may hold another
         contact.
@@ -47,7 +47,10 @@ class WrenchEvidence:
             return None
         contact = self._against_free(rows)
         evidence = np.zeros(len(STATES))
-        evidence[:-1] = contact + self._of_kinds(rows)
+        kinds = self._of_kinds(rows)
+        if contact > 0.0 and kinds.max() < MISFIT_NATS:
+            return None  # several contacts one after the other, or at once
+        evidence[:-1] = contact + kinds
         return EXPONENT * evidence
 
     def _against_free(self, rows: NDArray[np.int64]) -> float:

@@ -154,8 +154,8 @@ def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
     """(N,) of lines with ``direction`` (N, 3), the place of each and the common errors being integrated over.
 
     ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, what common errors change of it, and
-    what a
-    shift of the line changes; lines shift across themselves, along the ``normal`` and within the plane.
+    what a shift of the line changes; lines shift across themselves, along the ``normal`` and within the
+    plane.
     """
     count, size = len(moments) // 3, len(direction)
     side = cross(normal, direction)

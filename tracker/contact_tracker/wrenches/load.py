@@ -92,7 +92,8 @@ class ContactWrenches:
     def force_variance(self, rows: NDArray[np.int64]) -> Array:
         """(n,) per axis, by noise and by the load's errors, in some ticks."""
         design, covariance = self.force_by_load[rows], self.load.force_covariance
-        return self.force_noise[rows] + np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
+        by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
+        return np.asarray(self.force_noise[rows] + by_load)
 
     @property
     def load_errors(self) -> tuple[Array, Array]:
@@ -167,7 +168,7 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         given = prior_force.copy()
         pull = np.zeros(6)
         if mass_kg is not None:  # its length is known, not its direction
-            along = weight_n / max(np.linalg.norm(weight_n), 1e-9)
+            along = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
             sd = MASS_SHARE * GRAVITY * mass_kg
             given[:3, :3] += np.outer(along, along) / sd**2
             pull[:3] = along * GRAVITY * mass_kg / sd**2
