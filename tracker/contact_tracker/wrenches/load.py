@@ -31,6 +31,8 @@ CENTRE_SD_M: Final = 0.3
 """Of the centre of mass about the body's origin."""
 GYRATION_M: Final = 0.3
 """Of the radius of gyration."""
+AGREES: Final = 0.07
+"""Share by which weights in single ticks are off a mass that is given."""
 MASS_SHARE: Final = 0.02
 """Error of a mass that is given."""
 
@@ -138,14 +140,15 @@ def _agreed_weight(
     ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None
 ) -> Array | None:
     """The weight (3,) that most runs of ticks agree on: one that holds in one run only may be a contact."""
-    held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows])
+    inertial = (mass_kg or 0.0) * ticks.acceleration[rows]
+    held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows] - inertial)
     off = np.linalg.norm(held[:, None] - held, axis=2)
     run = np.cumsum(np.append(0, np.diff(rows) > 1))
     kernel = p_free / (1.0 + (off / NEAR_N) ** 2)
     support = np.sum([kernel[:, run == one].mean(axis=1) for one in range(run[-1] + 1)], axis=0)
     if mass_kg is not None:
         ratio = np.linalg.norm(held, axis=1) / (GRAVITY * mass_kg)
-        support = support * np.exp(-0.5 * ((ratio - 1.0) / 0.1) ** 2)
+        support = support * np.exp(-0.5 * ((ratio - 1.0) / AGREES) ** 2)
     if not np.max(support) > 0.0:
         return None
     near = off[int(np.argmax(support))] < 2.0 * NEAR_N
