@@ -19,7 +19,7 @@ LAYERS = (
     ("atomic_file",),
     ("geometry", "config", "hmm"),
     ("motion", "ground_truth"),
-    ("contacts", "inspection"),
+    ("contacts", "inspection", "wrenches"),
     ("landmarks", "paper"),
     ("hypotheses",),
     ("formations",),

@@ -19,6 +19,7 @@ import numpy as np
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.window import EMPTY_WINDOW
 from contact_tracker.recording import open_log
+from contact_tracker.states import Contact
 from contact_tracker.tracking.forward_pass import FilteredTick, forward
 from contact_tracker.tracking.offline_smoother import Segmenter
 from contact_tracker.tracking.segment_fit import SegmentFit
@@ -29,7 +30,7 @@ class NoFits(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         future: Future[Any] = Future()
-        future.set_result(SegmentFit(None, (), 0.0, np.zeros(1)))
+        future.set_result(SegmentFit(Contact.FREE, None, (), 0.0, np.zeros(1)))
         return future
 
 

@@ -25,6 +25,7 @@ _PARTS = {
     "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
     "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
     "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
+    "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
     "geometry_msgs/TransformStamped": f"{_HEADER}string child_frame_id\ngeometry_msgs/Transform transform\n",
     "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
@@ -38,6 +39,7 @@ _MAIN = {
     "geometry_msgs/TwistWithCovariance twist\n",
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "std_msgs/msg/String": "string data\n",
+    "geometry_msgs/msg/WrenchStamped": f"{_HEADER}geometry_msgs/Wrench wrench\n",
 }
 SCHEMAS = {
     name: text + "".join(f"{'=' * 80}\nMSG: {part}\n{body}" for part, body in _PARTS.items())

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from contact_tracker.errors import ContactTrackerError
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
+    from contact_tracker.wrenches.wrenches import Wrenches
 
 __version__ = "0.1.0"
 
@@ -21,6 +22,7 @@ __all__ = [
     "Segment",
     "Tracker",
     "Trajectory",
+    "Wrenches",
     "__version__",
     "read",
     "segment",
@@ -34,6 +36,7 @@ _HOMES = {
     "Segment": "tracking.belief",
     "Tracker": "api",
     "Trajectory": "api",
+    "Wrenches": "wrenches.wrenches",
     "read": "api",
     "segment": "api",
 }

@@ -18,6 +18,7 @@ from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 MOST_POSES: Final = 1_000_000
 """After so many the best model so far is taken: poses are kept in memory meanwhile."""
@@ -27,9 +28,14 @@ class OfflineTracker:
     """Segments one recording piece by piece; afterwards ``report`` says what it was adapted to."""
 
     def __init__(
-        self, model: Model, knowledge: PriorMap = EMPTY_MAP, executor: Executor | None = None
+        self,
+        model: Model,
+        knowledge: PriorMap = EMPTY_MAP,
+        executor: Executor | None = None,
+        wrenches: WrenchEvidence | None = None,
     ) -> None:
         self._knowledge = knowledge
+        self._wrenches = wrenches
         self._executor = executor
         self._state = online.start(model, knowledge=knowledge)
 
@@ -57,7 +63,7 @@ class OfflineTracker:
             yield Segmentation()
             return
         everything = _Stream(chain(looked_at, self._inspected(rest)))
-        others = self._knowledge, self._executor, None, detail
+        others = self._knowledge, self._executor, None, detail, self._wrenches
         found = offline_smoother.pieces(everything, best.model, progress, *others)
         waiting = Beliefs.of(early)  # what was said before the model was chosen
         for piece in found:

@@ -1,12 +1,13 @@
 """What held when, from a whole trajectory."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from contact_tracker.adaptation import OfflineTracker, Report
+from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
 from contact_tracker.api.given import Known, ModelLike, Noise, knowledge_of, model_from
 from contact_tracker.api.trajectory import Trajectory, read
 from contact_tracker.errors import UsageError
@@ -25,9 +26,10 @@ from contact_tracker.exports.writing import write_outcome, write_pieces
 from contact_tracker.extras import extra
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
-from contact_tracker.recording import parts_of
+from contact_tracker.recording import parts_of, read_wrenches
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:
     from contact_tracker.exports import pandas_table, polars_table
@@ -186,7 +188,12 @@ class Result:
 
 
 def segment(
-    trajectory: Any, model: ModelLike = "default", known: Known = None, noise: Noise = None
+    trajectory: Any,
+    model: ModelLike = "default",
+    known: Known = None,
+    noise: Noise = None,
+    wrench: str | Wrenches | None = None,
+    mass_kg: float | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -197,6 +204,9 @@ def segment(
     known : a TOML file of what is known (docs/knowledge.md), or a table of the same keys.
     noise : standard deviations of a pose per axis, where they are known: ``"0.3mm,0.15deg"``, or a pair in
         metres and radians.
+    wrench : the wrench of the hand or robot on the object, which decides where motion cannot tell contacts
+        apart: the topic in the recording, or ``Wrenches`` about the body's origin and in its axes.
+    mass_kg : of the object, where it is known; else free motion shows it.
 
     Raises
     ------
@@ -209,9 +219,30 @@ def segment(
     notes = list[str]()
     knowledge = knowledge_of(known, notes.append)
     poses = _trajectory_of(trajectory)
-    tracker = OfflineTracker(given, knowledge)
+    evidence = None
+    if wrench is not None:
+        measured = _wrenches_of(wrench, poses, notes.append)
+        try:
+            evidence, _ = wrench_evidence(poses.poses, measured, given, knowledge, mass_kg)
+        except NoLoad as reason:
+            notes.append(f"the wrench is not used: {reason}")
+    tracker = OfflineTracker(given, knowledge, wrenches=evidence)
     found = Segmentation.join(list(tracker.pieces(poses, None, Detail.WEIGHTS)))
     return Result(poses, found, tracker.report, tuple(notes))
+
+
+def _wrenches_of(given: str | Wrenches, trajectory: Trajectory, note: Callable[[str], None]) -> Wrenches:
+    if isinstance(given, Wrenches):
+        return given
+    if trajectory.path is None or trajectory.source is None:
+        raise UsageError(
+            "wrench is a topic, but this trajectory is not from a recording that can be read again"
+        )
+    by_log_time = 2 * trajectory.counts.get("log_time_as_stamp", 0) > len(trajectory.poses)
+    found = read_wrenches(trajectory.path, given, trajectory.source, trajectory.poses, by_log_time)
+    if found.dropped:
+        note(f"{found.dropped} messages on {given} were dropped")
+    return found.wrenches
 
 
 def _trajectory_of(given: Any) -> Trajectory:

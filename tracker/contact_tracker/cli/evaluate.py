@@ -8,6 +8,7 @@ from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, show, warn
+from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.errors import AmbiguousSource, InputError, NoPoses
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_source(parser)
     add_model(parser)
     add_known(parser)
+    add_wrench(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
 
 
@@ -61,9 +63,10 @@ def _evaluate(
     from contact_tracker.tracking.pose_buffer import watched
 
     judge = Judge(need_truth(name, args.topic, args.frame))
+    wrenches = evidence_of(name, args, model, knowledge)
     log = open_log(name, args.topic, args.frame, relative_to=args.relative_to)
     with progress(name, "poses", log.source.messages) as set_done:
-        tracker = OfflineTracker(model, knowledge)
+        tracker = OfflineTracker(model, knowledge, wrenches=wrenches)
         for piece in watched(log, lambda poses: tracker.pieces(poses, set_done), judge.poses):
             judge.piece(piece)
     if not judge.frames:

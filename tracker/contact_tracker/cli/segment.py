@@ -14,13 +14,18 @@ from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.status import DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import detail, fail, progress, show
 from contact_tracker.cli.workers import add_processes, workers
+from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.errors import AmbiguousSource, InputError
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
+    from contact_tracker.config.parameters import Model
+    from contact_tracker.landmarks.prior_map import PriorMap
     from contact_tracker.motion.poses import Pose
     from contact_tracker.recording import PoseLog
     from contact_tracker.tracking.belief import Segment
@@ -42,6 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     add_model(parser)
     add_known(parser)
+    add_wrench(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -59,21 +65,19 @@ def _output(text: str) -> Path | None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from contact_tracker.adaptation import OfflineTracker
-
     jobs = jobs_of(args)
     if args.output is not None:
         require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
     with workers(args.processes) as executor:
         if len(jobs) == 1:
-            return _segment(jobs[0].arguments(args), OfflineTracker(model, knowledge, executor))
+            return _segment(jobs[0].arguments(args), model, knowledge, executor)
         code = DONE
         for job in jobs:
             if job.output is None:
                 show(job.name)
             try:
-                done = _segment(job.arguments(args), OfflineTracker(model, knowledge, executor))
+                done = _segment(job.arguments(args), model, knowledge, executor)
             except (InputError, AmbiguousSource) as error:  # the others are still worth their segments
                 fail(str(error))
                 done = INPUT if isinstance(error, InputError) else USAGE
@@ -81,15 +85,20 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _segment(args: argparse.Namespace, tracker: "OfflineTracker") -> int:
+def _segment(
+    args: argparse.Namespace, model: "Model", knowledge: "PriorMap", executor: "Executor | None"
+) -> int:
+    from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.cli.source import Source
     from contact_tracker.recording import open_log
     from contact_tracker.tracking.belief import Detail
 
     read = [*args.logs, *files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read)
+    wrenches = evidence_of(args.log, args, model, knowledge)
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to)
     source = Source(log, args)
+    tracker = OfflineTracker(model, knowledge, executor, wrenches)
     with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:
             found = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))

@@ -7,7 +7,7 @@ from typing import Any
 from contact_tracker.adaptation import Report
 from contact_tracker.errors import printable
 from contact_tracker.outputs.adaptation import noise_text, report_json, warnings
-from contact_tracker.recording import PoseSource, RecordingSummary, SourceSummary
+from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
 
 Reports = Mapping[PoseSource, Report | None]
 """What a tracker adapts to in each source, where that is known."""
@@ -28,6 +28,7 @@ def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
         if topic not in poses:
             yield printable(
                 f"{topic} ({type_name or 'no type'}, {encoding or 'no encoding'}): {count} messages"
+                + (f"; segment --wrench {topic} uses them" if type_name == WRENCH_TYPE else "")
             )
     if summary.undecodable:
         yield f"{summary.undecodable} messages of pose topics cannot be decoded"

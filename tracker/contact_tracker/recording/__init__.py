@@ -9,12 +9,14 @@ from contact_tracker.recording.reading import may_be_recording, parts_of
 from contact_tracker.recording.result_topics import BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC
 from contact_tracker.recording.sources import PoseSource
 from contact_tracker.recording.summary import RecordingSummary, SourceSummary, summarise
+from contact_tracker.recording.wrenches import WRENCH_TYPE, WrenchLog, read_wrenches
 from contact_tracker.recording.writing import write_recording
 
 __all__ = [
     "BELIEF_TOPIC",
     "FRAMES_TOPIC",
     "SCENE_TOPIC",
+    "WRENCH_TYPE",
     "Channel",
     "Follow",
     "PoseLog",
@@ -22,6 +24,7 @@ __all__ = [
     "RawMessage",
     "RecordingSummary",
     "SourceSummary",
+    "WrenchLog",
     "list_sources",
     "may_be_recording",
     "need_truth",
@@ -29,6 +32,7 @@ __all__ = [
     "parts_of",
     "read_metadata",
     "read_truth",
+    "read_wrenches",
     "summarise",
     "write_beside",
     "write_recording",

@@ -156,6 +156,40 @@ def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...]
     return np.asarray(probability + min(deliberate, ALMOST * most) * change)
 
 
+def told_by_wrenches(
+    label: Contact, others: tuple[Contact, ...], evidence: Array
+) -> tuple[Contact, tuple[Contact, ...], Array | None]:
+    """What measured wrenches make of a ``label`` and the ``others``, which motion does not tell from it
+    (T38).
+
+    Parameters
+    ----------
+    evidence : (7,) log evidence of each state by the wrenches.
+
+    Returns
+    -------
+    The most probable of them; those that are not ``DECISIVE`` behind it; and the share (7,) of each in the
+    probability of all, None without others. The label is ``FIRST_CHOICE`` times as likely before.
+    """
+    if not others:
+        return label, others, None
+    alike = np.array([state.column for state in (label, *others)])
+    weight = evidence[alike] + np.where(alike == label.column, np.log(FIRST_CHOICE), 0.0)
+    weight -= weight.max()
+    share = np.zeros(len(STATES))
+    share[alike] = np.exp(weight) / np.exp(weight).sum()
+    best = STATES[int(alike[weight.argmax()])]
+    open_ones = {int(column) for column in alike[weight > -DECISIVE]}
+    rest = tuple(state for state in STATES if state.column in open_ones and state is not best)
+    return best, rest, share
+
+
+def shared(probability: Array, share: Array) -> Array:
+    """Posterior (7,) in which the states with a ``share`` (7,) have it of the probability of all of them."""
+    alike = share > 0.0
+    return np.where(alike, probability[alike].sum() * share, probability)
+
+
 def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
     """The share of the ``change`` (7,), at most 1, with which nothing passes the state ``ahead``."""
     lead, loss = probability[ahead] - probability, change - change[ahead]

@@ -29,6 +29,7 @@ from contact_tracker.tracking.row_buffer import Columns
 from contact_tracker.tracking.segment_fit import FinishedSegment, SegmentFit, SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import TrackerState
+from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 Array = NDArray[np.float64]
 
@@ -92,14 +93,15 @@ def pieces(
     executor: Executor | None = None,
     watch: Callable[[FilteredTick], None] | None = None,
     online: Detail = Detail.SHARED,
+    wrenches: WrenchEvidence | None = None,
 ) -> Iterator[Segmentation]:
     """What ``segment`` finds, piece by piece and in bounded memory.
 
     Each piece holds the segments that were concluded since the one before with their beliefs, and what was
     filtered since then: that is ahead of the beliefs, tells as much as ``online`` asks for, and nothing with
-    mere ``Detail.WEIGHTS``.
+    mere ``Detail.WEIGHTS``. ``wrenches`` decide between contacts that motion does not tell apart.
     """
-    segmenter = Segmenter(executor)
+    segmenter = Segmenter(executor, wrenches)
     if watch is None and online < Detail.SHARED:
         for state, some in filter_batches(poses, model, progress, knowledge):
             for glimpse in some:
@@ -119,8 +121,9 @@ def pieces(
 class Segmenter:
     """Takes in the ticks of a forward pass and tells segments as they become certain."""
 
-    def __init__(self, executor: Executor | None = None) -> None:
+    def __init__(self, executor: Executor | None = None, wrenches: WrenchEvidence | None = None) -> None:
         self._executor = executor
+        self._wrenches = wrenches
         self._forward: hmm.ForwardFilter | None = None
         self._waiting: list[tuple[LiveHypotheses, Array, tuple[Any, ...]]] = []
         self._past, self._survivors = hmm.OpenTicks(), hmm.Survivors()
@@ -239,7 +242,12 @@ class Segmenter:
             tick_averaging.tick_anisotropy(noise, rows["count"], state.model),
             self._before if self._first else None,
         )
-        return SegmentTicks(window, STATES[column], state.model, state.knowledge, state.averaging.origin_m)
+        told = None
+        if self._wrenches is not None:
+            told = self._wrenches.log_evidence(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
+        return SegmentTicks(
+            window, STATES[column], state.model, state.knowledge, state.averaging.origin_m, told
+        )
 
     def _tell(self, count: int) -> Segmentation:
         """The oldest ``count`` segments that are being fitted, and what was filtered meanwhile."""

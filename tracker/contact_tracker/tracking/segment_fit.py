@@ -48,6 +48,8 @@ class SegmentTicks:
     model: Model
     knowledge: PriorMap
     origin_m: Array
+    wrench_evidence: Array | None = None
+    """(7,) log evidence of each state by measured wrenches."""
 
 
 class FittedContact(NamedTuple):
@@ -73,13 +75,17 @@ NO_FORMATION: Final = FittedFormation()
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """Of one segment, as in ``Belief``; ``curved`` is the probability in each tick (n,), or (1,) in all of
-    them, that it is free motion only in so far as none of the six contacts is."""
+    """Of one segment, as in ``Belief``: its ``contact``; ``curved`` is the probability in each tick (n,), or
+    (1,) in all of them, that it is free motion only in so far as none of the six contacts is; where wrenches
+    have chosen the contact among those that motion does not tell apart, the ``share`` (7,) of each in their
+    probability."""
 
+    contact: Contact
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...]
     restricted: float
     curved: Array
+    share: Array | None = None
     formation: FittedFormation = NO_FORMATION
 
 
@@ -102,20 +108,24 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     )
     others = ambiguity.indistinguishable(label, rivals, freedom)
     inseparable = tuple(other for other in others if knowledge.allows(other))
-    restricted = ambiguity.p_deliberate(freedom.underused, window, model.tick_s)
+    restricted, share = ambiguity.p_deliberate(freedom.underused, window, model.tick_s), None
+    if segment.wrench_evidence is not None:
+        label, inseparable, share = ambiguity.told_by_wrenches(label, inseparable, segment.wrench_evidence)
     if label is Contact.FREE:
         curved = judged_offline(segment.window, scales_of(model), knowledge)
-        return SegmentFit(None, inseparable, restricted, curved)
+        return SegmentFit(label, None, inseparable, restricted, curved, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fits[label.column], contact, window, scales)
     pair = element_pairs(knowledge, contact)[fitted.known_pair_index[0]]
     where = contact_geometry(fitted, 0, contact, scales, window, segment.origin_m, information)
     return SegmentFit(
+        label,
         named(where, pair),
         inseparable,
         restricted,
         np.zeros(1),
+        share,
         _formation(segment, window, KnownContact(contact, fitted.x[0])),
     )
 
@@ -177,23 +187,27 @@ class FinishedSegment(NamedTuple):
 
     def with_fit(self, fit: SegmentFit) -> tuple[Segment, Beliefs]:
         """The segment and the beliefs of its ticks."""
-        contact = STATES[self.column]
+        contact, column = fit.contact, fit.contact.column
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
         restricted = np.maximum(fit.restricted, curved)
         others = [CONTACTS if p > 0.5 else fit.inseparable for p in curved]
         for belief, given, states, p in zip(beliefs, self.posterior, others, restricted, strict=True):
-            told = ambiguity.redistribute(given, contact, states, float(p))
+            told = (
+                ambiguity.redistribute(given, contact, states, float(p))
+                if fit.share is None
+                else ambiguity.shared(given, fit.share)
+            )
             belief["probability"] = ambiguity.at_most(told, contact) if fit.formation.is_open else told
             belief["inseparable"] = [state in states for state in STATES]
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
-        beliefs["contact"], beliefs["residual"] = self.column, self.rows["residual"]
+        beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["restricted"] = restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"])
-        probability = float(beliefs["probability"][:, self.column].mean())
+        probability = float(beliefs["probability"][:, column].mean())
         inseparable = CONTACTS if np.mean(curved > 0.5) > 0.5 else fit.inseparable
         segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, inseparable, further)
         return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)], formations)

@@ -1,0 +1,127 @@
+"""Wrenches of a recording: which frame they are in, and what is dropped."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.mcap_logs import Topic, header, poses_topic, smooth_poses, transform, vector, write_log
+
+from contact_tracker.cli.main import run
+from contact_tracker.errors import InputError, UsageError
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches
+
+
+def wrench(stamp_ns: int, values: Any, frame: str = "object") -> dict[str, Any]:
+    return {
+        "header": header(stamp_ns, frame),
+        "wrench": {"force": vector(values[:3]), "torque": vector(values[3:])},
+    }
+
+
+def wrenches_topic(poses: Poses, frame: str = "object", name: str = "/wrench") -> Topic:
+    values = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    messages = [(int(stamp), wrench(int(stamp), values, frame)) for stamp in poses.stamp_ns]
+    return Topic(name, WRENCH_TYPE, messages)
+
+
+def read(path: Path, topic: str = "/wrench") -> WrenchLog:
+    log = open_log(str(path))
+    return read_wrenches(str(path), topic, log.source, Poses.collect(log))
+
+
+def test_wrenches_are_read(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
+    assert found.wrenches.stamp_ns.tolist() == poses.stamp_ns.tolist()
+    assert found.wrenches.force_n[0].tolist() == [1.0, 2.0, 3.0]
+    assert found.wrenches.moment_nm[-1].tolist() == [0.1, 0.2, 0.3]
+    assert (found.dropped, found.frame_id, found.damage) == (0, "object", None)
+
+
+def test_wrenches_in_the_world_are_brought_into_the_body(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses, "world")]))
+    row, force = 17, np.array([1.0, 2.0, 3.0])
+    turn = poses.rotation[row].T
+    np.testing.assert_allclose(found.wrenches.force_n[row], turn @ force)
+    moment = np.array([0.1, 0.2, 0.3]) - np.cross(poses.position_m[row], force)
+    np.testing.assert_allclose(found.wrenches.moment_nm[row], turn @ moment)
+
+
+def test_the_frame_of_another_body_is_refused(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    messages = [(p.stamp_ns, transform(*p, frame="world", child="cube")) for p in poses]
+    pose_topic = Topic("/pose", "geometry_msgs/msg/TransformStamped", messages)
+    path = write_log(tmp_path / "log.mcap", [pose_topic, wrenches_topic(poses, "flange")])
+    with pytest.raises(UsageError, match=r"flange.*cube"):
+        read(path)
+
+
+def test_frames_that_change_are_refused(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    both = wrenches_topic(poses)
+    both.messages = [*both.messages[:5], *wrenches_topic(poses, "flange").messages[5:]]
+    with pytest.raises(UsageError, match="changes its frame"):
+        read(write_log(tmp_path / "log.mcap", [poses_topic(poses), both]))
+
+
+def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    topic = wrenches_topic(poses)
+    messages = list(topic.messages)
+    stamp = int(poses.stamp_ns[3])
+    messages[3] = (stamp, wrench(stamp, [np.nan, 0, 0, 0, 0, 0]))
+    messages[4] = (stamp, wrench(stamp, [0, 0, 0, 0, np.inf, 0]))
+    messages[5] = (stamp, wrench(0, [0.0] * 6))
+    topic.messages = messages
+    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
+    assert found.dropped == 3
+    assert len(found.wrenches) == len(poses) - 3
+
+
+def test_bytes_that_are_no_wrench_are_an_error_in_one_line(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    topic = Topic("/wrench", WRENCH_TYPE, [(int(stamp), b"\x00\x01\x00\x00??") for stamp in poses.stamp_ns])
+    with pytest.raises(InputError, match="can be used"):
+        read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
+
+
+def test_a_topic_that_is_not_there_lists_those_that_are(tmp_path: Path) -> None:
+    poses = smooth_poses()
+    path = write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)])
+    with pytest.raises(UsageError, match=r"no topic /other.*/wrench"):
+        read(path, "/other")
+    with pytest.raises(UsageError, match="PoseStamped"):
+        read(path, "/object/pose")
+
+
+def test_wrenches_without_free_motion_change_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are constant, at any pose: that is said in a line, and motion decides."""
+    poses = smooth_poses(400)
+    path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
+    assert run(["segment", path, "-q"]) == 0
+    without = capsys.readouterr().out
+    assert run(["segment", path, "--wrench", "/wrench"]) == 0
+    found = capsys.readouterr()
+    assert found.out == without or "kg" in found.err
+    assert "Traceback" not in found.err
+
+
+def test_info_says_that_there_is_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses = smooth_poses(400)
+    path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
+    assert run(["info", path]) == 0
+    assert "--wrench /wrench" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "words", [["--mass", "2"], ["--wrench", "/none"], ["--wrench", "/wrench", "--mass", "-1"]]
+)
+def test_wrong_usage_is_said(tmp_path: Path, words: list[str]) -> None:
+    poses = smooth_poses(400)
+    path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
+    assert run(["segment", path, *words]) == 2

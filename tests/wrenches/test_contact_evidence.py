@@ -1,0 +1,131 @@
+"""Lines of action tell contacts apart that motion does not, whatever the frames, with noise and bias."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.pressed_objects import Pressed, pressed
+
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.wrenches.contact_evidence import WrenchEvidence
+from contact_tracker.wrenches.load import contact_wrenches, estimate_load
+from contact_tracker.wrenches.tick_wrench import average
+from contact_tracker.wrenches.wrenches import Wrenches, about_body
+
+DECISIVE = np.log(20.0)
+
+
+def evidence_of(made: Pressed) -> WrenchEvidence:
+    ticks = average(made.poses, made.wrenches.valid, made.tick_ns)
+    load = estimate_load(ticks, made.is_free, made.is_free.astype(float))
+    assert load is not None
+    return WrenchEvidence(contact_wrenches(ticks, load))
+
+
+def told(made: Pressed) -> np.ndarray:
+    found = evidence_of(made).log_evidence(made.touch_ns, made.end_ns)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("disturbed", [False, True], ids=["clean", "noise and bias"])
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_the_contact_is_told(contact: Contact, disturbed: bool) -> None:
+    right = []
+    for seed in range(5):
+        found = told(pressed(contact, seed, noise=disturbed, bias=disturbed))
+        right.append(STATES[int(found.argmax())] is contact)
+        assert found[contact.column] > found[Contact.FREE.column] + DECISIVE
+        assert found[contact.column] > found.max() - DECISIVE, f"seed {seed}: sure and wrong"
+    assert sum(right) >= 4
+
+
+def test_a_free_object_is_told() -> None:
+    made = pressed(Contact.FV)
+    found = evidence_of(made).log_evidence(int(made.poses.stamp_ns[0]), made.touch_ns - 1)
+    assert found is not None
+    assert found.argmax() == Contact.FREE.column
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_frames_do_not_matter(contact: Contact) -> None:
+    """How the axes of the world and of the body lie, and where the world's origin is."""
+    made = pressed(contact, 3)
+    before, found = told(made), told(_moved(made, np.zeros(3)))
+    likely = before > before.max() - 10.0
+    np.testing.assert_allclose(found[likely], before[likely], atol=0.2)
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_the_origin_of_the_body_hardly_matters(contact: Contact) -> None:
+    """Priors on centre of mass and inertia are about it."""
+    made = pressed(contact, 3)
+    before, found = told(made), told(_moved(made, np.array([0.05, -0.03, 0.04])))
+    likely = before > before.max() - 10.0
+    np.testing.assert_allclose(found[likely], before[likely], atol=2.0)
+    assert found.argmax() == before.argmax()
+
+
+def _moved(made: Pressed, offset_m: np.ndarray) -> Pressed:
+    """The same, seen from a world that is turned and shifted, of a body frame that is turned and at
+    ``offset_m``."""
+    world, body = Rotation.random(random_state=1), Rotation.random(random_state=2)
+    turn = Rotation.from_quat(made.poses.quat_xyzw)
+    place = np.add(world.apply(made.poses.position_m + turn.apply(offset_m)), (0.7, -1.1, 0.4))
+    poses = Poses(made.poses.stamp_ns, place, (world * turn * body).as_quat())
+    force = body.inv().apply(made.wrenches.force_n)
+    moment = body.inv().apply(made.wrenches.moment_nm - np.cross(offset_m, made.wrenches.force_n))
+    return replace(made, poses=poses, wrenches=Wrenches(made.wrenches.stamp_ns, force, moment))
+
+
+def test_a_wrench_in_the_world_is_the_same() -> None:
+    made = pressed(Contact.FV)
+    turn = Rotation.from_quat(made.poses.quat_xyzw)
+    force = turn.apply(made.wrenches.force_n)
+    moment = turn.apply(made.wrenches.moment_nm) + np.cross(made.poses.position_m, force)
+    again = about_body(Wrenches(made.wrenches.stamp_ns, force, moment), made.poses)
+    np.testing.assert_allclose(again.force_n, made.wrenches.force_n, atol=1e-9)
+    np.testing.assert_allclose(again.moment_nm, made.wrenches.moment_nm, atol=1e-9)
+
+
+def test_what_is_not_measured_says_nothing() -> None:
+    made = pressed(Contact.VF)
+    early = made.wrenches.stamp_ns < made.touch_ns
+    silent = Wrenches(*(column[early] for column in vars(made.wrenches).values()))
+    assert evidence_of(replace(made, wrenches=silent)).log_evidence(made.touch_ns, made.end_ns) is None
+    assert evidence_of(made).log_evidence(made.touch_ns, made.touch_ns + 10) is None
+
+
+def test_a_gap_leaves_the_answer() -> None:
+    made = pressed(Contact.VF)
+    middle = made.touch_ns + 2_000_000_000
+    kept = np.abs(made.wrenches.stamp_ns - middle) > 500_000_000
+    holed = Wrenches(*(column[kept] for column in vars(made.wrenches).values()))
+    assert told(replace(made, wrenches=holed)).argmax() == Contact.VF.column
+
+
+def test_two_contacts_in_one_window_say_nothing() -> None:
+    """Each alone does not fit: better nothing than the least bad."""
+    one, other = pressed(Contact.FV, 0), pressed(Contact.VF, 0)
+    late = other.poses.stamp_ns >= other.touch_ns
+    after = other.poses.stamp_ns[late] + one.end_ns - other.touch_ns + 5_000_000
+    poses = Poses.join([one.poses, Poses(after, *(c[late] for c in other.poses.columns[1:]))])
+    wrenches = Wrenches(
+        poses.stamp_ns,
+        np.concatenate([one.wrenches.force_n, other.wrenches.force_n[late]]),
+        np.concatenate([one.wrenches.moment_nm, other.wrenches.moment_nm[late]]),
+    )
+    both = Pressed(poses, wrenches, one.touch_ns)
+    assert evidence_of(both).log_evidence(both.touch_ns, both.end_ns) is None
+
+
+def test_rubbish_is_dropped_and_the_rest_sorted() -> None:
+    numbers = np.ones((6, 3))
+    numbers[1, 0], numbers[2, 2] = np.nan, np.inf
+    numbers[3] = 1e9
+    stamps = np.array([5, 1, 2, 3, 4, 5])
+    found = Wrenches(stamps, numbers, np.ones((6, 3))).valid
+    assert found.stamp_ns.tolist() == [4, 5]
+    assert np.isfinite(found.force_n).all()

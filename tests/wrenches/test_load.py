@@ -1,0 +1,53 @@
+"""What the hand carries is found in free motion, also where some of that is no free motion."""
+
+import numpy as np
+import pytest
+from support.pressed_objects import CENTRE_M, MASS_KG, WEIGHT_N, Pressed, pressed
+
+from contact_tracker.states import Contact
+from contact_tracker.wrenches.load import Load, estimate_load
+from contact_tracker.wrenches.tick_wrench import average
+
+
+def load_of(made: Pressed, free: np.ndarray | None = None, mass_kg: float | None = None) -> Load | None:
+    ticks = average(made.poses, made.wrenches.valid, made.tick_ns)
+    is_free = made.is_free if free is None else free
+    return estimate_load(ticks, is_free, is_free.astype(float), mass_kg)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_weight_and_centre_are_found(seed: int) -> None:
+    load = load_of(pressed(Contact.VF, seed, noise=True, bias=True))
+    assert load is not None
+    sd = np.sqrt(np.diag(load.force_covariance))
+    assert (np.abs(load.weight_n - WEIGHT_N) < 4 * sd[:3] + 0.1).all()
+    assert (np.abs(load.centre_m - CENTRE_M) < 4 * np.sqrt(np.diag(load.moment_covariance))[:3] + 0.002).all()
+    assert load.mass_kg == pytest.approx(MASS_KG, rel=0.05)
+
+
+def test_a_contact_that_is_taken_for_free_does_not_count() -> None:
+    made = pressed(Contact.FV)
+    free = made.is_free.copy()
+    touch = int(np.flatnonzero(~free)[0])
+    free[touch - 30 : touch - 25] = False  # two runs of free motion, and a longer one that is none
+    free[touch + 5 : touch + 50] = True
+    load = load_of(made, free)
+    assert load is not None
+    np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.3)
+
+
+def test_without_free_motion_there_is_no_load() -> None:
+    made = pressed(Contact.FV)
+    assert load_of(made, np.zeros(len(made.tick_ns), bool)) is None
+
+
+def test_a_known_mass_decides_between_loads() -> None:
+    """In free motion for a second, and for another in contact that was taken for free motion."""
+    made = pressed(Contact.FV, 1)
+    free = np.zeros(len(made.tick_ns), bool)
+    touch = int(np.flatnonzero(~made.is_free)[0])
+    free[5:17] = True
+    free[touch + 5 : touch + 50] = True
+    load = load_of(made, free, MASS_KG)
+    assert load is not None
+    np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.5)

@@ -1,0 +1,60 @@
+"""Motion first, then wrenches: what the hand carries is told by the ticks in which motion shows no
+contact."""
+
+from collections.abc import Callable
+from typing import Final
+
+from contact_tracker.adaptation.offline import OfflineTracker
+from contact_tracker.config.parameters import Model
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.wrenches.contact_evidence import WrenchEvidence
+from contact_tracker.wrenches.load import Load, contact_wrenches, estimate_load
+from contact_tracker.wrenches.tick_wrench import average
+from contact_tracker.wrenches.wrenches import Wrenches
+
+LEAST_SHARE: Final = 0.1
+"""Of the ticks that must have wrenches, lest the two streams are not of one clock."""
+
+
+class NoLoad(Exception):
+    """Why the wrenches of a recording tell nothing; its text is one line."""
+
+
+def wrench_evidence(
+    poses: Poses,
+    wrenches: Wrenches,
+    model: Model,
+    knowledge: PriorMap = EMPTY_MAP,
+    mass_kg: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[WrenchEvidence, Load]:
+    """What wrenches of the hand on the object say of its contacts, in the whole of a recording.
+
+    Parameters
+    ----------
+    poses : all of them, validated.
+    wrenches : about the body's origin, in its axes, on the clock of the poses.
+    mass_kg : of the object and what else the sensor carries, where it is known.
+    progress : called now and then with the number of poses read so far.
+
+    Raises
+    ------
+    NoLoad
+        Wrenches and poses do not overlap, or too little free motion shows what the hand carries.
+    """
+    found = Segmentation.join(list(OfflineTracker(model, knowledge).pieces(poses, progress, Detail.WEIGHTS)))
+    ticks = average(poses, wrenches.valid, found.stamp_ns)
+    if ticks.is_measured.mean() < LEAST_SHARE:
+        raise NoLoad("wrenches and poses hardly overlap in time: are their stamps of one clock?")
+    column = Contact.FREE.column
+    is_free = found.beliefs.rows["contact"] == column
+    load = estimate_load(ticks, is_free, found.beliefs.probability[:, column], mass_kg)
+    if load is None:
+        raise NoLoad(
+            "too little free motion shows what the hand carries: weight and sensor bias are not known"
+        )
+    return WrenchEvidence(contact_wrenches(ticks, load)), load

@@ -1,0 +1,101 @@
+"""What measured wrenches say of each state in a window of time (docs/theory.md, T36 to T38)."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.vectors import cross, dot
+from contact_tracker.states import STATES
+from contact_tracker.wrenches.line_of_action import FLOOR_M, LinesOfAction, fixed_direction, fixed_in_both
+from contact_tracker.wrenches.load import ContactWrenches, skew
+
+Array = NDArray[np.float64]
+
+EXPONENT: Final = 0.2
+"""Power to which likelihoods of wrenches count: ticks that follow each other repeat each other."""
+FEWEST_TICKS: Final = 3
+FREE_SD_N: Final = 0.5
+"""What is left of the force of a free object: inertia in the tremor of a hand."""
+FREE_CLIP: Final = (-2.0, 3.0)
+"""Nats that a tick may say at most, for free motion and against it: a touch may be light."""
+SIGNIFICANT: Final = 5.0
+"""Forces below so many standard deviations have no line of action."""
+MISFIT_NATS: Final = -10.0
+"""Where something touches and each contact fits worse than this, none of them is the window's."""
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchEvidence:
+    """Contact wrenches of all ticks of a recording, and what any window of them says."""
+
+    wrenches: ContactWrenches
+
+    def log_evidence(self, first_ns: int, last_ns: int) -> Array | None:
+        """Log evidence (7,) of each state, to the power ``EXPONENT``, against free motion; None where too
+        little is measured, or no contact fits what is.
+
+        The first and the last tick from ``first_ns`` to ``last_ns`` are left out: they may hold another
+        contact.
+        """
+        ticks = self.wrenches.ticks
+        first, end = ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
+        rows = np.arange(first + 1, end - 1)
+        rows = rows[self.wrenches.is_measured[rows]]
+        if len(rows) < FEWEST_TICKS:
+            return None
+        contact = self._against_free(rows)
+        evidence = np.zeros(len(STATES))
+        kinds = self._of_kinds(rows)
+        if contact > 0.0 and kinds.max() < MISFIT_NATS:
+            return None  # several contacts one after the other, or at once
+        evidence[:-1] = contact + kinds
+        return EXPONENT * evidence
+
+    def _against_free(self, rows: NDArray[np.int64]) -> float:
+        """Log ratio of any contact force to none."""
+        force = self.wrenches.force_n[rows]
+        square = dot(force, force)
+        typical = float(np.median(dot(self.wrenches.force_n, self.wrenches.force_n))) + FREE_SD_N**2
+        variance = np.minimum(FREE_SD_N**2 + self.wrenches.force_variance(rows), typical)
+        ratio = 0.5 * square * (1.0 / variance - 1.0 / typical) - 1.5 * np.log(typical / variance)
+        return float(np.clip(ratio, *FREE_CLIP).sum())
+
+    def _of_kinds(self, rows: NDArray[np.int64]) -> Array:
+        """Log evidence (6,) of each contact, by the lines of action that are significant."""
+        wrenches = self.wrenches
+        force, variance = wrenches.force_n[rows], wrenches.force_variance(rows)
+        strong = dot(force, force) > SIGNIFICANT**2 * 3.0 * variance
+        rows, force = rows[strong], force[strong]
+        if len(rows) < FEWEST_TICKS:
+            return np.zeros(len(STATES) - 1)
+        moment, rotation, square = wrenches.moment_nm[rows], wrenches.ticks.rotation[rows], dot(force, force)
+        foot = cross(force, moment) / square[:, None]
+        place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
+        middle = foot.mean(axis=0)  # elements are near: their prior is about where the force acts
+        of_force, of_moment = (errors[rows] for errors in wrenches.load_errors)
+        body = LinesOfAction(
+            force,
+            moment - cross(middle, force),
+            place + FLOOR_M**2,
+            of_force,
+            of_moment - skew(middle) @ of_force,
+        )
+        world = body.seen_from_world(
+            rotation, np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
+        )
+        of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
+        edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()
+        mean = rotation.mean(axis=0)
+        crossing = max(ridge.across(mean @ edge.best), edge.across(mean.T @ ridge.best))
+        return np.array(
+            [
+                fixed_in_both(body.direction, rotation),
+                edge.evidence + of_world,
+                ridge.evidence + of_body,
+                body.through_point() + twist + of_world,
+                world.through_point() + twist + of_body,
+                edge.evidence + ridge.evidence + crossing + twist,
+            ]
+        )

@@ -1,0 +1,285 @@
+"""What the hand carries: weight, centre of mass, inertia and the sensor's bias, by ticks in which nothing
+touches.
+
+Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of the hand (docs/theory.md,
+T35).
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.vectors import EYE, cross
+from contact_tracker.wrenches.tick_wrench import TickWrenches
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+GRAVITY: Final = 9.80665
+FEWEST_TICKS: Final = 4
+"""Fewer ticks without contact tell no load."""
+ROUNDS: Final = 30
+NEAR_N: Final = 1.0
+"""Weights that agree within so much are the same load: of free ticks, other than of those in contact."""
+LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
+"""Of the mean of a tick (N^2, (N m)^2): what no sensor beats, and tremor leaves."""
+BIAS_SD: Final = (1.0, 0.1)
+"""Prior standard deviations of the sensor's bias per axis (N, N m)."""
+CENTRE_SD_M: Final = 0.3
+"""Of the centre of mass about the body's origin."""
+GYRATION_M: Final = 0.3
+"""Of the radius of gyration."""
+AGREES: Final = 0.07
+"""Share by which weights in single ticks are off a mass that is given."""
+MASS_SHARE: Final = 0.02
+"""Error of a mass that is given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """What the wrench of the hand is without contact.
+
+    Parameters
+    ----------
+    weight_n : (3,) force of gravity on the object, in the world's axes.
+    centre_m : (3,) centre of mass in the body frame.
+    inertia : (6,) about the body's origin: xx, yy, zz, xy, xz, yz (kg m^2).
+    force_bias_n, moment_bias_nm : (3,) of the sensor, in the body's axes.
+    force_covariance, moment_covariance : (6, 6) of weight and bias, (12, 12) of centre, inertia and bias.
+    scale : mean squared residual of the free ticks over their noise.
+    ticks : so many free ticks it fits, by their weights.
+    """
+
+    weight_n: Array
+    centre_m: Array
+    inertia: Array
+    force_bias_n: Array
+    moment_bias_nm: Array
+    force_covariance: Array
+    moment_covariance: Array
+    scale: float
+    ticks: float
+
+    @property
+    def mass_kg(self) -> float:
+        return float(np.linalg.norm(self.weight_n)) / GRAVITY
+
+
+@dataclass(frozen=True, eq=False)
+class ContactWrenches:
+    """Wrench of the surroundings on the object about the body's origin, in its axes, (T, 3) each.
+
+    Parameters
+    ----------
+    force_noise, moment_noise : (T,) variance of the mean per axis, by noise.
+    force_by_load, moment_by_load : (T, 3, 6), (T, 3, 12) what the load's numbers have to do with each.
+    """
+
+    ticks: TickWrenches
+    load: Load
+    force_n: Array
+    moment_nm: Array
+    force_noise: Array
+    moment_noise: Array
+    force_by_load: Array
+    moment_by_load: Array
+
+    @property
+    def is_measured(self) -> Bools:
+        """(T,) as of ``TickWrenches``."""
+        return self.ticks.is_measured
+
+    def force_variance(self, rows: NDArray[np.int64]) -> Array:
+        """(n,) per axis, by noise and by the load's errors, in some ticks."""
+        design, covariance = self.force_by_load[rows], self.load.force_covariance
+        by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
+        return np.asarray(self.force_noise[rows] + by_load)
+
+    @property
+    def load_errors(self) -> tuple[Array, Array]:
+        """(T, 3, 18) twice: by how much standard errors of the load, one and all independent, change force
+        and moment."""
+        of_force = self.force_by_load @ _root(self.load.force_covariance)
+        of_moment = self.moment_by_load @ _root(self.load.moment_covariance)
+        none = np.zeros_like
+        return (
+            np.concatenate([of_force, none(of_moment)], axis=2),
+            np.concatenate([none(of_force), of_moment], axis=2),
+        )
+
+
+def estimate_load(
+    ticks: TickWrenches, is_free: Bools, p_free: Array, mass_kg: float | None = None
+) -> Load | None:
+    """The load by robust least squares over ticks that are probably free.
+
+    Ticks in contact may be among them: the load is what most runs of free ticks agree on, and what stands off
+    counts little. None where there are too few.
+
+    Parameters
+    ----------
+    is_free : (T,) whether motion says that nothing touches: such ticks are used.
+    p_free : (T,) the probability of that.
+    mass_kg : where it is known.
+    """
+    usable = ticks.is_measured & is_free
+    usable[1:] &= is_free[:-1]
+    usable[:-1] &= is_free[1:]  # an acceleration takes in the ticks beside it
+    rows = np.flatnonzero(usable)
+    if len(rows) < FEWEST_TICKS:
+        return None
+    weight_n = _agreed_weight(ticks, rows, p_free[rows], mass_kg)
+    if weight_n is None:
+        return None
+    return _refined(ticks, rows, weight_n, mass_kg)
+
+
+def _agreed_weight(
+    ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None
+) -> Array | None:
+    """The weight (3,) that most runs of ticks agree on: one that holds in one run only may be a contact."""
+    inertial = (mass_kg or 0.0) * ticks.acceleration[rows]
+    held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows] - inertial)
+    off = np.linalg.norm(held[:, None] - held, axis=2)
+    run = np.cumsum(np.append(0, np.diff(rows) > 1))
+    kernel = p_free / (1.0 + (off / NEAR_N) ** 2)
+    support = np.sum([kernel[:, run == one].mean(axis=1) for one in range(run[-1] + 1)], axis=0)
+    if mass_kg is not None:
+        ratio = np.linalg.norm(held, axis=1) / (GRAVITY * mass_kg)
+        support = support * np.exp(-0.5 * ((ratio - 1.0) / AGREES) ** 2)
+    if not np.max(support) > 0.0:
+        return None
+    near = off[int(np.argmax(support))] < 2.0 * NEAR_N
+    return np.asarray(held[near].mean(axis=0))
+
+
+def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass_kg: float | None) -> Load:
+    """Iteratively reweighted least squares: force tells weight and its bias, moment the rest."""
+    force_noise = np.maximum(ticks.force_variance[rows], LEAST_VARIANCE[0])
+    moment_noise = np.maximum(ticks.moment_variance[rows], LEAST_VARIANCE[1])
+    prior_force = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
+    centre, inertia, bias, moment_bias = np.zeros(3), np.zeros(6), np.zeros(3), np.zeros(3)
+    held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows])
+    weight = _redescending((np.linalg.norm(held - weight_n, axis=1) / NEAR_N) ** 2)
+    by_force, by_moment, scale = np.eye(6), np.eye(12), 1.0
+    for _ in range(ROUNDS):
+        mass = float(np.linalg.norm(weight_n)) / GRAVITY
+        gravity, inertial = _forces(ticks, weight_n, mass, centre, rows)
+        design = _force_design(ticks, rows)
+        given = prior_force.copy()
+        pull = np.zeros(6)
+        if mass_kg is not None:  # its length is known, not its direction
+            along = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
+            sd = MASS_SHARE * GRAVITY * mass_kg
+            given[:3, :3] += np.outer(along, along) / sd**2
+            pull[:3] = along * GRAVITY * mass_kg / sd**2
+        target = ticks.force_n[rows] - inertial
+        found, by_force = _solve(design, target, weight / force_noise, given, pull)
+        weight_n, bias = found[:3], found[3:]
+        off_force = target - np.einsum("tij,j->ti", design, found)
+        mass = float(np.linalg.norm(weight_n)) / GRAVITY
+        gravity, _ = _forces(ticks, weight_n, mass, centre, rows)
+        design = _moment_design(ticks, gravity, rows)
+        found, by_moment = _solve(
+            design, ticks.moment_nm[rows], weight / moment_noise, _moment_prior(mass), np.zeros(12)
+        )
+        centre, inertia, moment_bias = found[:3], found[3:9], found[9:]
+        off_moment = ticks.moment_nm[rows] - np.einsum("tij,j->ti", design, found)
+        squares = (off_force**2).sum(axis=1) / force_noise + (off_moment**2).sum(axis=1) / moment_noise
+        usual = max(float(np.quantile(squares, 0.25)), 6.0)
+        weight = _redescending(squares / usual)
+        scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
+    return Load(
+        weight_n,
+        centre,
+        inertia,
+        bias,
+        moment_bias,
+        by_force * scale,
+        by_moment * scale,
+        scale,
+        float(weight.sum()),
+    )
+
+
+def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
+    """What is left of the measured wrench without the load, with its sign turned: the surroundings' share."""
+    rows = np.arange(len(ticks.stamp_ns))
+    gravity, inertial = _forces(ticks, load.weight_n, load.mass_kg, load.centre_m, rows)
+    of_force, of_moment = _force_design(ticks, rows), _moment_design(ticks, gravity, rows)
+    force = of_force @ np.append(load.weight_n, load.force_bias_n) + inertial
+    moment = of_moment @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
+    return ContactWrenches(
+        ticks,
+        load,
+        force - ticks.force_n,
+        moment - ticks.moment_nm,
+        np.maximum(ticks.force_variance, LEAST_VARIANCE[0]),
+        np.maximum(ticks.moment_variance, LEAST_VARIANCE[1]),
+        of_force,
+        of_moment,
+    )
+
+
+def _redescending(squares: Array) -> Array:
+    return np.asarray(1.0 / (1.0 + 0.25 * squares) ** 2)
+
+
+def _root(covariance: Array) -> Array:
+    """Matrix whose product with its transpose is the covariance (P, P)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _solve(design: Array, target: Array, weight: Array, prior: Array, pull: Array) -> tuple[Array, Array]:
+    """Weighted least squares: the solution (P,) and its covariance (P, P)."""
+    information = np.einsum("t,tij,tik->jk", weight, design, design) + prior
+    covariance = np.linalg.pinv(information, hermitian=True)
+    return covariance @ (np.einsum("t,tij,ti->j", weight, design, target) + pull), covariance
+
+
+def _forces(
+    ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array, rows: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Weight less the inertia of the origin's acceleration, and what accelerates the centre, (n, 3) in the
+    body's axes."""
+    spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
+    swing = cross(turning, centre_m) + cross(spin, cross(spin, centre_m))
+    down = np.einsum("tji,j->ti", ticks.rotation[rows], weight_n)
+    return down - mass * ticks.acceleration[rows], mass * (ticks.acceleration[rows] + swing)
+
+
+def _force_design(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
+    """(n, 3, 6) of weight and bias in the force of the hand."""
+    turned = ticks.rotation[rows].swapaxes(1, 2)
+    return np.concatenate([-turned, np.broadcast_to(EYE, turned.shape)], axis=2)
+
+
+def _moment_design(ticks: TickWrenches, gravity: Array, rows: NDArray[np.int64]) -> Array:
+    """(n, 3, 12) of centre of mass, inertia and bias in the moment of the hand."""
+    spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
+    inertial = _inertia_times(turning) + np.einsum("tij,tjk->tik", skew(spin), _inertia_times(spin))
+    return np.concatenate([skew(gravity), inertial, np.broadcast_to(EYE, (len(inertial), 3, 3))], axis=2)
+
+
+def _moment_prior(mass: float) -> Array:
+    inertia = max(mass, 1e-3) * GYRATION_M**2
+    return np.diag([CENTRE_SD_M**-2] * 3 + [inertia**-2] * 6 + [BIAS_SD[1] ** -2] * 3)
+
+
+def _inertia_times(v: Array) -> Array:
+    """(n, 3, 6): of the six numbers of an inertia its product with vectors v (n, 3)."""
+    x, y, z = v.T
+    none = np.zeros_like(x)
+    rows = [[x, none, none, y, z, none], [none, y, none, x, none, z], [none, none, z, none, x, y]]
+    return np.asarray(np.array(rows).transpose(2, 0, 1))
+
+
+def skew(v: Array) -> Array:
+    """(..., 3, 3) with ``skew(v) @ w == cross(v, w)``."""
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    none = np.zeros_like(x)
+    rows = [[none, -z, y], [z, none, -x], [-y, x, none]]
+    return np.asarray(np.moveaxis(np.array(rows), (0, 1), (-2, -1)))

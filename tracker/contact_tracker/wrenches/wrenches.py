@@ -1,0 +1,65 @@
+"""Wrenches on the object, as columns."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.vectors import cross
+from contact_tracker.motion.poses import Poses
+
+Array = NDArray[np.float64]
+
+GREATEST_N: Final = 1e6
+"""No sensor measures more (N, N m): what is beyond is not a measurement."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wrenches:
+    """N wrenches on the object about the body's origin, in the body's axes, in order of time.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) integer nanoseconds, on the clock of the poses.
+    force_n, moment_nm : (N, 3) in newtons and newton metres.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    force_n: Array
+    moment_nm: Array
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    @property
+    def valid(self) -> "Wrenches":
+        """Those that are finite and no larger than ``GREATEST_N``, in order of time; of one stamp the
+        first."""
+        numbers = np.concatenate([self.force_n, self.moment_nm], axis=1)
+        good = np.flatnonzero((np.abs(numbers) <= GREATEST_N).all(axis=1))  # false of NaN
+        _, first = np.unique(self.stamp_ns[good], return_index=True)
+        rows = good[first]
+        return Wrenches(self.stamp_ns[rows], self.force_n[rows], self.moment_nm[rows])
+
+
+NO_WRENCHES: Final = Wrenches(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
+    """Wrenches that are given about the world's origin and in its axes, about the body's and in its own.
+
+    Each takes the pose nearest in time; ``poses`` are in order of time, and there is one at least.
+    """
+    after = np.clip(poses.stamp_ns.searchsorted(wrenches.stamp_ns), 1, max(len(poses) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(poses) - 1)
+    is_nearer = poses.stamp_ns[after] - wrenches.stamp_ns < wrenches.stamp_ns - poses.stamp_ns[before]
+    nearest = poses[np.where(is_nearer, after, before)]
+    moment = wrenches.moment_nm - cross(nearest.position_m, wrenches.force_n)
+    turned = nearest.rotation
+    return Wrenches(
+        wrenches.stamp_ns,
+        np.einsum("tji,tj->ti", turned, wrenches.force_n),
+        np.einsum("tji,tj->ti", turned, moment),
+    )
