@@ -22,6 +22,11 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
     """``LOG`` and which of its poses to take."""
     parser.add_argument("log", metavar="LOG", help="an MCAP file, a folder of its parts, or - for stdin")
     add_source(parser)
+    add_interval(parser)
+
+
+def add_interval(parser: argparse.ArgumentParser) -> None:
+    """``--start`` and ``--duration``."""
     parser.add_argument(
         "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
     )

@@ -25,7 +25,6 @@ from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
-    from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.viewer.null_viewer import LiveView
 
@@ -89,14 +88,14 @@ def run(args: argparse.Namespace) -> int:
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
     log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
-    source = Source(log, args)
-    with _viewer(args) as viewer, StatusLine() as status, _Ticks(args.output) as ticks:
+    source = Source(log, args.log, args)
+    with _viewer(args, source) as viewer, StatusLine() as status, _Ticks(args.output) as ticks:
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
             from contact_tracker.cli.saved_stream import SavedStream
 
-            saved = SavedStream(args.state, state, log, source, printer, follow)
+            saved = SavedStream(args.state, state, log, source, printer.changes, follow)
             state = saved.state
 
         def say(beliefs: "list[Belief]") -> None:
@@ -129,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     return code if ended == DONE else ended
 
 
-def _viewer(args: argparse.Namespace) -> "LiveView":
+def _viewer(args: argparse.Namespace, source: "Source") -> "LiveView":
     from contact_tracker.viewer.null_viewer import NoViewer
 
     if not args.rerun:
@@ -138,7 +137,7 @@ def _viewer(args: argparse.Namespace) -> "LiveView":
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.live import LiveViewer
 
-    return LiveViewer(vertices_from_metadata(read_metadata(args.log)))
+    return LiveViewer(vertices_from_metadata(read_metadata(args.log)), origin_ns=lambda: source.origin_ns)
 
 
 class _Ticks:
@@ -176,22 +175,23 @@ class _Printer:
     """What is done with each belief: a JSON line, or a line where the contact changed or became settled."""
 
     def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
-        self.label: Contact | None = None
-        self.settled = False
+        from contact_tracker.outputs.changes import Changes
+
+        self.changes = Changes()
         self._as_json = as_json
         self._source = source
         self._status = status
 
     def show(self, belief: "Belief") -> None:
         from contact_tracker.outputs.tables import json_line
-        from contact_tracker.outputs.text import CHANGES_HEADER, change_line, is_settled, status_text
+        from contact_tracker.outputs.text import CHANGES_HEADER, change_line, status_text
 
-        changed, settles = belief.contact is not self.label, is_settled(belief)
+        is_first = self.changes.label is None
+        is_news = self.changes.takes(belief)
         if self._as_json:
             self._status.print(json_line(belief))
-        elif changed or (settles and not self.settled):
-            if self.label is None:
+        elif is_news:
+            if is_first:
                 self._status.print(CHANGES_HEADER)
             self._status.print(change_line(belief, self._source.origin_ns))
-        self.label, self.settled = belief.contact, settles or (self.settled and not changed)
         self._status.show(lambda: status_text(belief, self._source.origin_ns))

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         require_library(args.output)
     model, knowledge = model_of(args), knowledge_of(args)
     log = open_log(args.log, args.topic, args.frame)
-    source = Source(log, args)
+    source = Source(log, args.log, args)
     with progress("segment", "poses", source.expected) as set_done, workers(args.processes) as executor:
         tracker = OfflineTracker(model, knowledge, executor)
         if args.output is None:

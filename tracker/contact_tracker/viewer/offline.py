@@ -1,82 +1,90 @@
-"""A whole recording with its segmentation: written to a file or shown in the viewer, piece by piece."""
+"""A whole recording with its segmentation: written to a file or shown in a viewer, piece by piece."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 from contact_tracker.atomic_file import whole_file
+from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import Array
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose
 from contact_tracker.tracking.pose_buffer import Pieces, watched
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.segmentation_view import Painter
-from contact_tracker.viewer.sinks import PORT, Sink, close, to_file, to_viewer
+from contact_tracker.viewer.sinks import Sink, close, merge_files, to_file
 
 
-def write_rrd(
-    path: Path,
-    poses: Iterable[Pose],
-    pieces: Pieces,
-    truth: Truth | None = None,
-    vertices_m: Array | None = None,
-    paper: bool = False,
-) -> None:
-    """Write a rerun recording with its blueprint, whole or not at all.
-
-    Memory grows while one contact lasts, by what ``paper`` keeps (70 bytes per ten poses), and by what rerun
-    notes of each chunk for the end of the file.
+class Shown(NamedTuple):
+    """A recording to show.
 
     Parameters
     ----------
-    path : ends in ``.rrd``.
     poses : at least one.
     pieces : what segments them.
+    truth : where it is known; shown as far as there are poses.
     vertices_m : (V, 3) of the object in the body frame, where known: its hull is drawn faintly.
     paper : whether to draw the paper's objective functions as well.
+    name : for people.
+    origin_ns : the stamp from which times count, asked for after the first pose; by default the first pose's.
+    """
+
+    poses: Iterable[Pose]
+    pieces: Pieces
+    truth: Truth | None = None
+    vertices_m: Array | None = None
+    paper: bool = False
+    name: str | None = None
+    origin_ns: Callable[[], int] | None = None
+
+
+@contextmanager
+def rrd_file(path: Path, are_several: bool = False) -> Iterator[Callable[[Shown], None]]:
+    """Give what adds a recording to a rerun file with its layout; the file appears whole or not at all.
+
+    Memory grows while one contact lasts, by what ``paper`` keeps (70 bytes per ten poses), and by what rerun
+    notes of each chunk for the end of the file. ``are_several`` are put together in memory at the end.
 
     Raises
     ------
     OSError : the file cannot be written.
     """
-    with whole_file(path) as temporary:
-        _show(to_file(temporary), poses, pieces, truth, vertices_m, paper)
+    with whole_file(path) as temporary, ExitStack() as parts:
+        if not are_several:
+            yield lambda shown: show(shown, to_file(temporary))
+            return
+        names: list[Path] = []
+
+        def add(shown: Shown) -> None:
+            part = temporary.with_name(f"{temporary.stem}.{len(names)}{temporary.suffix}")
+            parts.callback(part.unlink, missing_ok=True)
+            show(shown, to_file(part), True)
+            names.append(part)
+
+        yield add
+        if names:
+            merge_files(names, temporary)
 
 
-def open_viewer(
-    poses: Iterable[Pose],
-    pieces: Pieces,
-    truth: Truth | None = None,
-    vertices_m: Array | None = None,
-    paper: bool = False,
-    port: int = PORT,
-) -> None:
-    """Show the same in the rerun viewer while it is found, and leave it open.
+def show(shown: Shown, sink: Sink, is_one_of_several: bool = False) -> None:
+    """Draw it while it is found; what ``sink`` opens stays open.
 
     Raises
     ------
+    NoPoses : there is none.
     ViewerError : the viewer does not start or does not take the data.
     """
-    _show(to_viewer(port), poses, pieces, truth, vertices_m, paper, watching=True)
-
-
-def _show(
-    sink: Sink,
-    poses: Iterable[Pose],
-    pieces: Pieces,
-    truth: Truth | None,
-    vertices_m: Array | None,
-    paper: bool,
-    watching: bool = False,
-) -> None:
-    """From where to look is known at the end; who is ``watching`` needs a layout before."""
-    rest = iter(poses)
-    first = next(rest)
-    recording = canvas.new_recording()
-    sink(recording, layout.offline(None, paper) if watching else None)
-    painter = Painter(recording, first.stamp_ns, vertices_m, paper)
-    for piece in watched(chain([first], rest), pieces, painter.poses):
+    rest = iter(shown.poses)
+    first = next(rest, None)
+    if first is None:
+        raise NoPoses("there is no pose to show")
+    origin_ns = first.stamp_ns if shown.origin_ns is None else shown.origin_ns()
+    recording = canvas.new_recording(shown.name)
+    sink(recording, layout.offline(shown.paper, is_one_of_several))
+    painter = Painter(recording, origin_ns, shown.vertices_m, shown.paper)
+    for piece in watched(chain([first], rest), shown.pieces, painter.poses):
         painter.piece(piece)
-    painter.finish(truth)
-    recording.send_blueprint(layout.offline(painter.viewpoint, paper), make_active=watching)
+    painter.finish(shown.truth)
     close(recording)

@@ -10,17 +10,19 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
 from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.pose_buffer import Waiting
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas
-from contact_tracker.viewer.canvas import Canvas, Stamps
+from contact_tracker.viewer.camera import Camera
+from contact_tracker.viewer.canvas import Canvas, Stamps, caption
 from contact_tracker.viewer.events import event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Ground, Viewpoint, draw, viewpoint
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, draw
 
 
 class Painter:
-    """Draws into ``recording``; times count from ``origin_ns``, the first pose.
+    """Draws into ``recording``; times count from ``origin_ns``, the first pose of the recording.
 
     ``vertices_m`` (V, 3) of the object, where known. ``paper``: with the paper's objective functions.
     """
@@ -33,15 +35,19 @@ class Painter:
         self._sheet = Canvas(recording, origin_ns, solid, self._extent.radius_m)
         self._origin_ns = origin_ns
         self._curves = Curves() if paper else None
-        self._waiting, self._all = Waiting(), Waiting()
-        self._ground = Ground()
+        self._waiting = Waiting()
+        self._camera = Camera(self._extent)
+        self._first_ns, self._last_ns = 2**63 - 1, -(2**63)
         self._last: dict[str, Contact | None] = {}
 
     def poses(self, poses: Poses) -> None:
         """The next poses, before the piece that is about them."""
         self._sheet.poses(poses)
         self._waiting.extend(poses)
-        self._all.extend(poses)
+        if len(poses):
+            self._first_ns = min(self._first_ns, int(poses.stamp_ns[0]))
+            self._last_ns = int(poses.stamp_ns[-1])
+        self._sheet.follow(*self._camera.follow(poses))
         if self._curves is not None:
             self._curves.extend(poses)
 
@@ -55,23 +61,18 @@ class Painter:
             return
         self._sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
         self._segments(found)
-        self._fade(found)
         self._trail(beliefs)
-        self._ground = self._ground.or_longer(found.segments)
 
     def finish(self, truth: Truth | None) -> None:
         """What is drawn of the whole at once."""
+        self._sheet.stand(self._camera.frame())
         if truth is not None:
-            starts = np.array([i.start_ns for i in truth.intervals], np.int64)
-            self._changes(canvas.TRUTH, starts, [i.contact for i in truth.intervals])
+            changes = truth.between(self._first_ns, self._last_ns).changes()
+            starts = np.array([start_ns for start_ns, _ in changes], np.int64)
+            self._changes(canvas.TRUTH, starts, [contact for _, contact in changes])
         if self._curves is not None:
             curves = self._curves.finish()
             self._sheet.scalars(canvas.PAPER, curves.stamp_ns, curves.normalised)
-
-    @property
-    def viewpoint(self) -> Viewpoint:
-        """From where to look on all of it."""
-        return viewpoint(self._all.poses, self._ground.plane, self._extent)
 
     def _trail(self, beliefs: Beliefs) -> None:
         """A strip per tick, joined to the one before: of the poses, the last one goes on waiting for that."""
@@ -94,27 +95,43 @@ class Painter:
             last = int(np.searchsorted(poses.stamp_ns, segment.end_ns, side="right"))
             first = min(first, len(poses) - 1)
             within = poses[first : max(last, first + 1)]
-            drawings.append(
-                None if segment.geometry is None else draw(segment.geometry, within, self._extent)
-            )
+            drawings.append(self._drawn(segment, within))
         self._sheet.drawings(starts, drawings)
+        self._fade(found, [drawing is not None and drawing.is_open for drawing in drawings])
         contacts, origin = [s.contact for s in segments], self._origin_ns
         texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
         self._sheet.events(starts, contacts, texts)
+        self._sheet.inseparable(starts, [s.inseparable for s in segments])
         self._changes(canvas.SMOOTHED, starts, contacts)
 
-    def _fade(self, found: Segmentation) -> None:
+    def _drawn(self, segment: Segment, within: Poses) -> Drawing | None:
+        """``within`` are the poses of the segment."""
+        if segment.geometry is None:
+            return None
+        drawing = draw(segment.geometry, within, self._extent, self._camera.up)
+        if self._camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
+            self._sheet.stand(self._camera.frame())  # as well as one knows by now
+        return drawing
+
+    def _fade(self, found: Segmentation, is_open: Sequence[bool]) -> None:
         """Each tick's probability; a segment begins with that of its first tick."""
-        beliefs = found.beliefs
+        beliefs, segments = found.beliefs, found.segments
         stamps = beliefs.stamp_ns
-        begins = np.array([s.start_ns for s in found.segments], np.int64)
+        begins = np.array([s.start_ns for s in segments], np.int64)
         first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
-        contacts = [*(s.contact for s in found.segments), *beliefs.contacts]
+        contacts = [*(s.contact for s in segments), *beliefs.contacts]
         rows = np.concatenate([first, np.arange(len(beliefs))])
         probability = beliefs.probability[rows, [c.column for c in contacts]]
         times = np.concatenate([begins, stamps])
+        number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
+        captions = [
+            caption(contact, p, segments[i].inseparable, is_open[i])
+            for contact, p, i in zip(contacts, probability, number, strict=True)
+        ]
         order = np.argsort(times, kind="stable")
-        self._sheet.fade(times[order], [contacts[i] for i in order], probability[order])
+        self._sheet.fade(
+            times[order], [contacts[i] for i in order], probability[order], [captions[i] for i in order]
+        )
 
     def _changes(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
         """Only where the state differs from the one before."""
