@@ -14,6 +14,8 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Pl
 from contact_tracker.states import Contact
 
 UNSCORED = "?"
+_GAP_NS = 100_000_000
+"""Shorter gaps between intervals lie between two poses."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,11 @@ class Truth:
         )
 
     def changes(self) -> list[tuple[int, Contact | None]]:
-        """From when on what holds: the contact of each interval, None where no interval says it."""
+        """From when on what holds: the contact of each interval, None where none does for longer than 0.1 s."""
         found: list[tuple[int, Contact | None]] = []
         for interval, following in zip(self.intervals, (*self.intervals[1:], None), strict=True):
             found.append((interval.start_ns, interval.contact))
-            if following is not None and following.start_ns > interval.end_ns + 1:
+            if following is not None and following.start_ns - interval.end_ns > _GAP_NS:
                 found.append((interval.end_ns + 1, None))
         return found
 

@@ -16,7 +16,7 @@ from contact_tracker.viewer.scene import UP, Drawing, Extent, side
 
 Stamps = NDArray[np.int64]
 
-EYE: Final = (0.0, -3.3, 1.7)
+EYE: Final = (0.0, -3.4, 1.9)
 """Of the layout, in the frame that moves."""
 TARGET: Final = (0.0, 0.0, -0.1)
 SLACK: Final = 0.5

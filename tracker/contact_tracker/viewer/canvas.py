@@ -24,8 +24,9 @@ TIMELINE: Final = "t"
 STAMP: Final = "stamp"
 BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
-VIEW: Final = "world/view"
-"""The frame that the eye is in (``camera``)."""
+ORIGIN: Final = "world/view"
+VIEW: Final = "world/view/upright"
+"""The frame that the eye is in (``camera``), and where that is: of one entity, rerun takes a transform whole."""
 LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
@@ -39,17 +40,18 @@ PAPER: Final = "minima/paper"
 EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4
-OPACITY: Final = (1.0, 0.2, 0.55, 0.18)
+OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
 """Of the meshes of a ``Drawing``."""
+SHEET: Final = 0.55
+"""Opacity of a face of the surroundings: one sees what is below it."""
 _ROWS: Final = 1000
 Columns = Iterable[rr.ComponentColumn]
 
 _LEGEND: Final = """\
-**White, round**: the object's element (a wheel is a face, a rod an edge, a ball a vertex).
-**Coloured, square**: what it touches (a sheet, a bar, a cube), in the colour of the contact.
-**Translucent about them**: two standard deviations. **A thin needle**: unknown along it.
-**f-f 0.97 or e-f**: contact, its probability, and what the motion does not tell from it.
-The object's part comes first: e-f is its edge on a face. The view stands on the plane that is touched.
+- **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
+- **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
+- **translucent**: two standard deviations; **a thin needle**: not known along it
+- **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
 """
 
 
@@ -151,11 +153,11 @@ class Canvas:
 
     def stand(self, axes_m: Array) -> None:
         """How the frame of the eye lies in the world: its axes, columns (3, 3) as long as its unit."""
-        self._static(VIEW, rr.Transform3D.from_fields(mat3x3=axes_m))
+        self._static(VIEW, rr.Transform3D(mat3x3=axes_m))
 
     def follow(self, stamp_ns: Stamps, origins_m: Array) -> None:
         """Where the frame of the eye is from each stamp on: (N, 3)."""
-        self._send(VIEW, stamp_ns, lambda rows: rr.Transform3D.columns(translation=origins_m[rows]))
+        self._send(ORIGIN, stamp_ns, lambda rows: rr.Transform3D.columns(translation=origins_m[rows]))
 
     def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None], number: int = 0) -> None:
         """What is drawn of touching pair ``number`` from each stamp on; None clears it."""
@@ -185,6 +187,8 @@ class Canvas:
         shades = (of_object, of_object, colours, colours)
         for entity, shade, opacity in zip(entities.meshes, shades, OPACITY, strict=True):
             alpha = 255.0 * opacity * np.clip(probability, 0.0, 1.0)
+            if entity == entities.meshes[2]:
+                alpha = alpha * np.where([contact.value.endswith("-f") for contact in contacts], SHEET, 1.0)
             self._shade(entity, stamp_ns, np.column_stack([shade, np.round(alpha).astype(np.uint8)]))
         self._send(
             entities.label,

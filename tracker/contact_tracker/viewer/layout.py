@@ -37,7 +37,7 @@ def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
             )
         )
     over_time = rrb.Vertical(
-        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[12, 14, 10, 10]
+        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[12, 12, 9, 13]
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
     return _blueprint(over_time, panel, "expanded" if is_one_of_several else "collapsed")
@@ -71,7 +71,7 @@ def _blueprint(
         ),
     )
     legend = rrb.TextDocumentView(origin=canvas.LEGEND, name="What is what")
-    left = rrb.Vertical(_space(), legend, events, row_shares=[16, 4, 5])
+    left = rrb.Vertical(_space(), legend, events, row_shares=[18, 4, 5])
     return rrb.Blueprint(
         rrb.Horizontal(left, over_time, column_shares=[11, 9]),
         rrb.BlueprintPanel(state=recordings),

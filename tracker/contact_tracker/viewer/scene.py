@@ -10,6 +10,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.viewer.shapes import (
     EMPTY,
     SIGMAS,
+    SQUARE,
     Mesh,
     across,
     distance_sd_m,
@@ -19,7 +20,7 @@ from contact_tracker.viewer.shapes import (
     uncertainty,
 )
 
-_ENOUGH_POSES: Final = 200
+ENOUGH_POSES: Final = 200
 _LARGEST_M: Final = 2.0
 """An object whose size nobody has told is not taken for larger."""
 _CUBE_ABOVE: Final = 0.25
@@ -75,7 +76,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
     poses : of the time in which the contact was seen, at least one.
     up : (3,) in the world.
     """
-    poses = poses[:: 1 + len(poses) // _ENOUGH_POSES]
+    poses = poses[:: 1 + len(poses) // ENOUGH_POSES]
     rotation, position = poses.rotation, poses.position_m
     centres = rotation @ extent.centre_m + position
     is_open = _is_open(geometry, centres, extent.radius_m)
@@ -101,7 +102,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
     else:
         open_ways = (
             uncertainty(geometry.object, inner, object_m),
-            uncertainty(geometry.environment, middle, half_m),
+            uncertainty(geometry.environment, middle, half_m, SQUARE),
         )
     meshes = (
         of_object(geometry.object, inner, object_m),
@@ -113,7 +114,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
-    """On which side of ``plane`` the ``points`` (N, 3) are: 1 where its normal points, -1, or 0 if unknown."""
+    """Where ``points`` (N, 3) are: 1 on the side of the ``plane`` that its normal points to, -1; 0 if unknown."""
     if plane.covariance is not None:
         middle = np.median(points, axis=0)
         if not SIGMAS * float(distance_sd_m(plane, middle)) < radius_m:  # also where it is not a number

@@ -1,11 +1,12 @@
 """What is drawn of a segmentation, piece by piece: each with the poses that it is about."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
@@ -18,7 +19,16 @@ from contact_tracker.viewer.camera import Camera
 from contact_tracker.viewer.canvas import Canvas, Stamps, caption
 from contact_tracker.viewer.events import event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, draw
+from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw
+
+
+class OpenFaces(NamedTuple):
+    """Two faces of which only the distance is known, drawn as below the object for what was ``up`` (3,) then."""
+
+    start_ns: int
+    geometry: ContactGeometry
+    poses: Poses
+    up: Array
 
 
 class Painter:
@@ -37,6 +47,7 @@ class Painter:
         self._curves = Curves() if paper else None
         self._waiting = Waiting()
         self._camera = Camera(self._extent)
+        self._open: list[OpenFaces] = []
         self._first_ns, self._last_ns = 2**63 - 1, -(2**63)
         self._last: dict[str, Contact | None] = {}
 
@@ -66,6 +77,7 @@ class Painter:
     def finish(self, truth: Truth | None) -> None:
         """What is drawn of the whole at once."""
         self._sheet.stand(self._camera.frame())
+        self._turn_over()
         if truth is not None:
             changes = truth.between(self._first_ns, self._last_ns).changes()
             starts = np.array([start_ns for start_ns, _ in changes], np.int64)
@@ -108,10 +120,22 @@ class Painter:
         """``within`` are the poses of the segment."""
         if segment.geometry is None:
             return None
-        drawing = draw(segment.geometry, within, self._extent, self._camera.up)
+        up = self._camera.up
+        drawing = draw(segment.geometry, within, self._extent, up)
         if self._camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
             self._sheet.stand(self._camera.frame())  # as well as one knows by now
+        if drawing.is_open:
+            few = within[:: 1 + len(within) // ENOUGH_POSES]
+            self._open.append(OpenFaces(segment.start_ns, segment.geometry, few, up))
         return drawing
+
+    def _turn_over(self) -> None:
+        """Draw faces once more that were drawn on what has turned out to be the upper side of the object."""
+        up = self._camera.up
+        wrong = [faces for faces in self._open if faces.up @ up < 0.0]
+        stamps = np.array([faces.start_ns for faces in wrong], np.int64)
+        drawings = [draw(faces.geometry, faces.poses, self._extent, up) for faces in wrong]
+        self._sheet.drawings(stamps, drawings)
 
     def _fade(self, found: Segmentation, is_open: Sequence[bool]) -> None:
         """Each tick's probability; a segment begins with that of its first tick."""

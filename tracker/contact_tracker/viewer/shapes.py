@@ -15,13 +15,13 @@ from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 
 SIGMAS: Final = 2.0
 _ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
-_SQUARE: Final = 0.25 * np.pi + np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
+SQUARE: Final = 0.25 * np.pi + np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
 _CORNER: Final = np.sqrt(2.0)
 """From the middle of a square to its corners, by half its side."""
 _ROD: Final = 0.04
 _BAR: Final = 0.05
-_BALL: Final = 0.08
-_CUBE: Final = 0.07
+_BALL: Final = 0.1
+_CUBE: Final = 0.1
 _RIM: Final = 0.02
 _SPOKES: Final = 3
 _WIDEST: Final = 1.0
@@ -53,25 +53,26 @@ def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
     """The same of an element of the surroundings."""
     match element:
         case Plane(normal):
-            return _mesh(_disc(normal, centre, _CORNER * half_m, 2, _SQUARE))
+            return _mesh(_disc(normal, centre, half_m, 2, SQUARE))
         case Line(direction):
-            return _faceted(_mesh(_capped(direction, centre, half_m, _BAR * _CORNER * half_m, _SQUARE)))
+            return _faceted(_mesh(_capped(direction, centre, half_m, _BAR * _CORNER * half_m, SQUARE)))
         case Point():
             size = _CUBE * half_m
-            return _faceted(_mesh(_capped(np.array([0.0, 0.0, 1.0]), centre, size, _CORNER * size, _SQUARE)))
+            return _faceted(_mesh(_capped(np.array([0.0, 0.0, 1.0]), centre, size, _CORNER * size, SQUARE)))
 
 
-def uncertainty(element: Element, centre: Array, half_m: float) -> Mesh:
+def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = _ROUND) -> Mesh:
     """The surface at two standard deviations; EMPTY where the covariance is unknown.
 
-    Where it is wider than ``half_m`` it is drawn that wide: nothing is known there.
+    Where it is wider than ``half_m`` it is drawn that wide: nothing is known there. ``angles`` are those of the
+    corners of what it is about, if that is a plane.
     """
     covariance, widest = element.covariance, _WIDEST * half_m
     if covariance is None or not np.all(np.isfinite(covariance)):
         return EMPTY
     match element:
         case Plane(normal):
-            disc = _disc(normal, centre, half_m, 5, _ROUND)
+            disc = _disc(normal, centre, half_m, 5, angles)
             shift = np.minimum(SIGMAS * distance_sd_m(element, disc), widest)[..., None] * normal
             return _joined(_mesh(disc + shift), _mesh(disc - shift))
         case Line(direction):
