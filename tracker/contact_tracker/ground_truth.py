@@ -56,7 +56,7 @@ class Truth:
         )
 
     def changes(self) -> list[tuple[int, Contact | None]]:
-        """From when on what holds: the contact of each interval, None where none does for longer than 0.1 s."""
+        """From when on what holds; None where no interval says it for longer than 0.1 s."""
         found: list[tuple[int, Contact | None]] = []
         for interval, following in zip(self.intervals, (*self.intervals[1:], None), strict=True):
             found.append((interval.start_ns, interval.contact))

@@ -17,7 +17,7 @@ from contact_tracker.cli.arguments import (
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.status import DONE, INTERRUPTED
-from contact_tracker.cli.terminal import StatusLine
+from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import TICKS, require_library
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.viewer.null_viewer import LiveView
+    from contact_tracker.viewer.sinks import Sink
 
 HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
@@ -59,7 +60,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="carry on from FILE, if it is there, and keep the state in it: every 10 s, and when the stream "
         "ends or is interrupted; the last, partial tick waits there for what follows",
     )
-    parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+    where.add_argument(
+        "--web",
+        action="store_true",
+        help="show it in a browser on this machine as well, until interrupted",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -71,6 +78,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if not args.web:
+        return _follow(args, None)
+    from contact_tracker.viewer.web import WebViewer
+
+    with WebViewer() as web:
+        say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
+        code = _follow(args, web.sink)
+        if code < 128:  # no signal has ended the stream
+            web.wait_until_interrupted()
+    return code
+
+
+def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
+    """``sink``: of the live view, where it is not the viewer's window."""
     from contact_tracker import adaptation
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
@@ -89,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     follow = Follow() if args.follow else None
     log = open_log(args.log, args.topic, args.frame, follow, count_late=True)
     source = Source(log, args.log, args)
-    with _viewer(args, source) as viewer, StatusLine() as status, _Ticks(args.output) as ticks:
+    with _viewer(args, source, sink) as viewer, StatusLine() as status, _Ticks(args.output) as ticks:
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
@@ -98,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
             saved = SavedStream(args.state, state, log, source, printer.changes, follow)
             state = saved.state
 
-        def say(beliefs: "list[Belief]") -> None:
+        def tell(beliefs: "list[Belief]") -> None:
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)
@@ -110,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
                 state, beliefs = adaptation.advance(state, pose)
-                say(beliefs)
+                tell(beliefs)
                 if saved is not None and saved.keep(state):
                     ended = 128 + saved.signal
                     break
@@ -120,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
             ended = int(leave.code or DONE)
         if saved is None:
             state, beliefs = adaptation.finish(state)
-            say(beliefs)
+            tell(beliefs)
         else:
             saved.save(state)
     source.outliers = state.outliers
@@ -128,16 +149,17 @@ def run(args: argparse.Namespace) -> int:
     return code if ended == DONE else ended
 
 
-def _viewer(args: argparse.Namespace, source: "Source") -> "LiveView":
+def _viewer(args: argparse.Namespace, source: "Source", sink: "Sink | None") -> "LiveView":
     from contact_tracker.viewer.null_viewer import NoViewer
 
-    if not args.rerun:
+    if sink is None and not args.rerun:
         return NoViewer()
     from contact_tracker.recording import read_metadata
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.live import LiveViewer
 
-    return LiveViewer(vertices_from_metadata(read_metadata(args.log)), origin_ns=lambda: source.origin_ns)
+    vertices_m = vertices_from_metadata(read_metadata(args.log))
+    return LiveViewer(vertices_m, sink, lambda: source.origin_ns)
 
 
 class _Ticks:

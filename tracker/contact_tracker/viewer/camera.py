@@ -18,7 +18,7 @@ Stamps = NDArray[np.int64]
 
 EYE: Final = (0.0, -3.4, 1.9)
 """Of the layout, in the frame that moves."""
-TARGET: Final = (0.0, 0.0, -0.1)
+TARGET: Final = (0.0, 0.0, -0.2)
 SLACK: Final = 0.5
 """How far the object moves, by its radius, before the frame follows."""
 _EVERY_NS: Final = 50_000_000

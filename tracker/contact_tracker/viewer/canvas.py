@@ -26,7 +26,7 @@ BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
 ORIGIN: Final = "world/view"
 VIEW: Final = "world/view/upright"
-"""The frame that the eye is in (``camera``), and where that is: of one entity, rerun takes a transform whole."""
+"""The frame that the eye is in (``camera``), in that of its origin: rerun takes a transform whole."""
 LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
@@ -144,7 +144,7 @@ class Canvas:
         """What the motion does not tell from the label from each stamp on."""
         texts = [f"or {alternatives(states)}" if states else "" for states in others]
         new = sorted({text for text in texts if text} - set(self._named))
-        if new or not self._named:
+        if new:
             self._named += new
             greys = [GREY] * len(self._named)
             names = self._named

@@ -24,6 +24,9 @@ ENOUGH_POSES: Final = 200
 _LARGEST_M: Final = 2.0
 """An object whose size nobody has told is not taken for larger."""
 _CUBE_ABOVE: Final = 0.25
+_CORNER_LABEL: Final = 0.7
+_WHEEL: Final = 0.65
+"""It fits into the sheet that it touches."""
 UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -96,6 +99,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
     radius_m = extent.reaching(reach_m).radius_m
     half_m = _half_m(geometry.environment, touched, middle, radius_m)
     object_m = _half_m(geometry.object, touching, inner, radius_m)
+    object_m *= _WHEEL if isinstance(geometry.object, Plane) else 1.0
     if is_open:
         assert isinstance(geometry.environment, Plane)
         open_ways = EMPTY, needle(geometry.environment.normal, middle, radius_m)
@@ -114,7 +118,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
-    """Where ``points`` (N, 3) are: 1 on the side of the ``plane`` that its normal points to, -1; 0 if unknown."""
+    """Where ``points`` (N, 3) are: 1 where the normal of ``plane`` points to, -1 behind, 0 if unknown."""
     if plane.covariance is not None:
         middle = np.median(points, axis=0)
         if not SIGMAS * float(distance_sd_m(plane, middle)) < radius_m:  # also where it is not a number
@@ -178,7 +182,7 @@ def _beside(element: Element, centre: Array, half_m: float, up: Array) -> Array:
     """A corner of a sheet, an end of a bar, below a cube."""
     match element:
         case Plane(normal):
-            away: Array = across(normal)[:, 0]
+            away: Array = _CORNER_LABEL * across(normal)[:, 0]
         case Point():
             away = -_CUBE_ABOVE * up
         case _:

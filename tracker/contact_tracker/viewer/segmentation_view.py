@@ -23,7 +23,7 @@ from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, 
 
 
 class OpenFaces(NamedTuple):
-    """Two faces of which only the distance is known, drawn as below the object for what was ``up`` (3,) then."""
+    """Two faces of which only the distance is known, drawn below the object, as ``up`` (3,) was then."""
 
     start_ns: int
     geometry: ContactGeometry
@@ -135,7 +135,8 @@ class Painter:
         wrong = [faces for faces in self._open if faces.up @ up < 0.0]
         stamps = np.array([faces.start_ns for faces in wrong], np.int64)
         drawings = [draw(faces.geometry, faces.poses, self._extent, up) for faces in wrong]
-        self._sheet.drawings(stamps, drawings)
+        if drawings:
+            self._sheet.drawings(stamps, drawings)
 
     def _fade(self, found: Segmentation, is_open: Sequence[bool]) -> None:
         """Each tick's probability; a segment begins with that of its first tick."""

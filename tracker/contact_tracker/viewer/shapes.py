@@ -64,8 +64,8 @@ def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
 def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = _ROUND) -> Mesh:
     """The surface at two standard deviations; EMPTY where the covariance is unknown.
 
-    Where it is wider than ``half_m`` it is drawn that wide: nothing is known there. ``angles`` are those of the
-    corners of what it is about, if that is a plane.
+    Where it is wider than ``half_m`` it is drawn that wide: nothing is known there. ``angles`` are
+    those of the corners, if it is a plane.
     """
     covariance, widest = element.covariance, _WIDEST * half_m
     if covariance is None or not np.all(np.isfinite(covariance)):
@@ -187,6 +187,8 @@ def _normals(vertices: Array, triangles: NDArray[np.intp]) -> NDArray[np.float32
 
 def _faceted(mesh: Mesh) -> Mesh:
     """The same with corners that triangles do not share, so that its sides look flat."""
+    if mesh is EMPTY:
+        return EMPTY
     corners = mesh.vertices[mesh.triangles].reshape(-1, 3)
     apart = np.arange(len(corners)).reshape(-1, 3)
     return Mesh(corners, apart.astype(np.uint32), _normals(corners.astype(float), apart))
