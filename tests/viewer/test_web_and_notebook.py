@@ -1,4 +1,4 @@
-"""The viewer in a browser and in a notebook: reached from this machine only, and loading nothing from others."""
+"""The viewer in a browser and in a notebook: for this machine only, and loading nothing from others."""
 
 import os
 import socket

@@ -24,6 +24,7 @@ _PROGRAM: Final = (sys.executable, "-P", "-m", "rerun_cli")
 WINDOW: Final = ("--hide-welcome-screen",)
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
+_END_S: Final = 5.0
 _ANSWER_S: Final = 2.0
 # RFC 9113, 3.4: a client begins with this text and a SETTINGS frame, a server answers with one.
 _SETTINGS: Final = b"\x04"
@@ -106,13 +107,18 @@ def start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:
-    """End a viewer that was started here, and the process that it runs in."""
+    """End a viewer that was started here, and see it gone with the process that it runs in."""
+    if sys.platform == "win32":
+        viewer.terminate()
+        viewer.wait()
+        return
+    give_up = time.monotonic() + _END_S
     with suppress(ProcessLookupError):
-        if sys.platform == "win32":
-            viewer.terminate()
-        else:
-            os.killpg(viewer.pid, signal.SIGTERM)
-    viewer.wait()
+        os.killpg(viewer.pid, signal.SIGTERM)
+        viewer.wait()
+        while True:  # its own child is no child of ours
+            os.killpg(viewer.pid, 0 if time.monotonic() < give_up else signal.SIGKILL)
+            time.sleep(_POLL_S)
 
 
 def merge_files(parts: Sequence[Path], path: Path) -> None:
