@@ -29,7 +29,7 @@ from contact_tracker.viewer import canvas, shapes
 from contact_tracker.viewer.hull import hull, vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.null_viewer import LiveView, NoViewer
-from contact_tracker.viewer.offline import Shown, rrd_file
+from contact_tracker.viewer.offline import Shown, show, write_rrd
 from contact_tracker.viewer.palette import COLOUR, OBJECT
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.sinks import to_file
@@ -90,12 +90,6 @@ def truth() -> Truth:
     return Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
 
 
-def write(path: Path, *shown: Shown) -> None:
-    with rrd_file(path, len(shown) > 1) as add:
-        for one in shown:
-            add(one)
-
-
 def told(*pieces: Segmentation) -> Pieces:
     """Reads all poses and finds what is known beforehand."""
 
@@ -114,7 +108,7 @@ def written(
     truth: Truth,
 ) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "all.rrd"
-    write(path, Shown(poses, told(segmentation), truth, CUBE_M, paper=True))
+    write_rrd(path, Shown(poses, told(segmentation), truth, CUBE_M, paper=True))
     return path
 
 
@@ -247,7 +241,7 @@ def test_a_recording_in_pieces_is_drawn_as_one(
     tmp_path: Path, written: Path, poses: Poses, segmentation: Segmentation, truth: Truth
 ) -> None:
     path = tmp_path / "pieces.rrd"
-    write(path, Shown(poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True))
+    write_rrd(path, Shown(poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True))
     assert contents(path) == contents(written)
     assert len(RrdReader(path).blueprints()) == 1
 
@@ -283,7 +277,7 @@ def test_without_truth_curves_and_hull_the_rest_is_there(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     path = tmp_path / "less.rrd"
-    write(path, Shown(poses, told(segmentation)))
+    write_rrd(path, Shown(poses, told(segmentation)))
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
     assert total(path, canvas.BODY) == POSES
     assert not chunks(path, f"{canvas.BODY}/hull", static=True)
@@ -293,7 +287,7 @@ def test_a_single_pose_and_tick_is_a_recording(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
-    write(tmp_path / "one.rrd", Shown(poses[:1], told(one)))
+    write_rrd(tmp_path / "one.rrd", Shown(poses[:1], told(one)))
     assert total(tmp_path / "one.rrd", canvas.BODY) == 1
 
 
@@ -302,7 +296,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, poses: Poses, segmen
     path.write_text("old")
     crooked = Poses(poses.stamp_ns, poses.position_m[:, :2], poses.quat_xyzw)
     with pytest.raises(ValueError):  # noqa: PT011 - of numpy or rerun, by version
-        write(path, Shown(crooked, told(segmentation)))
+        write_rrd(path, Shown(crooked, told(segmentation)))
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -311,7 +305,7 @@ def test_a_folder_that_is_not_there_is_an_os_error(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     with pytest.raises(FileNotFoundError):
-        write(tmp_path / "nowhere" / "x.rrd", Shown(poses, told(segmentation)))
+        write_rrd(tmp_path / "nowhere" / "x.rrd", Shown(poses, told(segmentation)))
 
 
 def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
@@ -344,7 +338,7 @@ def test_what_motion_does_not_tell_apart_is_shown(
 ) -> None:
     first, *rest = segmentation.segments
     unsure = replace(segmentation, segments=(replace(first, inseparable=(Contact.VF, Contact.FREE)), *rest))
-    write(tmp_path / "some.rrd", Shown(poses, told(unsure)))
+    write_rrd(tmp_path / "some.rrd", Shown(poses, told(unsure)))
     beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
     play(tmp_path / "live.rrd", poses, tuple(beliefs))
     lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
@@ -365,7 +359,7 @@ def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
     """From 4 s to 8 s: the first change of the truth in it is at its beginning, and none is after its end."""
     part = Segmentation(segmentation.segments[1:3], segmentation.beliefs[30:90], segmentation.filtered[30:90])
     path = tmp_path / "part.rrd"
-    write(path, Shown(poses[800:1600], told(part), truth, origin_ns=lambda: ORIGIN_NS))
+    write_rrd(path, Shown(poses[800:1600], told(part), truth, origin_ns=lambda: ORIGIN_NS))
     body = [t for t, _ in rows(path, canvas.BODY, "Transform3D:translation")]
     assert (body[0], body[-1]) == (4_000_000_000, 7_995_000_000)
     shown = rows(path, canvas.TRUTH, "StateChange:state")
@@ -377,25 +371,31 @@ def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
     assert rows(live, canvas.BODY, "Transform3D:translation")[0][0] == 4_000_000_000
 
 
-def test_several_recordings_are_beside_each_other_in_one_file(
+def test_there_is_no_file_without_a_pose(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
+    with pytest.raises(NoPoses):
+        write_rrd(tmp_path / "none.rrd", Shown(poses[:0], told(segmentation)))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_beside_others_has_its_name_and_the_list_open(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
-    path = tmp_path / "both.rrd"
-    with rrd_file(path, True) as add:
-        add(Shown(poses, told(segmentation), name="first"))
-        with pytest.raises(NoPoses):
-            add(Shown(poses[:0], told(segmentation), name="none"))
-        add(Shown(poses, told(segmentation), name="second"))
-    assert len(RrdReader(path).recordings()) == 2
-    assert list(tmp_path.iterdir()) == [path], "parts are gone"
-    names = [
-        value[0]
-        for entry in RrdReader(path).recordings()
-        for chunk in RrdReader(path).stream(store=entry).to_chunks()
-        if "RecordingInfo:name" in chunk.to_record_batch().schema.names
-        for value in chunk.to_record_batch().column("RecordingInfo:name").to_pylist()
+    panels = []
+    for several in (False, True):
+        path = tmp_path / f"{several}.rrd"
+        show(Shown(poses, told(segmentation), name="shelf.mcap"), to_file(path), several)
+        reader = RrdReader(path)
+        properties = column(reader, reader.recordings()[0], "RecordingInfo:name")
+        assert properties == [["shelf.mcap"]]
+        panels.append(column(reader, reader.blueprints()[0], "PanelBlueprint:state", "/blueprint_panel"))
+    assert panels[0] != panels[1]
+
+
+def column(reader: RrdReader, store: Any, name: str, entity: str | None = None) -> list[Any]:
+    batches = [
+        c.to_record_batch() for c in reader.stream(store=store).to_chunks() if entity in (None, c.entity_path)
     ]
-    assert sorted(names) == ["first", "second"]
+    return [value for b in batches if name in b.schema.names for value in b.column(name).to_pylist()]
 
 
 def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, poses: Poses) -> None:

@@ -11,7 +11,7 @@ from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.status import DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, say
-from contact_tracker.errors import AmbiguousSource, InputError
+from contact_tracker.errors import AmbiguousSource, InputError, UsageError
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
@@ -55,6 +55,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     logs = list(dict.fromkeys(args.logs))
+    if args.save is not None and len(logs) > 1:
+        raise UsageError(f"{args.save} can hold one recording: save each LOG of its own; rerun opens several")
     check_output(args.save, args.overwrite, files_read(logs, args.model, args.known))
     model, knowledge = model_of(args), knowledge_of(args)
     code = DONE
@@ -73,12 +75,11 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def _shower(args: argparse.Namespace, are_several: bool) -> "Iterator[Callable[[Shown], None]]":
     """What shows one recording, where the arguments say: in a file, a window or a browser."""
-    from contact_tracker.viewer.offline import rrd_file, show
+    from contact_tracker.viewer.offline import show, write_rrd
     from contact_tracker.viewer.sinks import to_viewer
 
     if args.save is not None:
-        with rrd_file(args.save, are_several) as add:
-            yield add
+        yield lambda shown: write_rrd(args.save, shown)
     elif args.web:
         from contact_tracker.viewer.web import WebViewer
 

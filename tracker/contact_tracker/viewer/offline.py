@@ -1,7 +1,6 @@
 """A whole recording with its segmentation: written to a file or shown in a viewer, piece by piece."""
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from contact_tracker.motion.poses import Pose
 from contact_tracker.tracking.pose_buffer import Pieces, watched
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.segmentation_view import Painter
-from contact_tracker.viewer.sinks import Sink, close, merge_files, to_file
+from contact_tracker.viewer.sinks import Sink, close, to_file
 
 
 class Shown(NamedTuple):
@@ -40,32 +39,18 @@ class Shown(NamedTuple):
     origin_ns: Callable[[], int] | None = None
 
 
-@contextmanager
-def rrd_file(path: Path, are_several: bool = False) -> Iterator[Callable[[Shown], None]]:
-    """Give what adds a recording to a rerun file with its layout; the file appears whole or not at all.
+def write_rrd(path: Path, shown: Shown) -> None:
+    """Write a rerun file with its layout, whole or not at all.
 
     Memory grows while one contact lasts, by what ``paper`` keeps (70 bytes per ten poses), and by what rerun
-    notes of each chunk for the end of the file. ``are_several`` are put together in memory at the end.
+    notes of each chunk for the end of the file.
 
     Raises
     ------
     OSError : the file cannot be written.
     """
-    with whole_file(path) as temporary, ExitStack() as parts:
-        if not are_several:
-            yield lambda shown: show(shown, to_file(temporary))
-            return
-        names: list[Path] = []
-
-        def add(shown: Shown) -> None:
-            part = temporary.with_name(f"{temporary.stem}.{len(names)}{temporary.suffix}")
-            parts.callback(part.unlink, missing_ok=True)
-            show(shown, to_file(part), True)
-            names.append(part)
-
-        yield add
-        if names:
-            merge_files(names, temporary)
+    with whole_file(path) as temporary:
+        show(shown, to_file(temporary))
 
 
 def show(shown: Shown, sink: Sink, is_one_of_several: bool = False) -> None:

@@ -121,22 +121,6 @@ def end(viewer: "subprocess.Popen[bytes]") -> None:
             time.sleep(_POLL_S)
 
 
-def merge_files(parts: Sequence[Path], path: Path) -> None:
-    """Put the recordings of several files into one.
-
-    Raises
-    ------
-    ViewerError : it did not become one.
-    """
-    command = [*_PROGRAM, "rrd", "merge", *map(str, parts), "-o", str(path)]
-    done = subprocess.run(
-        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, env=_environment(), check=False
-    )
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise ViewerError(f"rerun cannot put the recordings into one file: {last}")
-
-
 def _environment() -> dict[str, str]:
     """The environment for a viewer that reports nothing of its use.
 
