@@ -30,14 +30,14 @@ def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
         minima.append(
             _plot(
                 canvas.PAPER,
-                "Paper's objectives, fixed window (normalised)",
+                "Paper's objectives, windows of 500 poses (normalised)",
                 everything,
                 top=1.0,
                 legend=True,
             )
         )
     over_time = rrb.Vertical(
-        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[12, 12, 9, 13]
+        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[12, 14, 8, 13]
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
     return _blueprint(over_time, panel, "expanded" if is_one_of_several else "collapsed")
