@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rerun.chunk import Chunk, RrdReader
 
+from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose, Poses
@@ -28,9 +29,9 @@ from contact_tracker.viewer import canvas, shapes
 from contact_tracker.viewer.hull import hull, vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.null_viewer import LiveView, NoViewer
-from contact_tracker.viewer.offline import write_rrd
-from contact_tracker.viewer.palette import COLOUR
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Ground, draw, viewpoint
+from contact_tracker.viewer.offline import Shown, show, write_rrd
+from contact_tracker.viewer.palette import COLOUR, OBJECT
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.sinks import to_file
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -47,6 +48,7 @@ GEOMETRY = {
     Contact.VF: ContactGeometry(Point(np.array([-0.1, -0.1, 0.0]), 1e-6 * np.eye(3)), FLOOR),
     Contact.FREE: None,
 }
+MESHES = canvas.touching().meshes
 PHASES = ((Contact.FF, 0, 30), (Contact.FREE, 30, 60), (Contact.EF, 60, 90), (Contact.VF, 90, 120))
 STARTS_NS = [ORIGIN_NS + first * TICK_NS for _, first, _ in PHASES]
 
@@ -106,7 +108,7 @@ def written(
     truth: Truth,
 ) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "all.rrd"
-    write_rrd(path, poses, told(segmentation), truth, CUBE_M, paper=True)
+    write_rrd(path, Shown(poses, told(segmentation), truth, CUBE_M, paper=True))
     return path
 
 
@@ -158,7 +160,7 @@ def test_poses_are_columns_on_both_timelines(written: Path, poses: Poses) -> Non
 
 
 def test_geometry_appears_with_its_segment_and_is_cleared_after_it(written: Path) -> None:
-    for entity in canvas.MESHES:
+    for entity in MESHES:
         counts = [(t, len(v)) for t, v in rows(written, entity, "Mesh3D:vertex_positions")]
         assert [t + ORIGIN_NS for t, _ in counts] == STARTS_NS
         assert counts[1][1] == 0, "free motion shows no geometry"
@@ -166,19 +168,30 @@ def test_geometry_appears_with_its_segment_and_is_cleared_after_it(written: Path
         for (_, vertices), (_, corners) in zip(counts, triangles, strict=True):
             assert (vertices == 0) == (corners == [])
             assert all(max(corner) < vertices for corner in corners)
-    assert len(rows(written, canvas.MESHES[2], "Mesh3D:vertex_positions")[0][1]) > 0
-    unknown = rows(written, canvas.MESHES[1], "Mesh3D:vertex_positions")[0][1]
+    assert len(rows(written, MESHES[2], "Mesh3D:vertex_positions")[0][1]) > 0
+    unknown = rows(written, MESHES[1], "Mesh3D:vertex_positions")[0][1]
     assert unknown == [], "a plane without covariance has no uncertainty to draw"
 
 
-def test_what_is_drawn_fades_with_its_probability(written: Path) -> None:
-    for entity, opacity in zip(canvas.MESHES, canvas.OPACITY, strict=True):
+def test_what_is_drawn_fades_with_its_probability_and_only_surroundings_have_the_contacts_colour(
+    written: Path,
+) -> None:
+    for number, (entity, opacity) in enumerate(zip(MESHES, canvas.OPACITY, strict=True)):
         factors = rows(written, entity, "Mesh3D:albedo_factor")
         assert len(factors) == TICKS + len(PHASES)
-        assert {value[0] & 0xFF for _, value in factors} == {round(255 * opacity * 0.8)}
-    surroundings = rows(written, canvas.MESHES[2], "Mesh3D:albedo_factor")
-    first = surroundings[0][1][0]
-    assert (first >> 24, first >> 16 & 0xFF, first >> 8 & 0xFF) == COLOUR[Contact.FF]
+        values = [value[0] for _, value in factors]
+        is_sheet = [number == 2 and value >> 8 != colour_of(Contact.FREE) for value in values]
+        assert [value & 0xFF for value in values] == [
+            round(255 * opacity * 0.8 * (canvas.SHEET if sheet else 1.0)) for sheet in is_sheet
+        ]
+        shown = {value >> 8 for value in values}
+        of_contacts = {colour_of(contact) for contact, _, _ in PHASES}
+        assert shown == ({(OBJECT[0] << 16) + (OBJECT[1] << 8) + OBJECT[2]} if number < 2 else of_contacts)
+
+
+def colour_of(contact: Contact) -> int:
+    red, green, blue = COLOUR[contact]
+    return (red << 16) + (green << 8) + blue
 
 
 def test_states_change_where_they_should(written: Path) -> None:
@@ -228,7 +241,7 @@ def test_a_recording_in_pieces_is_drawn_as_one(
     tmp_path: Path, written: Path, poses: Poses, segmentation: Segmentation, truth: Truth
 ) -> None:
     path = tmp_path / "pieces.rrd"
-    write_rrd(path, poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True)
+    write_rrd(path, Shown(poses, lambda stream: in_pieces(stream, segmentation), truth, CUBE_M, paper=True))
     assert contents(path) == contents(written)
     assert len(RrdReader(path).blueprints()) == 1
 
@@ -257,14 +270,14 @@ def test_the_blueprint_is_in_the_file(written: Path) -> None:
         if "ViewBlueprint:class_identifier" in batch.schema.names
         for value in batch.column("ViewBlueprint:class_identifier").to_pylist()
     ]
-    assert sorted(classes) == ["3D", "StateTimeline", "TextLog", *["TimeSeries"] * 4]
+    assert sorted(classes) == ["3D", "StateTimeline", "TextDocument", "TextLog", *["TimeSeries"] * 4]
 
 
 def test_without_truth_curves_and_hull_the_rest_is_there(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     path = tmp_path / "less.rrd"
-    write_rrd(path, poses, told(segmentation))
+    write_rrd(path, Shown(poses, told(segmentation)))
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
     assert total(path, canvas.BODY) == POSES
     assert not chunks(path, f"{canvas.BODY}/hull", static=True)
@@ -274,7 +287,7 @@ def test_a_single_pose_and_tick_is_a_recording(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
-    write_rrd(tmp_path / "one.rrd", poses[:1], told(one))
+    write_rrd(tmp_path / "one.rrd", Shown(poses[:1], told(one)))
     assert total(tmp_path / "one.rrd", canvas.BODY) == 1
 
 
@@ -283,7 +296,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, poses: Poses, segmen
     path.write_text("old")
     crooked = Poses(poses.stamp_ns, poses.position_m[:, :2], poses.quat_xyzw)
     with pytest.raises(ValueError):  # noqa: PT011 - of numpy or rerun, by version
-        write_rrd(path, crooked, told(segmentation))
+        write_rrd(path, Shown(crooked, told(segmentation)))
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -292,7 +305,7 @@ def test_a_folder_that_is_not_there_is_an_os_error(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     with pytest.raises(FileNotFoundError):
-        write_rrd(tmp_path / "nowhere" / "x.rrd", poses, told(segmentation))
+        write_rrd(tmp_path / "nowhere" / "x.rrd", Shown(poses, told(segmentation)))
 
 
 def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
@@ -303,6 +316,106 @@ def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
             view.pose(pose)
             while due and due[0].stamp_ns <= pose.stamp_ns:
                 view.belief(due.pop(0))
+
+
+def test_a_contact_that_settles_gets_a_line_live(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    """As it does on stdout: the line of the change says 0.8, that one more."""
+    beliefs = [
+        replace(b, probability=np.where(np.arange(7) == b.contact.column, 0.94, 0.01)) if i == 20 else b
+        for i, b in enumerate(segmentation.filtered)
+    ]
+    play(tmp_path / "live.rrd", poses, tuple(beliefs))
+    texts = [value[0] for _, value in rows(tmp_path / "live.rrd", canvas.EVENTS, "TextLog:text")]
+    assert len(texts) == len(PHASES) + 1
+    assert "p 0.80" in texts[0]
+    assert "p 0.94" in texts[1]
+
+
+def test_what_motion_does_not_tell_apart_is_shown(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    first, *rest = segmentation.segments
+    unsure = replace(segmentation, segments=(replace(first, inseparable=(Contact.VF, Contact.FREE)), *rest))
+    write_rrd(tmp_path / "some.rrd", Shown(poses, told(unsure)))
+    beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
+    play(tmp_path / "live.rrd", poses, tuple(beliefs))
+    lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
+    assert lane == [["or v-f, free"], [""], [""], [""]]
+    lane = [v for _, v in rows(tmp_path / "live.rrd", canvas.INSEPARABLE, "StateChange:state")]
+    assert lane == [["or v-f"], [""]]
+    label = canvas.touching().label
+    captions = [v[0] for _, v in rows(tmp_path / "some.rrd", label, "Points3D:labels")]
+    assert captions[0] == "f-f  0.80 or v-f, free"
+    assert captions[-1] == "v-f  0.80"
+    captions = [v[0] for _, v in rows(tmp_path / "live.rrd", label, "Points3D:labels")]
+    assert captions[9:11] == ["f-f  0.80 or v-f", "f-f  0.80"]
+
+
+def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation, truth: Truth
+) -> None:
+    """From 4 s to 8 s: the first change of the truth in it is at its beginning, and none is after its end."""
+    part = Segmentation(segmentation.segments[1:3], segmentation.beliefs[30:90], segmentation.filtered[30:90])
+    path = tmp_path / "part.rrd"
+    write_rrd(path, Shown(poses[800:1600], told(part), truth, origin_ns=lambda: ORIGIN_NS))
+    body = [t for t, _ in rows(path, canvas.BODY, "Transform3D:translation")]
+    assert (body[0], body[-1]) == (4_000_000_000, 7_995_000_000)
+    shown = rows(path, canvas.TRUTH, "StateChange:state")
+    assert shown == [(4_000_000_000, [""]), (6_000_000_000, ["e-f"])]
+    live = tmp_path / "live.rrd"
+    with LiveViewer(CUBE_M, to_file(live), lambda: ORIGIN_NS) as view:
+        for pose in poses[800:1600]:
+            view.pose(pose)
+    assert rows(live, canvas.BODY, "Transform3D:translation")[0][0] == 4_000_000_000
+
+
+def test_there_is_no_file_without_a_pose(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
+    with pytest.raises(NoPoses):
+        write_rrd(tmp_path / "none.rrd", Shown(poses[:0], told(segmentation)))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_beside_others_has_its_name_and_the_list_open(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation
+) -> None:
+    panels = []
+    for several in (False, True):
+        path = tmp_path / f"{several}.rrd"
+        show(Shown(poses, told(segmentation), name="shelf.mcap"), to_file(path), several)
+        reader = RrdReader(path)
+        properties = column(reader, reader.recordings()[0], "RecordingInfo:name")
+        assert properties == [["shelf.mcap"]]
+        panels.append(column(reader, reader.blueprints()[0], "PanelBlueprint:state", "/blueprint_panel"))
+    assert panels[0] != panels[1]
+
+
+def column(reader: RrdReader, store: Any, name: str, entity: str | None = None) -> list[Any]:
+    batches = [
+        c.to_record_batch() for c in reader.stream(store=store).to_chunks() if entity in (None, c.entity_path)
+    ]
+    return [value for b in batches if name in b.schema.names for value in b.column(name).to_pylist()]
+
+
+def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, poses: Poses) -> None:
+    path = tmp_path / "two.rrd"
+    recording = canvas.new_recording()
+    to_file(path)(recording, None)
+    sheet = canvas.Canvas(recording, ORIGIN_NS, None, 0.1)
+    stamp = poses.stamp_ns[:1]
+    for number, contact in enumerate((Contact.EF, Contact.VF)):
+        geometry = GEOMETRY[contact]
+        assert geometry is not None
+        sheet.drawings(stamp, [draw(geometry, poses, UNKNOWN_EXTENT)], number)
+        sheet.fade(stamp, [contact], np.ones(1), [contact.value], number)
+    recording.flush()
+    recording.disconnect()
+    entities = [entity for number in (0, 1) for entity in canvas.touching(number).meshes]
+    assert len(set(entities)) == 8
+    assert all(len(rows(path, entity, "Mesh3D:vertex_positions")[0][1]) for entity in entities)
+    labels = [rows(path, canvas.touching(n).label, "Points3D:labels")[0][1] for n in (0, 1)]
+    assert labels == [["e-f"], ["v-f"]]
 
 
 def test_live_tells_the_same_as_it_comes(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
@@ -320,7 +433,7 @@ def test_live_geometry_follows_twice_a_second_and_ends_with_its_contact(
 ) -> None:
     path = tmp_path / "live.rrd"
     play(path, poses, segmentation.filtered)
-    drawn = rows(path, canvas.MESHES[2], "Mesh3D:vertex_positions")
+    drawn = rows(path, MESHES[2], "Mesh3D:vertex_positions")
     for contact, first, last in PHASES:
         first_ns, last_ns = ((tick + 1) * TICK_NS - 5_000_000 for tick in (first, last))
         within = [(t, len(v) > 0) for t, v in drawn if first_ns <= t < last_ns]
@@ -422,37 +535,33 @@ def test_unknown_uncertainty_draws_nothing(element: Element) -> None:
 
 
 def test_an_element_that_is_not_finite_draws_nothing() -> None:
-    assert shapes.body(Point(np.full(3, np.nan)), np.full(3, np.nan), 0.1) is shapes.EMPTY
+    nowhere = np.full(3, np.nan)
+    for element in (Point(nowhere), Line(X, nowhere), Plane(Z, np.nan)):
+        for form in (shapes.of_object, shapes.of_surroundings):
+            assert len(form(element, nowhere, 0.1).vertices) == 0
+
+
+def test_round_is_the_object_and_square_what_it_touches() -> None:
+    """Seen along the rod, or from above."""
+    for element, axis in ((Line(Z, np.zeros(3)), 2), (Point(np.zeros(3)), 2), (Plane(Z, 0.0), 2)):
+        counts = []
+        for form in (shapes.of_object, shapes.of_surroundings):
+            flat = np.delete(form(element, np.zeros(3), 1.0).vertices.astype(float), axis, axis=1)
+            distance = np.linalg.norm(flat, axis=1)
+            rim = flat[distance > 0.99 * distance.max()]
+            counts.append(len({round(float(np.degrees(np.arctan2(y, x)))) for x, y in rim}))
+        assert counts[0] >= 36
+        assert counts[1] == 4
 
 
 def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
     vertex = Point(np.array([0.5, 0.0, 0.2]))
     far_floor = Plane(Z, 0.2)
     drawing = draw(ContactGeometry(vertex, far_floor), poses, UNKNOWN_EXTENT)
-    assert drawing.label_m == pytest.approx([0.65, 0.0, 0.2], abs=2e-3)
     disc = drawing.meshes[2].vertices
     assert np.allclose(disc[:, 2], 0.2)
+    assert np.linalg.norm(drawing.label_m - [0.65, 0.0, 0.2]) > 0.1, "its name does not hide what touches"
     assert disc[:, 0].min() < 0.5 < 0.8 < disc[:, 0].max(), "it covers the way from 0.5 to 0.8 m"
-
-
-def test_the_view_is_upright_on_the_floor(poses: Poses) -> None:
-    view = viewpoint(poses, Plane(-Z, 0.1), UNKNOWN_EXTENT)
-    assert view.up == pytest.approx(Z), "the body is above the plane z = -0.1 whichever way its normal points"
-    sight = view.target_m - view.eye_m
-    assert abs(sight[0]) < 1e-6 < abs(sight[1]), "along y: the motion along x is seen from the side"
-
-
-def test_the_ground_is_what_was_touched_longest_in_any_piece() -> None:
-    def touched(end_ns: int, contact: Contact) -> Segment:
-        return Segment(0, end_ns, contact, 1.0, GEOMETRY[contact])
-
-    beside = ContactGeometry(Point(Z), Plane(X, 0.0))
-    ground = Ground().or_longer([touched(5, Contact.FREE), touched(3, Contact.FF), touched(2, Contact.VF)])
-    assert ground == (FLOOR, 3)
-    assert (
-        ground.or_longer([]) == ground.or_longer([replace(touched(3, Contact.VF), geometry=beside)]) == ground
-    )
-    assert ground.or_longer([replace(touched(4, Contact.VF), geometry=beside)]).plane is beside.environment
 
 
 def test_a_cube_has_twelve_edges() -> None:

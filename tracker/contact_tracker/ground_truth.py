@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,6 +14,8 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Pl
 from contact_tracker.states import Contact
 
 UNSCORED = "?"
+_GAP_NS = 100_000_000
+"""Shorter gaps between intervals lie between two poses."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,25 @@ class Truth:
         """Index of the interval in force at each stamp: the last that has started, -1 before all."""
         starts = np.array([i.start_ns for i in self.intervals], np.int64)
         return np.searchsorted(starts, stamp_ns, side="right") - 1
+
+    def between(self, first_ns: int, last_ns: int) -> "Truth":
+        """What of it lies between two stamps (both included), cut to them."""
+        return Truth(
+            tuple(
+                replace(i, start_ns=max(i.start_ns, first_ns), end_ns=min(i.end_ns, last_ns))
+                for i in self.intervals
+                if i.end_ns >= first_ns and i.start_ns <= last_ns
+            )
+        )
+
+    def changes(self) -> list[tuple[int, Contact | None]]:
+        """From when on what holds; None where no interval says it for longer than 0.1 s."""
+        found: list[tuple[int, Contact | None]] = []
+        for interval, following in zip(self.intervals, (*self.intervals[1:], None), strict=True):
+            found.append((interval.start_ns, interval.contact))
+            if following is not None and following.start_ns - interval.end_ns > _GAP_NS:
+                found.append((interval.end_ns + 1, None))
+        return found
 
     def to_json(self) -> str:
         return json.dumps([_interval_to_dict(i) for i in self.intervals], indent=1)

@@ -14,7 +14,7 @@ from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.hull import vertices_from_metadata
 from contact_tracker.viewer.live import LiveViewer
-from contact_tracker.viewer.offline import write_rrd
+from contact_tracker.viewer.offline import Shown, write_rrd
 from contact_tracker.viewer.sinks import to_file
 from speeds.figures import Figure, Setup, cpu_s
 
@@ -43,7 +43,7 @@ def measure(setup: Setup) -> list[Figure]:
         return [segmentation]
 
     def write() -> None:
-        write_rrd(path, poses, segmented, vertices_m=vertices)
+        write_rrd(path, Shown(poses, segmented, vertices_m=vertices))
 
     def rate(work: Callable[[], None]) -> float:
         return len(poses) / cpu_s(work, setup.runs)

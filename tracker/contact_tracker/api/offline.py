@@ -1,7 +1,8 @@
 """What held when, from a whole trajectory."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,6 +25,7 @@ from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
 from contact_tracker.exports.writing import write_outcome, write_pieces
 from contact_tracker.extras import extra
+from contact_tracker.motion.poses import Pose
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.outputs.text import table
 from contact_tracker.recording import parts_of, read_wrenches
@@ -34,6 +36,7 @@ from contact_tracker.wrenches.wrenches import Wrenches
 if TYPE_CHECKING:
     from contact_tracker.exports import pandas_table, polars_table
     from contact_tracker.exports.figure import Figure
+    from contact_tracker.viewer.notebook import Viewer
 
 Rows = Literal["ticks", "segments"]
 
@@ -139,6 +142,23 @@ class Result:
 
             found = window_curves.curves(self.trajectory.poses)
         return draw_figure(self.segmentation, self._origin_ns, found)
+
+    def show(self, width: int = 1280, height: int = 720) -> "Viewer":
+        """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
+
+        It shows what ``contact-tracker view`` does, without the truth.
+        """
+        with extra("notebook", "the viewer in a notebook"):
+            from contact_tracker.viewer.notebook import show_in_notebook
+        from contact_tracker.viewer.offline import Shown
+
+        def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
+            deque(poses, maxlen=0)
+            yield self.segmentation
+
+        trajectory = self.trajectory
+        shown = Shown(trajectory.poses, found, None, trajectory.vertices_m, True, trajectory.name)
+        return show_in_notebook(shown, width, height)
 
     def __str__(self) -> str:
         return "\n".join(table(self.segments, self._origin_ns))

@@ -33,6 +33,11 @@ def add_recordings(parser: argparse.ArgumentParser) -> None:
 
 def _add_choice(parser: argparse.ArgumentParser) -> None:
     add_source(parser)
+    add_interval(parser)
+
+
+def add_interval(parser: argparse.ArgumentParser) -> None:
+    """``--start`` and ``--duration``."""
     parser.add_argument(
         "--start", type=seconds, default=0.0, metavar="S", help="skip the first S seconds (default: 0)"
     )

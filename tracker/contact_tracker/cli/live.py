@@ -17,7 +17,7 @@ from contact_tracker.cli.arguments import (
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
 from contact_tracker.cli.status import DONE, INTERRUPTED
-from contact_tracker.cli.terminal import StatusLine
+from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import TICKS, require_library
@@ -26,9 +26,9 @@ from contact_tracker.interrupts import SIGNALS, deferred
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
     from contact_tracker.outputs.text import FormationChanges
-    from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.viewer.null_viewer import LiveView
+    from contact_tracker.viewer.sinks import Sink
 
 HELP: Final = "what holds now: a line per change while poses stream in"
 DESCRIPTION: Final = """\
@@ -61,7 +61,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="carry on from FILE, if it is there, and keep the state in it: every 10 s, and when the stream "
         "ends or is interrupted; the last, partial tick waits there for what follows",
     )
-    parser.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+    where.add_argument(
+        "--web",
+        action="store_true",
+        help="show it in a browser on this machine as well, until interrupted",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -73,6 +79,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if not args.web:
+        return _follow(args, None)
+    from contact_tracker.viewer.web import WebViewer
+
+    with WebViewer() as web:
+        say(f"open {web.url} in a browser on this machine; Ctrl-C ends it")
+        code = _follow(args, web.sink)
+        if code < 128:  # no signal has ended the stream
+            web.wait_until_interrupted()
+    return code
+
+
+def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
+    """``sink``: of the live view, where it is not the viewer's window."""
     from contact_tracker import adaptation
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
@@ -90,17 +110,17 @@ def run(args: argparse.Namespace) -> int:
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
     log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to)
-    source = Source(log, args)
-    with _viewer(args) as viewer, StatusLine() as status, _Ticks(args.output, check) as ticks:
+    source = Source(log, args.log, args)
+    with _viewer(args, source, sink) as viewer, StatusLine() as status, _Ticks(args.output, check) as ticks:
         printer = _Printer(args.json, source, status)
         saved = None
         if args.state is not None:
             from contact_tracker.cli.saved_stream import SavedStream
 
-            saved = SavedStream(args.state, state, log, source, printer, follow)
+            saved = SavedStream(args.state, state, log, source, printer.changes, follow)
             state = saved.state
 
-        def say(beliefs: "list[Belief]") -> None:
+        def tell(beliefs: "list[Belief]") -> None:
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)
@@ -112,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
                 state, beliefs = adaptation.advance(state, pose)
-                say(beliefs)
+                tell(beliefs)
                 if saved is not None and saved.keep(state):
                     ended = 128 + saved.signal
                     break
@@ -122,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
             ended = int(leave.code or DONE)
         if saved is None:
             state, beliefs = adaptation.finish(state)
-            say(beliefs)
+            tell(beliefs)
         else:
             saved.save(state)
     source.outliers = state.outliers
@@ -130,16 +150,17 @@ def run(args: argparse.Namespace) -> int:
     return code if ended == DONE else ended
 
 
-def _viewer(args: argparse.Namespace) -> "LiveView":
+def _viewer(args: argparse.Namespace, source: "Source", sink: "Sink | None") -> "LiveView":
     from contact_tracker.viewer.null_viewer import NoViewer
 
-    if not args.rerun:
+    if sink is None and not args.rerun:
         return NoViewer()
     from contact_tracker.recording import read_metadata
     from contact_tracker.viewer.hull import vertices_from_metadata
     from contact_tracker.viewer.live import LiveViewer
 
-    return LiveViewer(vertices_from_metadata(read_metadata(args.log)))
+    vertices_m = vertices_from_metadata(read_metadata(args.log))
+    return LiveViewer(vertices_m, sink, lambda: source.origin_ns)
 
 
 class _Ticks:
@@ -177,10 +198,11 @@ class _Printer:
     """What is done with each belief: a JSON line, or a line where the contact changed or became settled."""
 
     def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
-        self.label: Contact | None = None
-        self.settled = False
+        from contact_tracker.outputs.changes import Changes
+
+        self.changes = Changes()
         self._as_json = as_json
-        self._changes: FormationChanges | None = None
+        self._formation: FormationChanges | None = None
         self._source = source
         self._status = status
 
@@ -190,27 +212,26 @@ class _Printer:
             CHANGES_HEADER,
             FormationChanges,
             change_line,
-            is_settled,
             join_line,
             leave_line,
             status_text,
         )
 
-        if self._changes is None:
-            self._changes = FormationChanges()
+        if self._formation is None:
+            self._formation = FormationChanges()
 
-        changed, settles = belief.contact is not self.label, is_settled(belief)
+        is_first = self.changes.label is None
+        is_news = self.changes.takes(belief)
         if self._as_json:
             self._status.print(json_line(belief))
-        elif changed or (settles and not self.settled):
-            if self.label is None:
+        elif is_news:
+            if is_first:
                 self._status.print(CHANGES_HEADER)
             self._status.print(change_line(belief, self._source.origin_ns))
-        joins, leaves = self._changes.update(belief)
+        joins, leaves = self._formation.update(belief)
         if not self._as_json:
             for one in leaves:
                 self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))
             for one in joins:
                 self._status.print(join_line(one, belief.stamp_ns, self._source.origin_ns))
-        self.label, self.settled = belief.contact, settles or (self.settled and not changed)
         self._status.show(lambda: status_text(belief, self._source.origin_ns))

@@ -4,25 +4,18 @@ import signal
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Final, Protocol
+from typing import Final
 
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.cli.source import Source
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS
+from contact_tracker.outputs.changes import Changes
 from contact_tracker.recording import Follow, PoseLog
 from contact_tracker.recording.stamping import Stamping
 from contact_tracker.saved_state import Progress, is_same, load, save
-from contact_tracker.states import Contact
 
 EVERY_S: Final = 10.0
-
-
-class Shown(Protocol):
-    """What was shown last."""
-
-    label: Contact | None
-    settled: bool
 
 
 class SavedStream:
@@ -48,7 +41,7 @@ class SavedStream:
         initial: AdaptiveState,
         log: PoseLog,
         source: Source,
-        shown: Shown,
+        shown: Changes,
         follow: Follow | None,
     ) -> None:
         self.signal = 0

@@ -97,7 +97,7 @@ def _segment(
     check = check_output(args.output, args.overwrite, read)
     wrenches = evidence_of(args.log, args, model, knowledge)
     log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to)
-    source = Source(log, args)
+    source = Source(log, args.log, args)
     tracker = OfflineTracker(model, knowledge, executor, wrenches)
     with progress("segment", "poses", source.expected) as set_done:
         if args.output is None:

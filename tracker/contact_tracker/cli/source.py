@@ -1,4 +1,4 @@
-"""The poses of the recording that the arguments name: cut to the asked interval, counted, paced."""
+"""The poses of a recording that the arguments name: cut to the asked interval, counted, paced."""
 
 import argparse
 import time
@@ -25,12 +25,13 @@ _LONGEST_WAIT_S: Final = 1e6
 class Source:
     """Poses on their way through one command; its counts are final once iteration has ended.
 
-    ``origin_ns`` is the stamp of the recording's first pose: times for people count from there.
+    ``name`` is the recording as the user names it, ``args`` has the interval. ``origin_ns`` is the stamp of
+    the recording's first pose: times for people count from there.
     """
 
-    def __init__(self, log: PoseLog, args: argparse.Namespace) -> None:
+    def __init__(self, log: PoseLog, name: str, args: argparse.Namespace) -> None:
         self._log = log
-        self._name: str = args.log
+        self._name = name
         detail(f"reading {log.source}")
         self._start_ns = round(args.start * 1e9)
         self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)

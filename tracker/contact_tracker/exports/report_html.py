@@ -15,13 +15,15 @@ from contact_tracker import __version__
 from contact_tracker.errors import printable
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.summary_html import notes_html, ribbon_html, table_html
+from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.text import describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.viewer.camera import EYE, Camera
 from contact_tracker.viewer.hull import Hull, hull
 from contact_tracker.viewer.palette import COLOUR, GREY, Colour
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Extent, Ground, draw_all, viewpoint
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, draw_all
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse. A click in the legend shows or hides; "
@@ -98,9 +100,16 @@ def _geometry(outcome: Outcome) -> Figure:
     solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
     extent = UNKNOWN_EXTENT if solid is None else solid.extent
     figure = Figure(list(_path(outcome)))
+    camera = Camera(extent)
+    camera.follow(poses)
     longest = sorted(segments, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
-    for segment in sorted((s for s in longest if s.geometry is not None), key=lambda s: s.start_ns):
-        figure.add_traces(list(_elements(outcome, segment, solid, extent)))
+    for segment in sorted(longest, key=lambda s: s.start_ns):
+        if segment.geometry is not None:
+            within = _poses_in(poses, segment)
+            drawing = draw_all(_touching(segment, within), within, extent, camera.up)
+            assert drawing is not None
+            camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
+            figure.add_traces(list(_elements(outcome, segment, within, drawing, solid)))
     figure.update_layout(
         height=620,
         margin={"l": 0, "r": 0, "t": 10, "b": 0},
@@ -109,19 +118,32 @@ def _geometry(outcome: Outcome) -> Figure:
         template="plotly_white",
     )
     if len(poses):
-        figure.update_layout(scene_camera=_camera(poses, Ground().or_longer(segments), extent))
+        figure.update_layout(scene_camera=_camera(camera))
     return figure
 
 
-def _camera(poses: Poses, ground: Ground, extent: Extent) -> dict[str, Any]:
+def _camera(camera: Camera) -> dict[str, Any]:
     """In plotly's own units, in which the scene is about one long."""
-    view = viewpoint(poses, ground.plane, extent)
-    eye = view.eye_m - view.target_m
+    eye = camera.frame() @ np.array(EYE)
     eye = 1.9 * eye / np.linalg.norm(eye)
     return {
         "eye": dict(zip("xyz", map(float, eye), strict=True)),
-        "up": dict(zip("xyz", map(float, view.up), strict=True)),
+        "up": dict(zip("xyz", map(float, camera.up), strict=True)),
     }
+
+
+def _poses_in(poses: Poses, segment: Segment) -> Poses:
+    """The poses of a segment, one at least."""
+    first, last = np.searchsorted(poses.stamp_ns, [segment.start_ns, segment.end_ns + 1])
+    first = min(int(first), len(poses) - 1)
+    return poses[first : max(int(last), first + 1)]
+
+
+def _touching(segment: Segment, within: Poses) -> tuple[ContactGeometry, ...]:
+    """What touches in the middle of a segment."""
+    at_ns = int(within.stamp_ns[len(within) // 2])
+    parts = segment.parts
+    return next((one for one in parts if one.start_ns <= at_ns <= one.end_ns), parts[0]).geometries
 
 
 def _path(outcome: Outcome) -> Iterator[Scatter3d]:
@@ -143,20 +165,15 @@ def _path(outcome: Outcome) -> Iterator[Scatter3d]:
 
 
 def _elements(
-    outcome: Outcome, segment: Segment, solid: Hull | None, extent: Extent
+    outcome: Outcome, segment: Segment, within: Poses, drawing: Drawing, solid: Hull | None
 ) -> Iterator[Mesh3d | Scatter3d]:
-    """The pair, and the object's hull where it is known, at the middle of the segment."""
+    """The pair, and the object's hull where it is known, at the middle of the segment.
+
+    ``within`` are the segment's poses, ``drawing`` what is drawn of them.
+    """
     assert segment.geometry is not None
-    stamps_ns = outcome.poses.stamp_ns
-    first, last = np.searchsorted(stamps_ns, [segment.start_ns, segment.end_ns + 1])
-    first = min(int(first), len(stamps_ns) - 1)
-    within = outcome.poses[first : max(int(last), first + 1)]
     middle = within[len(within) // 2 : len(within) // 2 + 1]
     rotation, position = middle.rotation[0], middle.position_m[0]
-    at_ns = int(middle.stamp_ns[0])
-    part = next((one for one in segment.parts if one.start_ns <= at_ns <= one.end_ns), segment.parts[0])
-    drawing = draw_all(part.geometries, within, extent)
-    assert drawing is not None
     on_object, _, on_environment, _ = drawing.meshes
     start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
     name = f"{segment.contact.value} from {start_s:.1f} s"

@@ -105,9 +105,14 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
 
     After ``or`` stand the states that the motion does not tell from the one named.
     """
-    others = "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
+    others = alternatives(inseparable)
     where = "" if geometry is None else f"{_element(geometry.object)} on {_element(geometry.environment)}"
     return "; ".join(filter(None, [where, others and f"or {others}"]))
+
+
+def alternatives(inseparable: Sequence[Contact]) -> str:
+    """``v-f, free``; all of them are ``any other``."""
+    return "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
 
 
 def _element(element: Element) -> str:

@@ -1,7 +1,7 @@
 """What is drawn under which name: rows for rerun, many at once offline and one at a time live."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 from uuid import uuid4
 
 import numpy as np
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.outputs.text import alternatives
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.viewer.hull import Hull
-from contact_tracker.viewer.palette import COLOUR, COLOURS, GREY
+from contact_tracker.viewer.palette import COLOUR, COLOURS, GREY, OBJECT
 from contact_tracker.viewer.scene import Drawing
 from contact_tracker.viewer.shapes import EMPTY, Mesh
 
@@ -23,18 +24,15 @@ TIMELINE: Final = "t"
 STAMP: Final = "stamp"
 BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
-LABEL: Final = "world/surroundings/label"
-MESHES: Final = (
-    "world/body/element",
-    "world/body/element/uncertainty",
-    "world/surroundings/element",
-    "world/surroundings/element/uncertainty",
-)
-PALER: Final = MESHES[:2]
-OPACITY: Final = (1.0, 0.35, 0.5, 0.15)
+ORIGIN: Final = "world/view"
+VIEW: Final = "world/view/upright"
+"""The frame that the eye is in (``camera``), in that of its origin: rerun takes a transform whole."""
+LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
 FILTERED: Final = "state/filtered"
+INSEPARABLE: Final = "state/inseparable"
+"""Other contacts that the motion does not tell from the label."""
 P_SMOOTHED: Final = "probability/smoothed"
 P_FILTERED: Final = "probability/filtered"
 RESIDUAL: Final = "minima/residual"
@@ -42,13 +40,41 @@ PAPER: Final = "minima/paper"
 EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4
+OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
+"""Of the meshes of a ``Drawing``."""
+SHEET: Final = 0.55
+"""Opacity of a face of the surroundings: one sees what is below it."""
 _ROWS: Final = 1000
 Columns = Iterable[rr.ComponentColumn]
 
+_LEGEND: Final = """\
+- **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
+- **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
+- **translucent**: two standard deviations; **a thin needle**: not known along it
+- **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
+"""
 
-def new_recording() -> rr.RecordingStream:
-    """A stream with the timelines of the data only."""
+
+class Touching(NamedTuple):
+    """Where one touching pair is drawn: its ``meshes`` as in a ``Drawing``, and its name."""
+
+    meshes: tuple[str, str, str, str]
+    label: str
+
+
+def touching(number: int = 0) -> Touching:
+    """The entities of a touching pair, the first of several at once or number ``number`` beside it."""
+    end = f"_{number + 1}" if number else ""
+    pair = f"world/body/element{end}", f"world/surroundings/element{end}"
+    meshes = (pair[0], f"{pair[0]}/uncertainty", pair[1], f"{pair[1]}/uncertainty")
+    return Touching(meshes, f"world/surroundings/label{end}")
+
+
+def new_recording(name: str | None = None) -> rr.RecordingStream:
+    """A stream with the timelines of the data only; ``name`` is for people."""
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid4())
+    if name is not None:
+        recording.send_recording_name(name)
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
     return recording
@@ -73,7 +99,9 @@ class Canvas:
             self._lines(entity, STATES)
         for entity in (RESIDUAL, PAPER):
             self._lines(entity, CONTACTS)
-        self._static(LABEL, rr.Points3D.from_fields(radii=rr.Radius.ui_points(0.0), show_labels=True))
+        self._static(LEGEND, rr.TextDocument(_LEGEND, media_type=rr.MediaType.MARKDOWN))
+        self._labelled: set[str] = set()
+        self._named: list[str] = []
         if hull is not None:
             self._hull(hull)
 
@@ -112,24 +140,61 @@ class Canvas:
         """Values (N, K) of the K series of an entity; nan leaves a gap."""
         self._send(entity, stamp_ns, lambda rows: rr.Scalars.columns(scalars=values[rows]))
 
-    def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None]) -> None:
-        """What is drawn from each stamp on; None clears it."""
+    def inseparable(self, stamp_ns: Stamps, others: Sequence[Sequence[Contact]]) -> None:
+        """What the motion does not tell from the label from each stamp on."""
+        texts = [f"or {alternatives(states)}" if states else "" for states in others]
+        new = sorted({text for text in texts if text} - set(self._named))
+        if new:
+            self._named += new
+            greys = [GREY] * len(self._named)
+            names = self._named
+            self._static(INSEPARABLE, rr.StateConfiguration(values=names, labels=names, colors=greys))
+        self._send(INSEPARABLE, stamp_ns, lambda rows: rr.StateChange.columns(state=texts[rows]))
+
+    def stand(self, axes_m: Array) -> None:
+        """How the frame of the eye lies in the world: its axes, columns (3, 3) as long as its unit."""
+        self._static(VIEW, rr.Transform3D(mat3x3=axes_m))
+
+    def follow(self, stamp_ns: Stamps, origins_m: Array) -> None:
+        """Where the frame of the eye is from each stamp on: (N, 3)."""
+        self._send(ORIGIN, stamp_ns, lambda rows: rr.Transform3D.columns(translation=origins_m[rows]))
+
+    def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None], number: int = 0) -> None:
+        """What is drawn of touching pair ``number`` from each stamp on; None clears it."""
+        entities = touching(number)
+        if entities.label not in self._labelled:
+            self._labelled.add(entities.label)
+            style = rr.Points3D.from_fields(radii=rr.Radius.ui_points(0.0), show_labels=True)
+            self._static(entities.label, style)
         meshes = [NOTHING if d is None else d.meshes for d in drawings]
-        for entity, of_entity in zip(MESHES, zip(*meshes, strict=True), strict=True):
+        for entity, of_entity in zip(entities.meshes, zip(*meshes, strict=True), strict=True):
             self._meshes(entity, stamp_ns, of_entity)
         places = [np.zeros((0, 3)) if d is None else d.label_m[None] for d in drawings]
-        self._send(LABEL, stamp_ns, lambda rows: _place_columns(places[rows]))
+        self._send(entities.label, stamp_ns, lambda rows: _place_columns(places[rows]))
 
-    def fade(self, stamp_ns: Stamps, contacts: Sequence[Contact], probability: Array) -> None:
-        """Colour, opacity and caption of what is drawn from each stamp on; the object's element is paler."""
-        colours = np.array([COLOUR[contact] for contact in contacts], float)
-        for entity, opacity in zip(MESHES, OPACITY, strict=True):
-            shade = colours if entity not in PALER else 255.0 - 0.5 * (255.0 - colours)
+    def fade(
+        self,
+        stamp_ns: Stamps,
+        contacts: Sequence[Contact],
+        probability: Array,
+        captions: Sequence[str],
+        number: int = 0,
+    ) -> None:
+        """Colour, opacity and caption of touching pair ``number`` from each stamp on."""
+        entities = touching(number)
+        colours = np.array([COLOUR[contact] for contact in contacts], np.uint8)
+        of_object = np.broadcast_to(np.array(OBJECT, np.uint8), colours.shape)
+        shades = (of_object, of_object, colours, colours)
+        for entity, shade, opacity in zip(entities.meshes, shades, OPACITY, strict=True):
             alpha = 255.0 * opacity * np.clip(probability, 0.0, 1.0)
-            self._shade(entity, stamp_ns, np.round(np.column_stack([shade, alpha])).astype(np.uint8))
-        captions = [f"{c.value}  {p:.2f}" for c, p in zip(contacts, probability, strict=True)]
-        rgb = colours.astype(np.uint8)
-        self._send(LABEL, stamp_ns, lambda rows: rr.Points3D.columns(labels=captions[rows], colors=rgb[rows]))
+            if entity == entities.meshes[2]:
+                alpha = alpha * np.where([contact.value.endswith("-f") for contact in contacts], SHEET, 1.0)
+            self._shade(entity, stamp_ns, np.column_stack([shade, np.round(alpha).astype(np.uint8)]))
+        self._send(
+            entities.label,
+            stamp_ns,
+            lambda rows: rr.Points3D.columns(labels=captions[rows], colors=colours[rows]),
+        )
 
     def events(self, stamp_ns: Stamps, contacts: Sequence[Contact], texts: Sequence[str]) -> None:
         colours = [COLOUR[contact] for contact in contacts]
@@ -188,6 +253,14 @@ def _mesh_columns(meshes: Sequence[Mesh]) -> Columns:
 def _place_columns(places: Sequence[Array]) -> Columns:
     found = np.concatenate(places)
     return rr.Points3D.columns(positions=found).partition([len(p) for p in places])
+
+
+def caption(
+    contact: Contact, probability: float, others: Sequence[Contact] = (), is_open: bool = False
+) -> str:
+    """``f-f  0.97 or e-f``; ``is_open``: nobody knows where along their normal the faces are."""
+    rest = f" or {alternatives(others)}" if others else ""
+    return f"{contact.value}  {probability:.2f}{rest}{', height unknown' if is_open else ''}"
 
 
 def _texts(names: Sequence[str | None]) -> list[str]:

@@ -53,5 +53,5 @@ def hull(vertices_m: Array) -> Hull | None:
         vertices_m.astype(np.float32),
         found.simplices.astype(np.uint32),
         np.array(edges, np.float32).reshape(-1, 2, 3),
-        Extent(centre, radius),
+        Extent(centre, radius, vertices_m),
     )

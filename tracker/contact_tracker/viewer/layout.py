@@ -1,33 +1,46 @@
 """How the views are arranged: 3D and events on the left, everything over time on the right."""
 
 import inspect
-from typing import Any
+from typing import Any, Literal
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-from contact_tracker.viewer import canvas
-from contact_tracker.viewer.scene import Viewpoint
+from contact_tracker.viewer import camera, canvas
 
+PanelState = Literal["collapsed", "expanded"]
 TRAIL_S = 4.0
 LIVE_S = 10.0
 
 
-def offline(viewpoint: Viewpoint | None, paper: bool) -> rrb.Blueprint:
-    """The whole recording at once; ``paper``: with the fixed-window curves."""
+def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
+    """The whole recording at once; ``paper``: with the fixed-window curves.
+
+    Beside others the list of recordings is open.
+    """
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, top=1.05, legend=True)
     filtered = _plot(canvas.P_FILTERED, "Probability, filtered (data so far)", everything, top=1.05)
-    minima = [_plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", everything, top=3.0)]
+    minima = [
+        _plot(
+            canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", everything, top=3.0, legend=True
+        )
+    ]
     if paper:
         minima.append(
-            _plot(canvas.PAPER, "Paper's objectives, fixed window (normalised)", everything, top=1.0)
+            _plot(
+                canvas.PAPER,
+                "Paper's objectives, windows of 500 poses (normalised)",
+                everything,
+                top=1.0,
+                legend=True,
+            )
         )
     over_time = rrb.Vertical(
-        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[10, 14, 10, 10]
+        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[12, 14, 8, 13]
     )
-    eye = None if viewpoint is None else _eye(viewpoint)
-    return _blueprint(_space(eye), over_time, rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE))
+    panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
+    return _blueprint(over_time, panel, "expanded" if is_one_of_several else "collapsed")
 
 
 def live() -> rrb.Blueprint:
@@ -39,14 +52,16 @@ def live() -> rrb.Blueprint:
     over_time = rrb.Vertical(
         _states(recent),
         _plot(canvas.P_FILTERED, "Probability", recent, top=1.05, legend=True),
-        _plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", recent, top=3.0),
-        row_shares=[2, 3, 3],
+        _plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", recent, top=3.0, legend=True),
+        row_shares=[3, 4, 4],
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE, play_state="following")
-    return _blueprint(_space(None), over_time, panel)
+    return _blueprint(over_time, panel)
 
 
-def _blueprint(space: rrb.View, over_time: rrb.Container, panel: rrb.TimePanel) -> rrb.Blueprint:
+def _blueprint(
+    over_time: rrb.Container, panel: rrb.TimePanel, recordings: PanelState = "collapsed"
+) -> rrb.Blueprint:
     events = rrb.TextLogView(
         origin=canvas.EVENTS,
         name="Changes of contact",
@@ -55,22 +70,14 @@ def _blueprint(space: rrb.View, over_time: rrb.Container, panel: rrb.TimePanel) 
             text_log_columns=["LogLevel", "Body"],
         ),
     )
-    left = rrb.Vertical(space, events, row_shares=[3, 1])
+    legend = rrb.TextDocumentView(origin=canvas.LEGEND, name="What is what")
+    left = rrb.Vertical(_space(), legend, events, row_shares=[18, 4, 5])
     return rrb.Blueprint(
         rrb.Horizontal(left, over_time, column_shares=[11, 9]),
-        rrb.BlueprintPanel(state="collapsed"),
+        rrb.BlueprintPanel(state=recordings),
         rrb.SelectionPanel(state="collapsed"),
         panel,
         auto_views=False,
-    )
-
-
-def _eye(viewpoint: Viewpoint) -> rrb.EyeControls3D:
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=viewpoint.eye_m,
-        look_target=viewpoint.target_m,
-        eye_up=viewpoint.up,
     )
 
 
@@ -79,15 +86,19 @@ def _no_column(timeline: str) -> rrb.encodings.TimelineColumn:
     return rrb.encodings.TimelineColumn(timeline, visible=False)
 
 
-def _space(eye: rrb.EyeControls3D | None) -> rrb.View:
+def _space() -> rrb.View:
     trail = rr.VisibleTimeRange(
         canvas.TIMELINE,
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
         end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
     )
     # The world frame need not be level, so the viewer's ground grid would mislead.
+    eye = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=camera.EYE, look_target=camera.TARGET, eye_up=(0.0, 0.0, 1.0)
+    )
     return rrb.Spatial3DView(
-        origin="world",
+        origin=canvas.VIEW,
+        contents="world/**",
         name="Object and contact",
         line_grid=False,
         eye_controls=eye,

@@ -1,6 +1,7 @@
 """What is believed while it is believed, streamed to the viewer."""
 
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
 from typing import Final, Self
@@ -10,11 +11,13 @@ import numpy as np
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.text import FormationChanges
+from contact_tracker.outputs.changes import Changes
+from contact_tracker.outputs.text import FormationChanges, is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.viewer import canvas, layout
-from contact_tracker.viewer.canvas import Canvas
+from contact_tracker.viewer.camera import Camera
+from contact_tracker.viewer.canvas import Canvas, caption
 from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw_all
@@ -32,19 +35,30 @@ class LiveViewer:
     ----------
     vertices_m : (V, 3) of the object in the body frame, where known.
     sink : where it goes; by default a viewer on this machine, started where none runs.
+    origin_ns : the stamp from which times count, asked for after the first pose; by default the first pose's.
 
     Raises
     ------
     ViewerError : the viewer does not start.
     """
 
-    def __init__(self, vertices_m: Array | None = None, sink: Sink | None = None) -> None:
+    def __init__(
+        self,
+        vertices_m: Array | None = None,
+        sink: Sink | None = None,
+        origin_ns: Callable[[], int] | None = None,
+    ) -> None:
         self._hull = None if vertices_m is None else hull(vertices_m)
         self._extent = UNKNOWN_EXTENT if self._hull is None else self._hull.extent
         self._recording = canvas.new_recording()
         self._sheet: Canvas | None = None
+        self._origin = origin_ns
         self._origin_ns = self._shown_ns = self._drawn_ns = 0
+        self._camera = Camera(self._extent)
+        self._changes = Changes()
         self._contact: Contact | None = None
+        self._inseparable: tuple[Contact, ...] = ()
+        self._is_open = False
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
         self._formation = FormationChanges()
@@ -53,11 +67,13 @@ class LiveViewer:
     def pose(self, pose: Pose) -> None:
         """Move the body, at most as often as an eye can follow."""
         if self._sheet is None:
-            self._origin_ns = pose.stamp_ns
-            self._sheet = Canvas(self._recording, pose.stamp_ns, self._hull, self._extent.radius_m)
+            self._origin_ns = pose.stamp_ns if self._origin is None else self._origin()
+            self._sheet = Canvas(self._recording, self._origin_ns, self._hull, self._extent.radius_m)
+            self._sheet.stand(self._camera.frame())
         if pose.stamp_ns - self._shown_ns >= _FRAME_NS:
             self._shown_ns = pose.stamp_ns
             self._sheet.pose(pose)
+            self._sheet.follow(*self._camera.follow(Poses.collect([pose])))
         self._waiting.append(pose)
 
     def belief(self, belief: Belief) -> None:
@@ -74,17 +90,32 @@ class LiveViewer:
         if changed:
             self._contact = contact
             sheet.states(canvas.FILTERED, stamp, [contact])
+        if self._changes.takes(belief):
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
         joins, leaves = self._formation.update(belief)
         for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
             told = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
             sheet.events(stamp, [one.contact], [told])
+        if belief.inseparable != self._inseparable:
+            self._inseparable = belief.inseparable
+            sheet.inseparable(stamp, [belief.inseparable])
         if changed or joins or leaves or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
+            self._draw(sheet, belief, tick)
             self._drawn_ns = belief.stamp_ns
-            touching = [*filter(None, [belief.geometry]), *(one.geometry for one in belief.further)]
-            sheet.drawings(stamp, [draw_all(touching, tick, self._extent)])
-        sheet.fade(stamp, [contact], np.array([p]))
+        text = caption(contact, p, belief.inseparable, self._is_open)
+        sheet.fade(stamp, [contact], np.array([p]), [text])
+
+    def _draw(self, sheet: Canvas, belief: Belief, tick: Poses) -> None:
+        geometry = belief.geometry
+        touching = [*filter(None, [geometry]), *(one.geometry for one in belief.further)]
+        drawing = draw_all(touching, tick, self._extent, self._camera.up)
+        if geometry is not None and drawing is not None:
+            lasted_ns = int(belief.stamp_ns - self._drawn_ns) if self._drawn_ns else 0
+            if is_settled(belief) and self._camera.see(geometry, drawing, tick, lasted_ns):
+                sheet.stand(self._camera.frame())
+        self._is_open = drawing is not None and drawing.is_open
+        sheet.drawings(np.array([belief.stamp_ns], np.int64), [drawing])
 
     def close(self) -> None:
         """See the rest delivered; the viewer stays open."""

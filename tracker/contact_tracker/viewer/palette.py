@@ -17,3 +17,5 @@ COLOUR: Final[dict[Contact, Colour]] = {
 }
 COLOURS: Final = [COLOUR[state] for state in STATES]
 GREY: Final[Colour] = (170, 176, 186)
+OBJECT: Final[Colour] = (244, 240, 228)
+"""Of the object's elements, whatever touches; those of the surroundings have the colour of the contact."""

@@ -1,25 +1,53 @@
-"""Where things stand: which part of an endless plane or line is worth drawing, and from where to look."""
+"""One touching pair as it is drawn: which part of an endless plane or line, and where its name is."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Plane
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Plane, Point
 from contact_tracker.motion.poses import Poses
-from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.shapes import Mesh, body, joined, uncertainty
+from contact_tracker.viewer.shapes import (
+    EMPTY,
+    SIGMAS,
+    SQUARE,
+    Mesh,
+    across,
+    distance_sd_m,
+    joined,
+    needle,
+    of_object,
+    of_surroundings,
+    uncertainty,
+)
 
-_ENOUGH_POSES: Final = 200
+ENOUGH_POSES: Final = 200
+_LARGEST_M: Final = 2.0
+"""An object whose size nobody has told is not taken for larger."""
+_CUBE_ABOVE: Final = 0.25
+_CORNER_LABEL: Final = 0.7
+_WHEEL: Final = 0.65
+"""It fits into the sheet that it touches."""
+UP: Final = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """How large the object is: ``centre_m`` (3,) in the body frame, ``radius_m`` about it."""
+    """How large the object is: ``centre_m`` (3,) in the body frame, ``radius_m`` about it.
+
+    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is a guess.
+    """
 
     centre_m: Array
     radius_m: float
+    vertices_m: Array | None = None
+
+    def reaching(self, distance_m: float) -> "Extent":
+        """The same, or where it is a guess one that reaches what touches at ``distance_m`` of the centre."""
+        if self.vertices_m is not None or not self.radius_m < distance_m <= _LARGEST_M:
+            return self
+        return replace(self, radius_m=distance_m)
 
 
 UNKNOWN_EXTENT: Final = Extent(np.zeros(3), 0.1)
@@ -31,65 +59,115 @@ class Drawing(NamedTuple):
     Parameters
     ----------
     meshes : the object's element and its uncertainty in the body frame, the surroundings' in the world frame.
-    label_m : (3,) where to name it, in the world frame.
+    label_m : (3,) where to name it, in the world frame: beside what touches.
+    reach_m : how far from the object's centre it touches.
+    is_open : whether the motion does not say where along their normal two faces touch.
     """
 
     meshes: tuple[Mesh, Mesh, Mesh, Mesh]
     label_m: Array
+    reach_m: float
+    is_open: bool
 
 
-class Ground(NamedTuple):
-    """The surroundings' plane that was touched longest, and for how long."""
+def draw_all(
+    geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent, up: Array = UP
+) -> Drawing | None:
+    """Draw the pairs that touch at the same time, as ``draw`` does; None without any.
 
-    plane: Plane | None = None
-    touched_ns: int = -1
-
-    def or_longer(self, segments: Iterable[Segment]) -> "Ground":
-        """What it is after these segments; the first of equals."""
-        touched = (
-            Ground(s.geometry.environment, s.end_ns - s.start_ns)
-            for s in segments
-            if s.geometry is not None and isinstance(s.geometry.environment, Plane)
-        )
-        return max([self, *touched], key=lambda ground: ground.touched_ns)
-
-
-class Viewpoint(NamedTuple):
-    eye_m: Array
-    target_m: Array
-    up: Array
-
-
-def draw_all(geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent) -> Drawing | None:
-    """Draw the pairs that touch at the same time, the first of which is named; None without any."""
+    What is said of all is that of the first.
+    """
     if not geometries:
         return None
-    drawings = [draw(geometry, poses, extent) for geometry in geometries]
-    object, object_spread, world, world_spread = (
+    drawings = [draw(geometry, poses, extent, up) for geometry in geometries]
+    on_object, object_spread, on_world, world_spread = (
         joined(meshes) for meshes in zip(*(one.meshes for one in drawings), strict=True)
     )
-    return Drawing((object, object_spread, world, world_spread), drawings[0].label_m)
+    return drawings[0]._replace(meshes=(on_object, object_spread, on_world, world_spread))
 
 
-def draw(geometry: ContactGeometry, poses: Poses, extent: Extent) -> Drawing:
+def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP) -> Drawing:
     """Draw the pair where ``poses`` bring it together: as large as the object, and all of the way it slid.
+
+    Two faces of which only the distance is known are drawn where the hull rests on its lower face, and their
+    uncertainty as a needle along the normal.
 
     Parameters
     ----------
     poses : of the time in which the contact was seen, at least one.
+    up : (3,) in the world.
     """
-    poses = poses[:: 1 + len(poses) // _ENOUGH_POSES]
+    poses = poses[:: 1 + len(poses) // ENOUGH_POSES]
     rotation, position = poses.rotation, poses.position_m
-    of_object, of_environment = _place(geometry.object), _place(geometry.environment)
-    on_object = extent.centre_m if of_object is None else of_object
+    centres = rotation @ extent.centre_m + position
+    is_open = _is_open(geometry, centres, extent.radius_m)
+    if is_open:
+        geometry = _resting(geometry, rotation[len(rotation) // 2], extent, up)
+    of_object_m, of_environment_m = _place(geometry.object), _place(geometry.environment)
+    on_object = extent.centre_m if of_object_m is None else of_object_m
     touched = rotation @ on_object + position
-    touching = on_object[None] if of_environment is None else _into_body(rotation, position, of_environment)
-    return Drawing(
-        (
-            *_meshes(geometry.object, touching, extent.radius_m),
-            *_meshes(geometry.environment, touched, extent.radius_m),
-        ),
-        _centre(geometry.environment, touched),
+    touching = (
+        on_object[None] if of_environment_m is None else _into_body(rotation, position, of_environment_m)
+    )
+    middle, inner = _centre(geometry.environment, touched), _centre(geometry.object, touching)
+    if of_environment_m is not None and of_object_m is None:
+        reach_m = float(np.median(np.linalg.norm(touching - extent.centre_m, axis=1)))
+    else:
+        reach_m = float(np.linalg.norm(inner - extent.centre_m))
+    radius_m = extent.reaching(reach_m).radius_m
+    half_m = _half_m(geometry.environment, touched, middle, radius_m)
+    object_m = _half_m(geometry.object, touching, inner, radius_m)
+    object_m *= _WHEEL if isinstance(geometry.object, Plane) else 1.0
+    if is_open:
+        assert isinstance(geometry.environment, Plane)
+        open_ways = EMPTY, needle(geometry.environment.normal, middle, radius_m)
+    else:
+        open_ways = (
+            uncertainty(geometry.object, inner, object_m),
+            uncertainty(geometry.environment, middle, half_m, SQUARE),
+        )
+    meshes = (
+        of_object(geometry.object, inner, object_m),
+        open_ways[0],
+        of_surroundings(geometry.environment, middle, half_m),
+        open_ways[1],
+    )
+    return Drawing(meshes, _beside(geometry.environment, middle, half_m, up), reach_m, is_open)
+
+
+def side(plane: Plane, points: Array, radius_m: float) -> float:
+    """Where ``points`` (N, 3) are: 1 where the normal of ``plane`` points to, -1 behind, 0 if unknown."""
+    if plane.covariance is not None:
+        middle = np.median(points, axis=0)
+        if not SIGMAS * float(distance_sd_m(plane, middle)) < radius_m:  # also where it is not a number
+            return 0.0
+    return float(np.sign(np.median(points @ plane.normal) - plane.offset_m))
+
+
+def _is_open(geometry: ContactGeometry, centres: Array, radius_m: float) -> bool:
+    """Whether nothing but the distance between two faces is known of where they are."""
+    if not isinstance(geometry.object, Plane) or not isinstance(geometry.environment, Plane):
+        return False
+    sd = geometry.environment.covariance
+    if sd is None:
+        return False
+    return SIGMAS * float(np.median(distance_sd_m(geometry.environment, centres))) > radius_m
+
+
+def _resting(geometry: ContactGeometry, rotation: Array, extent: Extent, up: Array) -> ContactGeometry:
+    """Both faces moved along their normal to where the hull ends below; nothing known of them changes."""
+    on_object, on_world = geometry.object, geometry.environment
+    assert isinstance(on_object, Plane)
+    assert isinstance(on_world, Plane)
+    if extent.vertices_m is None:
+        return geometry
+    outward = rotation @ on_object.normal
+    heights = extent.vertices_m @ on_object.normal
+    lowest = float(heights.min() if outward @ up >= 0.0 else heights.max())
+    shift = lowest - on_object.offset_m
+    along = shift * float(np.sign(outward @ on_world.normal))
+    return ContactGeometry(
+        replace(on_object, offset_m=lowest), replace(on_world, offset_m=on_world.offset_m + along)
     )
 
 
@@ -103,11 +181,10 @@ def _into_body(rotation: Array, position: Array, point: Array) -> Array:
     return inside
 
 
-def _meshes(element: Element, partner: Array, radius_m: float) -> tuple[Mesh, Mesh]:
-    centre = _centre(element, partner)
+def _half_m(element: Element, partner: Array, centre: Array, radius_m: float) -> float:
+    """How far from its ``centre`` an element is drawn."""
     reach = float(np.max(np.linalg.norm(partner - centre, axis=1))) if isinstance(element, Plane) else 0.0
-    half_m = radius_m + min(reach, 3.0 * radius_m)
-    return body(element, centre, half_m), uncertainty(element, centre, half_m)
+    return radius_m + min(reach, 3.0 * radius_m)
 
 
 def _centre(element: Element, partner: Array) -> Array:
@@ -119,25 +196,13 @@ def _centre(element: Element, partner: Array) -> Array:
     return centre
 
 
-def viewpoint(poses: Poses, plane: Plane | None, extent: Extent) -> Viewpoint:
-    """Look from the side on the whole motion, upright on a ``plane`` of the surroundings."""
-    centres = poses.rotation @ extent.centre_m + poses.position_m
-    target = np.median(centres, axis=0)
-    spread = centres - target
-    up = _up(plane, target)
-    level = spread - np.outer(spread @ up, up)
-    narrow = np.linalg.svd(np.vstack([level, 1e-6 * _level_axes(up)]), full_matrices=False)[2][1]
-    distance = 1.8 * (extent.radius_m + float(np.quantile(np.linalg.norm(spread, axis=1), 0.95)))
-    return Viewpoint(target + distance * (0.87 * narrow + 0.5 * up), target, up)
-
-
-def _level_axes(up: Array) -> Array:
-    return np.eye(3) - np.outer(up, up)
-
-
-def _up(plane: Plane | None, target: Array) -> Array:
-    """The normal of the plane towards the object; else z."""
-    if plane is None:
-        return np.array([0.0, 0.0, 1.0])
-    up: Array = plane.normal * (1.0 if target @ plane.normal >= plane.offset_m else -1.0)
-    return up
+def _beside(element: Element, centre: Array, half_m: float, up: Array) -> Array:
+    """A corner of a sheet, an end of a bar, below a cube."""
+    match element:
+        case Plane(normal):
+            away: Array = _CORNER_LABEL * across(normal)[:, 0]
+        case Point():
+            away = -_CUBE_ABOVE * up
+        case _:
+            away = element.direction if element.direction @ up < 0.0 else -element.direction
+    return np.asarray(centre + half_m * away)

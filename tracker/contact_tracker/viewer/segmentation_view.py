@@ -1,27 +1,38 @@
 """What is drawn of a segmentation, piece by piece: each with the poses that it is about."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 
-from contact_tracker.geometry.elements import Array
+from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.belief import Segment, SegmentPart
 from contact_tracker.tracking.pose_buffer import Waiting
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas
-from contact_tracker.viewer.canvas import Canvas, Stamps
+from contact_tracker.viewer.camera import Camera
+from contact_tracker.viewer.canvas import Canvas, Stamps, caption
 from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Ground, Viewpoint, draw_all, viewpoint
+from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw_all
+
+
+class OpenFaces(NamedTuple):
+    """Two faces of which only the distance is known, drawn below the object, as ``up`` (3,) was then."""
+
+    start_ns: int
+    geometries: tuple[ContactGeometry, ...]
+    poses: Poses
+    up: Array
 
 
 class Painter:
-    """Draws into ``recording``; times count from ``origin_ns``, the first pose.
+    """Draws into ``recording``; times count from ``origin_ns``, the first pose of the recording.
 
     ``vertices_m`` (V, 3) of the object, where known. ``paper``: with the paper's objective functions.
     """
@@ -34,15 +45,20 @@ class Painter:
         self._sheet = Canvas(recording, origin_ns, solid, self._extent.radius_m)
         self._origin_ns = origin_ns
         self._curves = Curves() if paper else None
-        self._waiting, self._all = Waiting(), Waiting()
-        self._ground = Ground()
+        self._waiting = Waiting()
+        self._camera = Camera(self._extent)
+        self._open: list[OpenFaces] = []
+        self._first_ns, self._last_ns = 2**63 - 1, -(2**63)
         self._last: dict[str, Contact | None] = {}
 
     def poses(self, poses: Poses) -> None:
         """The next poses, before the piece that is about them."""
         self._sheet.poses(poses)
         self._waiting.extend(poses)
-        self._all.extend(poses)
+        if len(poses):
+            self._first_ns = min(self._first_ns, int(poses.stamp_ns[0]))
+            self._last_ns = int(poses.stamp_ns[-1])
+        self._sheet.follow(*self._camera.follow(poses))
         if self._curves is not None:
             self._curves.extend(poses)
 
@@ -56,23 +72,19 @@ class Painter:
             return
         self._sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
         self._segments(found)
-        self._fade(found)
         self._trail(beliefs)
-        self._ground = self._ground.or_longer(found.segments)
 
     def finish(self, truth: Truth | None) -> None:
         """What is drawn of the whole at once."""
+        self._sheet.stand(self._camera.frame())
+        self._turn_over()
         if truth is not None:
-            starts = np.array([i.start_ns for i in truth.intervals], np.int64)
-            self._changes(canvas.TRUTH, starts, [i.contact for i in truth.intervals])
+            changes = truth.between(self._first_ns, self._last_ns).changes()
+            starts = np.array([start_ns for start_ns, _ in changes], np.int64)
+            self._changes(canvas.TRUTH, starts, [contact for _, contact in changes])
         if self._curves is not None:
             curves = self._curves.finish()
             self._sheet.scalars(canvas.PAPER, curves.stamp_ns, curves.normalised)
-
-    @property
-    def viewpoint(self) -> Viewpoint:
-        """From where to look on all of it."""
-        return viewpoint(self._all.poses, self._ground.plane, self._extent)
 
     def _trail(self, beliefs: Beliefs) -> None:
         """A strip per tick, joined to the one before: of the poses, the last one goes on waiting for that."""
@@ -96,12 +108,15 @@ class Painter:
             last = int(np.searchsorted(poses.stamp_ns, part.end_ns, side="right"))
             first = min(first, len(poses) - 1)
             within = poses[first : max(last, first + 1)]
-            drawings.append(draw_all(part.geometries, within, self._extent))
+            drawings.append(self._drawn(part, within))
         self._sheet.drawings(np.array([part.start_ns for part in parts], np.int64), drawings)
         self._joins_and_leaves(segments)
+        firsts = np.cumsum([0, *(len(segment.parts) for segment in segments)])[:-1]
+        self._fade(found, [(one := drawings[i]) is not None and one.is_open for i in firsts])
         contacts, origin = [s.contact for s in segments], self._origin_ns
         texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
         self._sheet.events(starts, contacts, texts)
+        self._sheet.inseparable(starts, [s.inseparable for s in segments])
         self._changes(canvas.SMOOTHED, starts, contacts)
 
     def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
@@ -117,18 +132,47 @@ class Painter:
             stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
             self._sheet.events(np.array(stamps, np.int64), contacts, texts)
 
-    def _fade(self, found: Segmentation) -> None:
+    def _drawn(self, part: SegmentPart, within: Poses) -> Drawing | None:
+        """``within`` are the poses of the part."""
+        up = self._camera.up
+        drawing = draw_all(part.geometries, within, self._extent, up)
+        if drawing is None:
+            return None
+        if self._camera.see(part.geometries[0], drawing, within, part.end_ns - part.start_ns):
+            self._sheet.stand(self._camera.frame())  # as well as one knows by now
+        if drawing.is_open:
+            few = within[:: 1 + len(within) // ENOUGH_POSES]
+            self._open.append(OpenFaces(part.start_ns, part.geometries, few, up))
+        return drawing
+
+    def _turn_over(self) -> None:
+        """Draw faces once more that were drawn on what has turned out to be the upper side of the object."""
+        up = self._camera.up
+        wrong = [faces for faces in self._open if faces.up @ up < 0.0]
+        stamps = np.array([faces.start_ns for faces in wrong], np.int64)
+        drawings = [draw_all(faces.geometries, faces.poses, self._extent, up) for faces in wrong]
+        if drawings:
+            self._sheet.drawings(stamps, drawings)
+
+    def _fade(self, found: Segmentation, is_open: Sequence[bool]) -> None:
         """Each tick's probability; a segment begins with that of its first tick."""
-        beliefs = found.beliefs
+        beliefs, segments = found.beliefs, found.segments
         stamps = beliefs.stamp_ns
-        begins = np.array([s.start_ns for s in found.segments], np.int64)
+        begins = np.array([s.start_ns for s in segments], np.int64)
         first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
-        contacts = [*(s.contact for s in found.segments), *beliefs.contacts]
+        contacts = [*(s.contact for s in segments), *beliefs.contacts]
         rows = np.concatenate([first, np.arange(len(beliefs))])
         probability = beliefs.probability[rows, [c.column for c in contacts]]
         times = np.concatenate([begins, stamps])
+        number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
+        captions = [
+            caption(contact, p, segments[i].inseparable, is_open[i])
+            for contact, p, i in zip(contacts, probability, number, strict=True)
+        ]
         order = np.argsort(times, kind="stable")
-        self._sheet.fade(times[order], [contacts[i] for i in order], probability[order])
+        self._sheet.fade(
+            times[order], [contacts[i] for i in order], probability[order], [captions[i] for i in order]
+        )
 
     def _changes(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
         """Only where the state differs from the one before."""

@@ -1,11 +1,13 @@
 """Where a recording goes: into a file, or into a viewer on this machine."""
 
 import os
+import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -17,8 +19,12 @@ from contact_tracker.viewer import SILENT
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 9876
+_PROGRAM: Final = (sys.executable, "-P", "-m", "rerun_cli")
+"""Without what happens to lie in the current folder."""
+WINDOW: Final = ("--hide-welcome-screen",)
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
+_END_S: Final = 5.0
 _ANSWER_S: Final = 2.0
 # RFC 9113, 3.4: a client begins with this text and a SETTINGS frame, a server answers with one.
 _SETTINGS: Final = b"\x04"
@@ -42,17 +48,22 @@ def to_viewer(port: int = PORT) -> Sink:
     """A sink that shows it in the viewer at ``port``; a viewer is started where nothing listens there."""
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
-        speaks = _answers(port)
+        speaks = answers(port)
         if speaks is None:
-            _start(port)
+            start(port, WINDOW)
         elif not speaks:
             raise ViewerError(f"port {port} is taken, and not by a rerun viewer")
-        recording.connect_grpc(f"rerun+http://{HOST}:{port}/proxy", default_blueprint=blueprint)
+        recording.connect_grpc(address(port), default_blueprint=blueprint)
 
     return connect
 
 
-def _answers(port: int) -> bool | None:
+def address(port: int) -> str:
+    """Where a viewer takes recordings."""
+    return f"rerun+http://{HOST}:{port}/proxy"
+
+
+def answers(port: int) -> bool | None:
     """Whether HTTP/2, which viewers speak, is answered at ``port``; None where nothing listens.
 
     rerun connects to anything, and finds out when it is too late: knock first.
@@ -68,28 +79,46 @@ def _answers(port: int) -> bool | None:
         return None
 
 
-def _start(port: int) -> None:
-    """Start a viewer that outlives this process and is reached from this machine only."""
+def start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Start a viewer that is reached from this machine only, and outlives this process unless it is ended.
+
+    Raises
+    ------
+    ViewerError : it does not take recordings at ``port`` in time.
+    """
     command = [
-        sys.executable,
-        "-P",  # not what happens to lie in the current folder
-        "-m",
-        "rerun_cli",
+        *_PROGRAM,
         "--bind",
         HOST,
         "--port",
         str(port),
-        "--hide-welcome-screen",
+        *options,
     ]
     quiet = subprocess.DEVNULL
     viewer = subprocess.Popen(
         command, stdin=quiet, stdout=quiet, stderr=quiet, env=_environment(), start_new_session=True
     )
     give_up = time.monotonic() + _START_S
-    while not _answers(port):
+    while not answers(port):
         if viewer.poll() is not None or time.monotonic() > give_up:
             raise ViewerError("the rerun viewer did not start: is there a screen? view --save writes a file")
         time.sleep(_POLL_S)
+    return viewer
+
+
+def end(viewer: "subprocess.Popen[bytes]") -> None:
+    """End a viewer that was started here, and see it gone with the process that it runs in."""
+    if sys.platform == "win32":
+        viewer.terminate()
+        viewer.wait()
+        return
+    give_up = time.monotonic() + _END_S
+    with suppress(ProcessLookupError):
+        os.killpg(viewer.pid, signal.SIGTERM)
+        viewer.wait()
+        while True:  # its own child is no child of ours
+            os.killpg(viewer.pid, 0 if time.monotonic() < give_up else signal.SIGKILL)
+            time.sleep(_POLL_S)
 
 
 def _environment() -> dict[str, str]:
