@@ -66,7 +66,11 @@ class Plugin:
         self.failed = False
         self.survivors = list[str]()
         self.tried = 0
+        self.names = set[str]()
         self.unreached = 0
+
+    def pytest_internalerror(self, excrepr: Any) -> None:
+        print(excrepr, file=sys.stderr)
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         self.failed |= report.failed
@@ -85,6 +89,7 @@ class Plugin:
             for mutant in islice(mutants_of(PACKAGE, file), self.first, None, self.every):
                 tests = self._tests(mutant, seen)
                 self.tried += 1
+                self.names.add(mutant.name)
                 if not tests:
                     self.unreached += 1
                     self.survivors.append(mutant.name)
@@ -227,14 +232,13 @@ def main() -> int:
     options = ["-p", "no:cacheprovider", "-p", "no:terminal", "-p", "no:xdist", f"--rootdir={ROOT}"]
     code = pytest.main([*options, "-c", str(ROOT / "pyproject.toml"), *tests], plugins=[plugin])
     if code:
+        print(f"pytest ended with {code!r} after {plugin.tried} faults", file=sys.stderr)
         return int(code)
-    reasons: dict[str, str] = (
-        tomllib.loads(SURVIVORS.read_text(encoding="utf-8")) if SURVIVORS.exists() else {}
-    )
-    named = {name for group in reasons.values() for name in group["faults"]}  # type: ignore[index]
+    groups: dict[str, dict[str, Any]] = tomllib.loads(SURVIVORS.read_text(encoding="utf-8"))
+    named = {name for group in groups.values() for name in group["faults"]}
     alive = set(plugin.survivors)
     new = [name for name in plugin.survivors if name not in named]
-    killed = sorted(n for n in named - alive if n.split(" ")[0] in files)
+    killed = sorted(name for name in named & plugin.names - alive)
     print(
         f"{plugin.tried} faults, {plugin.tried - len(alive)} found, {len(alive)} not "
         f"({plugin.unreached} in lines that no test runs), {len(alive - named)} of these without a reason"

@@ -1,0 +1,52 @@
+"""What the forward filter refuses, and what open ticks are said to hold."""
+
+import numpy as np
+import pytest
+
+from contact_tracker.hmm.forward_filter import ForwardFilter, ForwardMessage
+from contact_tracker.hmm.smoother import OpenTicks
+
+CHANGE = np.log(np.full((2, 2), 0.5))
+
+
+def begun() -> ForwardFilter:
+    running = ForwardFilter(np.log([0.5, 0.5]))
+    running.advance(np.array([0, 1]), np.array([0, 0]), np.zeros(2), CHANGE)
+    return running
+
+
+def test_one_hypothesis_that_has_never_begun_is_refused_among_those_that_have() -> None:
+    with pytest.raises(ValueError, match="nothing has begun"):
+        begun().advance(np.array([0, 1, 1]), np.array([0, 0, 7]), np.zeros(3), CHANGE)
+
+
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -np.inf])
+def test_one_likelihood_that_is_not_finite_is_refused_among_those_that_are(odd: float) -> None:
+    with pytest.raises(ValueError, match="no path"):
+        begun().advance(np.array([0, 1]), np.array([0, 0]), np.array([0.0, odd]), CHANGE)
+
+
+def message(ways: int) -> ForwardMessage:
+    onset = np.zeros(ways, np.int32)
+    return ForwardMessage(
+        np.zeros((2, 2)), onset, np.zeros(ways, np.int8), np.zeros(ways), np.zeros((2, 2), np.int32)
+    )
+
+
+def test_open_ticks_count_what_they_hold_and_what_they_forget() -> None:
+    """By it the smoother decides when to conclude early, so that memory stays bounded."""
+    ticks = OpenTicks()
+    assert ticks.size == 0
+    sizes = []
+    for ways in (1, 1000, 1):
+        ticks.append(message(ways))
+        sizes.append(ticks.size)
+    few, many = sizes[0], sizes[1] - sizes[0]
+    assert few > 0
+    arrays = sum(part.nbytes for part in message(1000)[1:4])
+    assert arrays == pytest.approx(many, rel=0.2)
+    assert sizes[2] == many + 2 * few
+    ticks.drop(2)
+    assert (ticks.size, len(ticks), ticks.first) == (few, 1, 2)
+    ticks.drop(1)
+    assert ticks.size == 0
