@@ -37,7 +37,7 @@ SAVE_AFTER: Final = 50_000
 
 
 def timed(text: str, many: int, function: Callable[[], T]) -> T:
-    """What it gives, after saying what it took: of CPU time, which others on the machine do not change much."""
+    """What it gives, after saying what it took, in CPU time, which others on the machine hardly change."""
     begin_s, begin_cpu_s = time.monotonic(), time.process_time()
     found = function()
     cpu_s, took_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
