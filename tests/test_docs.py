@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import document
+from contact_tracker.batch.rows import SUMMARY_COLUMNS
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.shipped import preset_names
@@ -85,6 +86,33 @@ def test_the_page_on_python_runs_from_top_to_bottom(tmp_path: Path) -> None:
         "tracker.state",
     }
     assert made <= {path.name for path in tmp_path.iterdir() if path.stat().st_size > 0}
+
+
+def test_the_page_on_batches_runs_from_top_to_bottom(tmp_path: Path) -> None:
+    """On short recordings in a folder of the name that it takes, one of them broken."""
+    page = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
+    for name in ("paper_experiment", "vision_30hz"):
+        with_short_recording(tmp_path, f"recordings/{name}.mcap")
+    (tmp_path / "recordings").rename(tmp_path / "logs")
+    (tmp_path / "logs" / "broken.mcap").write_bytes(b"")
+    found = [carried_out(step, tmp_path) for step in steps(page) if step.language == "console"]
+    assert [done.returncode for done in found] == [3, 3], [done.stderr for done in found]
+    assert "3 recordings: 3 done now" in found[0].stderr
+    assert "3 unchanged" in found[1].stderr
+    code = "\n".join(text for language, text in FENCED.findall(page) if language == "python")
+    done = carried_out(Step("python", code, ""), tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "broken.mcap: it is empty" in done.stdout
+    assert (tmp_path / "segments.parquet").stat().st_size > 0
+
+
+def test_the_page_on_batches_names_every_column() -> None:
+    page = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
+    table = page.partition("| column of the summary |")[2].partition("\n\n")[0]
+    named = set(re.findall(r"`(\w+)`", table))
+    written = {name for name in SUMMARY_COLUMNS if not re.match(r"(segments|time)_[a-z]{2,4}(_s)?$", name)}
+    assert written <= named
+    assert {"segments_ff", "segments_free", "time_ff_s", "time_free_s"} <= named & SUMMARY_COLUMNS.keys()
 
 
 def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:

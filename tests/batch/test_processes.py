@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import active_children
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,22 @@ def test_a_job_that_kills_twice_is_given_up_and_no_other_is_lost(processes: int,
         answers = [(job[0], answer) for job, answer in call(square, jobs)]
     assert len(answers) == len(numbers)
     assert dict(answers) == {number: KILLED if number in fatal else number**2 for number in numbers}
+
+
+def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, tuple[int, ...], str]]:
+    """So that processes have nothing to do; those that had are killed meanwhile."""
+    for job in jobs:
+        for process in active_children():
+            process.kill()
+            process.join()
+        time.sleep(0.2)
+        yield job
+
+
+def test_a_process_that_ends_while_it_has_nothing_to_do_is_replaced() -> None:
+    with local_processes(1, prepare) as call:
+        answers = call(square, slowly([(number, (), "") for number in range(3)]))
+        assert sorted(answer for _, answer in answers) == [0, 1, 4]
 
 
 def test_what_a_function_raises_ends_the_run() -> None:

@@ -91,15 +91,15 @@ class _Lane:
             reason = "there may be too little memory; try fewer --processes"
             raise ContactTrackerError(f"a process ended as soon as it was started: {reason}") from None
 
-    def give(self, task: _Task, function: Callable[..., Any]) -> Future[Any] | None:
-        """Its future; None if the process has ended."""
+    def give(self, task: _Task, function: Callable[..., Any]) -> bool:
+        """Whether the process has taken it; else it has ended."""
         assert self._executor is not None
         try:
             future = self._executor.submit(_call, function, task.arguments)
         except BrokenProcessPool:
-            return None
+            return False
         self.tasks.append((task, future))
-        return future
+        return True
 
     def stop(self) -> None:
         """End the process in the middle of what it is at; ``join`` waits for it."""
@@ -141,9 +141,13 @@ def _answers(
                     task = again.popleft() if again else _next(source)
                     if task is None:
                         return
-                    if lane.give(task, function) is None:
-                        again.appendleft(task)
+                    if lane.give(task, function):
+                        continue
+                    again.appendleft(task)
+                    if lane.tasks:  # it has ended at one of them, which is found out when that is collected
                         break
+                    lane.join()
+                    _start([lane], prepare)
 
     while True:
         fill()

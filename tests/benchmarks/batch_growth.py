@@ -1,0 +1,145 @@
+"""What a dataset of ``contact-tracker batch`` takes when there are very many recordings.
+
+    python tests/benchmarks/batch_growth.py                       # a million rows, 20,000 files
+    python tests/benchmarks/batch_growth.py --rows 100000 --files 2000
+
+One recording is segmented. Its row is repeated under other names, and its file is copied: what is measured
+is what the command does beside segmenting.
+"""
+
+import argparse
+import hashlib
+import os
+import resource
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, NamedTuple, TypeVar
+
+import duckdb
+
+from contact_tracker.batch import rows
+from contact_tracker.batch.dataset import open_dataset
+from contact_tracker.batch.finding import find
+from contact_tracker.batch.segmenting import Answer, segment_recording
+from contact_tracker.batch.settings import settings_of
+from contact_tracker.config.loading import load_model
+from contact_tracker.landmarks.prior_map import EMPTY_MAP
+
+T = TypeVar("T")
+RECORDING = Path(__file__).resolve().parents[2] / "recordings" / "robot_1khz.mcap"
+QUERY = "SELECT sum(time_ef_s), count(*) FILTER (exit_code <> 0) FROM '{}/summary.parquet'"
+ALL_SEGMENTS = "SELECT contact, count(*) FROM read_parquet('{}/segments/*/*.parquet') GROUP BY contact"
+COMPACTED = "COPY (FROM read_parquet('{0}/segments/*/*.parquet')) TO '{0}/all.parquet' (COMPRESSION zstd)"
+SETTINGS = settings_of(load_model(), EMPTY_MAP)
+SAVE_AFTER: Final = 50_000
+
+
+def timed(text: str, many: int, function: Callable[[], T]) -> T:
+    """What it gives, after saying what it took, in CPU time, which others on the machine hardly change."""
+    begin_s, begin_cpu_s = time.monotonic(), time.process_time()
+    found = function()
+    cpu_s, took_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
+    print(f"{text:<42} {cpu_s:8.2f} s of CPU, {1e6 * cpu_s / many:8.1f} us each ({took_s:.1f} s)", flush=True)
+    return found
+
+
+class Made(NamedTuple):
+    """One answer, and the Parquet file of its segments."""
+
+    answer: Answer
+    segments: bytes
+
+    def under(self, name: str, number: int) -> Answer:
+        """The same of another recording."""
+        digits = hashlib.blake2b(name.encode(), digest_size=16).hexdigest()
+        signature = f"{len(digits) + number:x}.{1_700_000_000_000_000_000 + 977 * number:x}.{number:x}"
+        assert self.answer.row is not None
+        row = self.answer.row | {"recording": name, "file": rows.file_of(name), "content_hash": digits}
+        return Answer(name, signature, row)
+
+
+def made() -> Made:
+    with tempfile.TemporaryDirectory() as folder:
+        answer = segment_recording(str(RECORDING), None, SETTINGS, folder)
+        assert answer.row is not None
+        return Made(answer, (Path(folder) / "segments" / answer.row["file"]).read_bytes())
+
+
+def record(folder: Path, names: list[str], one: Made, with_files: bool) -> float:
+    """Record an answer for each name; the seconds of CPU that the last save took."""
+    with open_dataset(folder) as dataset:
+        took_s = 0.0
+        for number, name in enumerate(names):
+            answer = one.under(name, number)
+            if with_files:
+                target = folder / "segments" / rows.file_of(name)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_bytes(one.segments)
+            dataset.record(answer)
+            if number % SAVE_AFTER == SAVE_AFTER - 1:
+                begin_s = time.process_time()
+                dataset.save()
+                took_s = time.process_time() - begin_s
+        return took_s
+
+
+def look(folder: Path, names: list[str]) -> int:
+    with open_dataset(folder) as dataset:
+        return sum(dataset.known(name, SETTINGS) is not None for name in names)
+
+
+def grow(folder: Path, count: int, one: Made) -> None:
+    """The summary, and what is kept in memory."""
+    names = [f"/archive/robot_{i % 100:02d}/2024-01-01/recording_{i:07d}.mcap" for i in range(count)]
+    took_s = timed(f"{count} answers recorded", count, lambda: record(folder, names, one, False))
+    print(f"the last of the saves, each after {SAVE_AFTER} answers, took {took_s:.2f} s of CPU")
+    print(f"memory at most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+    timed("opened, and one answer saved", count, lambda: record(folder, names[:1], one, False))
+    for name in ("summary.parquet", "signatures.parquet"):
+        size = (folder / name).stat().st_size
+        print(f"{name}: {size / 1e6:.1f} MB, {size / count:.0f} bytes a recording")
+    timed("a query of the summary", count, lambda: duckdb.execute(QUERY.format(folder)).fetchall())
+
+
+def many_files(folder: Path, count: int, one: Made) -> None:
+    """The files of segments, and the recordings themselves, as empty ones."""
+    archive = folder.parent / "archive"
+    names = [str(archive / f"{i:07d}.mcap") for i in range(count)]
+    archive.mkdir()
+    for name in names:
+        Path(name).touch()
+    timed(f"{count} answers recorded with files", count, lambda: record(folder, names, one, True))
+    timed("recordings found, with their signatures", count, lambda: list(find([str(archive)])))
+    found = timed("opened, and all found unchanged", count, lambda: look(folder, names))
+    assert found == count
+    timed(
+        "a query over all files of segments",
+        count,
+        lambda: duckdb.execute(ALL_SEGMENTS.format(folder)).fetchall(),
+    )
+    timed("all segments copied into one file", count, lambda: duckdb.execute(COMPACTED.format(folder)))
+    size = (folder / "all.parquet").stat().st_size
+    print(f"all.parquet: {size / 1e6:.1f} MB, {size / count:.0f} bytes a recording")
+    disk = 512 * sum(path.stat().st_blocks for path in (folder / "segments").glob("*/*"))
+    print(f"segments on the disk: {disk / count:.0f} bytes a recording")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rows", type=int, default=1_000_000)
+    parser.add_argument("--files", type=int, default=20_000)
+    args = parser.parse_args()
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    with tempfile.TemporaryDirectory() as name:
+        one = made()
+        many_files(Path(name) / "files", args.files, one)
+        grow(Path(name) / "rows", args.rows, one)
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+if __name__ == "__main__":
+    main()
