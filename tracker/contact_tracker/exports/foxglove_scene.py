@@ -19,7 +19,7 @@ from contact_tracker.recording import Channel, RawMessage, write_beside
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.hull import Hull, hull
-from contact_tracker.viewer.palette import COLOUR, GREY, Colour
+from contact_tracker.viewer.palette import COLOUR, GREY, OBJECT, Colour
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.shapes import Mesh
 
@@ -137,7 +137,8 @@ def _entities(outcome: Outcome, segment: Segment, solid: Hull | None) -> list[fo
         extent = UNKNOWN_EXTENT if solid is None else solid.extent
         drawing = draw(segment.geometry, _poses_of(outcome, segment), extent)
         colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
-        shapes = [_triangles(*one) for one in zip(drawing.meshes, (colour,) * 4, opacities, strict=True)]
+        colours = (OBJECT, OBJECT, colour, colour)
+        shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
         text = fox.TextPrimitive(
             pose=fox.Pose(position=_vector(drawing.label_m), orientation=fox.Quaternion(w=1.0)),
             billboard=True,
