@@ -492,7 +492,7 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
     args = argparse.Namespace(log=path, start=start, duration=duration)
 
     def read(columns):
-        source = Source(open_log(path), args)
+        source = Source(open_log(path), args.log, args)
         try:
             poses = [p for batch in source.batches() for p in batch] if columns else list(source)
         except NoPoses as error:

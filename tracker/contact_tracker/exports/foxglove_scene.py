@@ -26,7 +26,7 @@ from contact_tracker.recording import (
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
 from contact_tracker.viewer.hull import Hull, hull
-from contact_tracker.viewer.palette import COLOUR, GREY, Colour
+from contact_tracker.viewer.palette import COLOUR, GREY, OBJECT, Colour
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw_all
 from contact_tracker.viewer.shapes import Mesh
 
@@ -145,7 +145,8 @@ def _entities(
     drawing = draw_all(part.geometries, _poses_of(outcome, part), extent)
     if drawing is not None:
         colour, opacities = COLOUR[segment.contact], (_OPAQUE, _PALE) * 2
-        shapes = [_triangles(*one) for one in zip(drawing.meshes, (colour,) * 4, opacities, strict=True)]
+        colours = (OBJECT, OBJECT, colour, colour)
+        shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
         text = fox.TextPrimitive(
             pose=fox.Pose(position=_vector(drawing.label_m), orientation=fox.Quaternion(w=1.0)),
             billboard=True,
