@@ -41,8 +41,8 @@ LOOK_TICKS: Final = 10.0
 LONGEST_WAIT_TICKS: Final = 20.0
 """After so many ticks with motion they are looked for again; after each vain search the next one waits
 longer, up to so many ticks."""
-REFIT_SHARE: Final = 1.5
-"""Elements are fitted again when they have touched for so many times as long as at the last fit."""
+REFIT_SHARE: Final = 0.5
+"""Elements are fitted again after so much of the time for which they had touched at the last fit."""
 REMEMBERED: Final = 3
 MOST: Final = 2
 """Further contacts at once."""
@@ -70,8 +70,8 @@ class Held(NamedTuple):
     log_odds: float
     since: int
     holds: bool
-    fitted_ticks: int
-    """For so many ticks it had held when its elements were fitted."""
+    refit_at: int
+    """The tick from which on its elements are to be fitted again."""
 
 
 class Beside(NamedTuple):
@@ -157,18 +157,22 @@ def _weighed(
     if last.end < len(motion):
         return one._replace(holds=False, log_odds=candidate.presence.log_odds), candidate.presence.runs
     begins = int(ticks.window.index[last.first])
-    since = min(one.since, begins) if one.holds and last.first == 0 else begins
+    since = min(one.since, begins) if one.holds else begins
     log_odds = max(candidate.presence.log_odds, one.log_odds) if one.holds else candidate.presence.log_odds
     now = one._replace(holds=one.holds or log_odds > SURE_NATS, log_odds=log_odds, since=since)
-    held_for = last.end - last.first
-    if now.holds and held_for >= REFIT_SHARE * one.fitted_ticks:
+    newest = int(ticks.window.index[-1])
+    if now.holds and newest >= one.refit_at:
         better, fitted = refined(ticks, motion, candidate)
         now = now._replace(
             elements=Elements(one.elements.contact, better.known.x),
             geometry=fitted.geometry(ticks.scales, origin_m),
-            fitted_ticks=held_for,
+            refit_at=_refit_at(newest, last),
         )
     return now, candidate.presence.runs
+
+
+def _refit_at(newest: int, run: Run) -> int:
+    return newest + max(round(REFIT_SHARE * (run.end - run.first)), 1)
 
 
 def _looked(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Beside:
@@ -254,6 +258,6 @@ def _accepted(
         best.presence.log_odds,
         int(ticks.window.index[last.first]),
         True,
-        last.end - last.first,
+        _refit_at(int(ticks.window.index[-1]), last),
     )
     return beside._replace(held=(*holding, held), is_open=False)
