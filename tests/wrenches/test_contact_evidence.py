@@ -64,7 +64,7 @@ def test_the_origin_of_the_body_hardly_matters(contact: Contact) -> None:
     made = pressed(contact, 3)
     before, found = told(made), told(_moved(made, np.array([0.05, -0.03, 0.04])))
     likely = before > before.max() - 10.0
-    np.testing.assert_allclose(found[likely], before[likely], atol=2.0)
+    np.testing.assert_allclose(found[likely], before[likely], atol=4.0)
     assert found.argmax() == before.argmax()
 
 
@@ -73,7 +73,7 @@ def _moved(made: Pressed, offset_m: np.ndarray) -> Pressed:
     ``offset_m``."""
     world, body = Rotation.random(random_state=1), Rotation.random(random_state=2)
     turn = Rotation.from_quat(made.poses.quat_xyzw)
-    place = world.apply(made.poses.position_m + turn.apply(offset_m)) + [0.7, -1.1, 0.4]
+    place = world.apply(made.poses.position_m + turn.apply(offset_m)) + np.array([0.7, -1.1, 0.4])
     poses = Poses(made.poses.stamp_ns, place, (world * turn * body).as_quat())
     force = body.inv().apply(made.wrenches.force_n)
     moment = body.inv().apply(made.wrenches.moment_nm - np.cross(offset_m, made.wrenches.force_n))

@@ -188,7 +188,7 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         centre, inertia, moment_bias = found[:3], found[3:9], found[9:]
         off_moment = ticks.moment_nm[rows] - np.einsum("tij,j->ti", design, found)
         squares = (off_force**2).sum(axis=1) / force_noise + (off_moment**2).sum(axis=1) / moment_noise
-        usual = max(float(np.quantile(squares, 0.25)), 6.0)
+        usual = max(_weighted_median(squares, weight), 6.0)
         weight = _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
     return Load(
@@ -221,6 +221,12 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
         of_force,
         of_moment,
     )
+
+
+def _weighted_median(values: Array, weight: Array) -> float:
+    order = values.argsort()
+    heavy = weight[order].cumsum()
+    return float(values[order[heavy.searchsorted(0.5 * heavy[-1])]])
 
 
 def _redescending(squares: Array) -> Array:
