@@ -96,9 +96,8 @@ def _touching(contact: Contact, rng: Any, t: Any, start: Rotation) -> Any:
         return turn, anchor + slide - turn.apply(arm), push, anchor + slide
     if contact is Contact.FV:
         return still, anchor + slide - start.apply(arm), push, anchor + none
-    along = (
-        np.cos(0.9) * first + np.sin(0.9) * second
-    )  # e-e: edges along `first` (world) and `along` (object)
+    # e-e: an edge of the world along `first`, one of the object along `along`
+    along = np.cos(0.9) * first + np.sin(0.9) * second
     u, v = _waves(rng, t, 1, 0.03), _waves(rng, t, 1, 0.03)
     return still, anchor + u * first - v * along - start.apply(arm), push, anchor + u * first
 

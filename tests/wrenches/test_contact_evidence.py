@@ -64,7 +64,7 @@ def test_the_origin_of_the_body_hardly_matters(contact: Contact) -> None:
     made = pressed(contact, 3)
     before, found = told(made), told(_moved(made, np.array([0.05, -0.03, 0.04])))
     likely = before > before.max() - 10.0
-    np.testing.assert_allclose(found[likely], before[likely], atol=2.0)
+    np.testing.assert_allclose(found[likely], before[likely], atol=4.0)
     assert found.argmax() == before.argmax()
 
 

@@ -1,4 +1,4 @@
-"""Elements of a further contact, from moments of the ticks alone (docs/theory.md, T36).
+"""Elements of a further contact, from moments of the ticks alone (docs/theory.md, T37).
 
 The squares of a residual must be as small as the noise, and motion that keeps the contacts known before must
 be able to make it large: of what these imply it is not. All three are quadratic forms of the residual's

@@ -1,6 +1,7 @@
-"""What measured wrenches say of each state in a window of time (docs/theory.md, T36 to T38)."""
+"""What measured wrenches say of each state in a window of time (docs/theory.md, T40 to T42)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -53,11 +54,17 @@ class WrenchEvidence:
         evidence[:-1] = contact + kinds
         return EXPONENT * evidence
 
+    @cached_property
+    def _typical_square(self) -> float:
+        """Of forces of a contact: the median of all ticks (N^2)."""
+        measured = self.wrenches.force_n[self.wrenches.is_measured]
+        return float(np.median(dot(measured, measured))) + FREE_SD_N**2
+
     def _against_free(self, rows: NDArray[np.int64]) -> float:
         """Log ratio of any contact force to none."""
         force = self.wrenches.force_n[rows]
         square = dot(force, force)
-        typical = float(np.median(dot(self.wrenches.force_n, self.wrenches.force_n))) + FREE_SD_N**2
+        typical = self._typical_square
         variance = np.minimum(FREE_SD_N**2 + self.wrenches.force_variance(rows), typical)
         ratio = 0.5 * square * (1.0 / variance - 1.0 / typical) - 1.5 * np.log(typical / variance)
         return float(np.clip(ratio, *FREE_CLIP).sum())

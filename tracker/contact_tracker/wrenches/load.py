@@ -2,10 +2,11 @@
 touches.
 
 Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of the hand (docs/theory.md,
-T35).
+T39).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,8 @@ GRAVITY: Final = 9.80665
 FEWEST_TICKS: Final = 4
 """Fewer ticks without contact tell no load."""
 ROUNDS: Final = 30
+MOST_COMPARED: Final = 2000
+"""So many free ticks are compared with each other."""
 NEAR_N: Final = 1.0
 """Weights that agree within so much are the same load: of free ticks, other than of those in contact."""
 LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
@@ -97,7 +100,7 @@ class ContactWrenches:
         by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
         return np.asarray(self.force_noise[rows] + by_load)
 
-    @property
+    @cached_property
     def load_errors(self) -> tuple[Array, Array]:
         """(T, 3, 18) twice: by how much standard errors of the load, one and all independent, change force
         and moment."""
@@ -140,10 +143,12 @@ def _agreed_weight(
     ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None
 ) -> Array | None:
     """The weight (3,) that most runs of ticks agree on: one that holds in one run only may be a contact."""
+    every = -(-len(rows) // MOST_COMPARED)
+    rows, p_free = rows[::every], p_free[::every]
     inertial = (mass_kg or 0.0) * ticks.acceleration[rows]
     held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows] - inertial)
     off = np.linalg.norm(held[:, None] - held, axis=2)
-    run = np.cumsum(np.append(0, np.diff(rows) > 1))
+    run = np.cumsum(np.append(0, np.diff(rows) > every))
     kernel = p_free / (1.0 + (off / NEAR_N) ** 2)
     support = np.sum([kernel[:, run == one].mean(axis=1) for one in range(run[-1] + 1)], axis=0)
     if mass_kg is not None:
@@ -188,7 +193,7 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
         centre, inertia, moment_bias = found[:3], found[3:9], found[9:]
         off_moment = ticks.moment_nm[rows] - np.einsum("tij,j->ti", design, found)
         squares = (off_force**2).sum(axis=1) / force_noise + (off_moment**2).sum(axis=1) / moment_noise
-        usual = max(float(np.quantile(squares, 0.25)), 6.0)
+        usual = max(_weighted_median(squares, weight), 6.0)
         weight = _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
     return Load(
@@ -221,6 +226,12 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
         of_force,
         of_moment,
     )
+
+
+def _weighted_median(values: Array, weight: Array) -> float:
+    order = values.argsort()
+    heavy = weight[order].cumsum()
+    return float(values[order[heavy.searchsorted(0.5 * heavy[-1])]])
 
 
 def _redescending(squares: Array) -> Array:

@@ -1,0 +1,28 @@
+"""On recordings of a physics engine in which motion alone is singular."""
+
+from pathlib import Path
+
+import pytest
+
+from contact_tracker.adaptation import OfflineTracker
+from contact_tracker.adaptation.with_wrenches import wrench_evidence
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.evaluate import Judge
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import need_truth, open_log, read_wrenches
+
+
+@pytest.mark.parametrize(("number", "least"), [(0, 0.9), (1, 0.9), (2, 0.7), (3, 0.7)])
+def test_wrenches_tell_what_motion_does_not(shared_recordings: Path, number: int, least: float) -> None:
+    path, model = str(shared_recordings / "physics" / "singular" / f"singular_0{number}.mcap"), load_model()
+    log = open_log(path)
+    poses = Poses.join(list(log.batches()))
+    found = read_wrenches(path, "/object/wrench", log.source, poses)
+    evidence, _ = wrench_evidence(poses, found.wrenches, model)
+    judge = Judge(need_truth(path))
+    judge.poses(poses)
+    for piece in OfflineTracker(model, wrenches=evidence).pieces(poses):
+        judge.piece(piece)
+    offline = judge.finish().offline
+    assert offline.accuracy() > least
+    assert offline.sure_wrong < 0.03
