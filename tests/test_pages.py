@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording import open_log
+from contact_tracker.recording import open_log, write_recording
 from mcap_logs import Topic, transform, write_log
 from motive_export import write_motive
 from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
@@ -56,7 +56,7 @@ def write_samples(name: str, folder: Path) -> None:
     if name == "robot_tf.md":
         write_robot(folder / "robot.mcap")
     if name == "knowledge.md":
-        (folder / "LOG").symlink_to(ROOT / "recordings" / "paper_experiment.mcap")
+        write_recording(str(folder / "LOG"), recorded(3.0), None, {})
         (toml, *_) = re.findall(r"^```toml\n(.*?)^```$", page(name), re.MULTILINE | re.DOTALL)
         (folder / "bench.toml").write_text(toml, encoding="utf-8")
         pytest.importorskip("trimesh").creation.box((100.0, 100.0, 100.0)).export(folder / "part.stl")
