@@ -22,6 +22,7 @@ import duckdb
 from contact_tracker.batch import rows
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find
+from contact_tracker.batch.processes import local_processes
 from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.batch.settings import settings_of
 from contact_tracker.config.loading import load_model
@@ -126,6 +127,26 @@ def many_files(folder: Path, count: int, one: Made) -> None:
     print(f"segments on the disk: {disk / count:.0f} bytes a recording")
 
 
+def nothing() -> None:
+    """What a process does first."""
+
+
+def hand_out(count: int) -> None:
+    """Jobs in which nothing is done: what this process takes to hand them out, the scheduler included."""
+    from distributed import LocalCluster
+
+    from contact_tracker.batch.cluster import dask_cluster
+
+    jobs = [(number,) for number in range(count)]
+    with local_processes(2, nothing) as call:
+        timed(f"{count} jobs to processes", count, lambda: list(call(abs, jobs)))
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,  # type: ignore[no-untyped-call]
+        dask_cluster(cluster.scheduler_address) as call,
+    ):
+        timed(f"{count} jobs to a Dask cluster", count, lambda: list(call(abs, jobs)))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -135,6 +156,7 @@ def main() -> None:
     args = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     with tempfile.TemporaryDirectory() as name:
+        hand_out(2000)
         one = made()
         many_files(Path(name) / "files", args.files, one)
         grow(Path(name) / "rows", args.rows, one)

@@ -115,7 +115,7 @@ def test_a_cluster_makes_the_same_dataset(logs: Path, whole: dict[str, bytes], t
     environment = {"PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
     with (
         pytest.MonkeyPatch.context() as patch,
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster,
     ):
         patch.setenv(*next(iter(environment.items())))
         done = batch(logs, "--output", tmp_path / "dataset", "--scheduler", cluster.scheduler_address)
