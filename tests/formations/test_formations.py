@@ -99,7 +99,6 @@ def test_a_further_contact_joins_and_leaves() -> None:
     np.testing.assert_array_equal(holds, inside)
     lines = [line.split() for line in table(result.segments, result.segments[0].start_ns)]
     assert [line[2:4] for line in lines if "+" in line] == [["+", "v-f"]]
-    assert len(result.beliefs.formations) == 1
 
 
 @needs_kernels

@@ -55,6 +55,8 @@ def _list(seed: int) -> int:
     for name, scenario in SCENARIOS.items():
         made = scenario(seed)
         contacts = " ".join(phase.contact.value for phase in made.phases)
+        if made.further is not None:
+            contacts += f" + {made.further.contact.value}"
         seconds = sum(phase.duration_s for phase in made.phases)
         size = f"{made.rate_hz:5.0f} Hz {seconds:5.0f} s"
         show(f"{name:<18}{size}  {made.object} on {made.surroundings}: {contacts}")
