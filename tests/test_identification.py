@@ -21,6 +21,7 @@ from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.scoring import Scoring, Subset, scoring
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import tempered
 from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
@@ -40,9 +41,8 @@ def test_every_lag_is_smoothing_with_that_much_future(monkeypatch: pytest.Monkey
 
     The trellis lacks what was pruned in the very tick, which weighs next to nothing.
     """
-    monkeypatch.setattr(
-        "contact_tracker.tracking.ambiguity.underuses_freedom", lambda *_, **__: False
-    )  # the bare posterior
+    bare = ambiguity.Freedom(False, False)
+    monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: bare)  # the bare posterior
     poses = recorded(FACE_TO_EDGE).poses[300:540]
     tracked = tracking.track(poses, MODEL, (0.5, 0.2))
     seen = RecordedPass.over(forward(poses, MODEL))

@@ -17,9 +17,9 @@ from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
 DOCS = ROOT / "docs"
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 RUN_HERE = {"beliefs.md", "knowledge.md", "live_robot.md", "models.md", "motion_capture.md", "robot_tf.md"}
-RUN_IN_TEST_DOCS = {"tutorial_first_segmentation.md", "python.md"}
+RUN_IN_TEST_DOCS = {"tutorial_first_segmentation.md", "python.md", "batch.md"}
 SET_UP = {"index.md", "formats.md"}  # how to install, which .ci/run does
-LONG = {"paper.md"}  # run on fewer recordings below
+LONG = {"paper.md", "reliability.md"}  # run on fewer recordings below, and by .ci/run
 TF = "tf2_msgs/msg/TFMessage"
 UP = np.array([0.566, 0.556, 0.609])
 """Which way the desk of ``paper_experiment`` looks."""

@@ -317,7 +317,7 @@ def test_bags_are_recordings_that_no_result_replaces(tmp_path: Path) -> None:
 def test_without_rosbags_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_rosbag1(tmp_path / "a.bag")
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
-    with pytest.raises(MissingExtra, match=r"ROS 1 needs a library: pip install 'contact-tracker\[bags\]'"):
+    with pytest.raises(MissingExtra, match=r"ROS 1 needs rosbags: pip install 'contact-tracker\[bags\]'"):
         open_log(str(path))
 
 

@@ -14,7 +14,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking import tracker
+from contact_tracker.tracking import ambiguity, tracker
 from contact_tracker.tracking.forward_pass import forward
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import AT_REST, log_initial, tick_transitions
@@ -144,7 +144,7 @@ def test_steps_are_what_the_segmenter_calls_filtered():
 @pytest.fixture
 def no_doubt(monkeypatch):
     """The bare posterior: nothing is shared with what motion cannot tell."""
-    monkeypatch.setattr("contact_tracker.tracking.ambiguity.underuses_freedom", lambda *_, **__: False)
+    monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: ambiguity.Freedom(False, False))
 
 
 def test_the_filter_is_the_smoother_of_what_has_been_seen(no_doubt):

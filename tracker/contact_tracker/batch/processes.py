@@ -75,6 +75,7 @@ class _Lane:
 
     def __init__(self) -> None:
         self.tasks: deque[tuple[_Task, Future[Any]]] = deque()
+        self._is_given_one = False
         self._executor: ProcessPoolExecutor | None = None
         self._started: Future[int] | None = None
 
@@ -94,16 +95,18 @@ class _Lane:
     def give(self, task: _Task, function: Callable[..., Any]) -> bool:
         """Whether the process has taken it; else it has ended."""
         assert self._executor is not None
+        self._is_given_one = True  # stays so if an interrupt comes before it is in ``tasks``
         try:
-            future = self._executor.submit(_call, function, task.arguments)
+            self.tasks.append((task, self._executor.submit(_call, function, task.arguments)))
         except BrokenProcessPool:
+            self._is_given_one = False
             return False
-        self.tasks.append((task, future))
+        self._is_given_one = False
         return True
 
     def stop(self) -> None:
         """End the process in the middle of what it is at; ``join`` waits for it."""
-        is_at_work = any(not future.done() for _, future in self.tasks)
+        is_at_work = self._is_given_one or any(not future.done() for _, future in self.tasks)
         if (
             is_at_work
             and self._started is not None

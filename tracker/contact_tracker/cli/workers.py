@@ -39,7 +39,7 @@ def workers(processes: int) -> "Iterator[Executor | None]":
         return
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
-    from multiprocessing import get_context
+    from multiprocessing import active_children, get_context
 
     executor = ProcessPoolExecutor(processes - 1, get_context("spawn"), _begin)
     try:
@@ -48,6 +48,8 @@ def workers(processes: int) -> "Iterator[Executor | None]":
                 executor.submit(int)  # starts one
         yield executor
     except BrokenProcessPool:
+        for process in active_children():  # the executor waits for one that it started meanwhile
+            process.kill()
         reason = "it may have taken too much memory; try --processes 1"
         raise ContactTrackerError(f"a process has ended before its work was done: {reason}") from None
     finally:

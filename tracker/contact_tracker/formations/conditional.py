@@ -1,7 +1,7 @@
 """How much better does a further contact explain ticks than motion that keeps the contacts known before?
 
 Whatever these imply holds without a further contact as well, and is no evidence for one
-(docs/theory.md, T36).
+(docs/theory.md, T35).
 """
 
 from collections.abc import Sequence

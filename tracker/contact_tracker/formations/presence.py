@@ -1,4 +1,4 @@
-"""When a further contact holds: two states, absent and present, from tick to tick (docs/theory.md, T38)."""
+"""When a further contact holds: two states, absent and present, from tick to tick (docs/theory.md, T37)."""
 
 from math import log
 from typing import Final, NamedTuple

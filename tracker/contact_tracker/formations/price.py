@@ -1,4 +1,4 @@
-"""What the elements of a further contact cost that were fitted to its ticks (docs/theory.md, T19 and T37)."""
+"""What the elements of a further contact cost that were fitted to its ticks (docs/theory.md, T19 and T36)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Elements of a further contact, from moments of the ticks alone (docs/theory.md, T37).
+"""Elements of a further contact, from moments of the ticks alone (docs/theory.md, T36).
 
 The squares of a residual must be as small as the noise, and motion that keeps the contacts known before must
 be able to make it large: of what these imply it is not. All three are quadratic forms of the residual's
@@ -31,6 +31,7 @@ left of it; each contact has one row or more with that."""
 RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
 """Every contact keeps the constraint of at least one of these."""
 NOISE_SHARE: Final = 0.1
+LEAST_NORMAL: Final = 1e-9
 RIDGE: Final = 1e-9
 ROUNDING: Final = 1e-14
 """Of the trace of the squares: sums of squares are not known better."""
@@ -93,6 +94,8 @@ def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
             start = start[:1]
             start[:, form.d1 : form.d1 + 3], start[:, form.d2 : form.d2 + 3] = right[0], left[:, 0]
         else:
+            if not np.linalg.norm(one[9:12]) > LEAST_NORMAL * np.linalg.norm(one):
+                continue  # no plane
             normal = unit(one[9:12])
             start[:, form.d2 : form.d2 + 3] = normal
             if model.contact is Contact.FF:
@@ -100,7 +103,7 @@ def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
                 start = start[:1]
                 start[:, form.d1 : form.d1 + 3] = unit(normal @ rotation)
         starts.append(start)
-    return np.concatenate(starts)
+    return np.concatenate([x[:0], *starts])
 
 
 def _whitened(of: Moments) -> tuple[Array, Array]:

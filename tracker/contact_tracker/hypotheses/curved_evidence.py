@@ -1,4 +1,4 @@
-"""How much better a curved contact explains motion than free motion does (docs/theory.md, section 11).
+"""How much better a curved contact explains motion than free motion does (docs/theory.md, section 20).
 
 Motion that none of the six contacts explains is called free. Where it keeps a constraint of
 ``curved_contact`` it is not. Such contacts have many parameters: the first half of the motion tells them,

@@ -160,7 +160,7 @@ def told_by_wrenches(
     label: Contact, others: tuple[Contact, ...], evidence: Array
 ) -> tuple[Contact, tuple[Contact, ...], Array | None]:
     """What measured wrenches make of a ``label`` and the ``others``, which motion does not tell from it
-    (T42).
+    (T41).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What measured wrenches say of each state in a window of time (docs/theory.md, T40 to T42)."""
+"""What measured wrenches say of each state in a window of time (docs/theory.md, T39 to T41)."""
 
 from dataclasses import dataclass
 from functools import cached_property

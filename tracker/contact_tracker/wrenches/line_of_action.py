@@ -1,6 +1,6 @@
 """How well the lines of action of a window meet a fixed point, a fixed line, or keep a direction.
 
-All of it comes from sums over ticks, so any window is a difference of two of them (docs/theory.md, T40, T41).
+All of it comes from sums over ticks, so any window is a difference of two of them (docs/theory.md, T39, T40).
 Evidence is against lines of action that wander by ``WANDER_M`` from tick to tick; it has the price of what is
 fitted, by Laplace's approximation for points and by integration over all directions for lines.
 """

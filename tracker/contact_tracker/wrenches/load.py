@@ -2,7 +2,7 @@
 touches.
 
 Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of the hand (docs/theory.md,
-T39).
+T38).
 """
 
 from dataclasses import dataclass

@@ -191,7 +191,7 @@ def test_a_fault_of_ours_is_a_row_as_well(
     assert run(recordings[:1], tmp_path / "dataset").bad == 1
     (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
     assert row["exit_code"] == rows.UNEXPECTED
-    assert "ZeroDivisionError: by nothing (test_batch.py:" in row["error"]
+    assert "ZeroDivisionError: by nothing (test_batches.py:" in row["error"]
     assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # the next version may do better
 
 
