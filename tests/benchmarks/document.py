@@ -1,4 +1,4 @@
-"""Writes the tables of docs/benchmarks.md from the JSON files in docs/benchmarks/.
+"""Writes the tables of the pages on benchmarks from the JSON files in docs/benchmarks/.
 
     python tests/benchmarks/document.py
     python tests/benchmarks/document.py --check
@@ -15,7 +15,7 @@ from typing import Final
 
 from kept_tables import FOLDER, ROOT, read, to_markdown
 
-DOCUMENT: Final = ROOT / "docs" / "benchmarks.md"
+DOCUMENTS: Final = tuple(ROOT / "docs" / name for name in ("benchmarks.md", "benchmarks_beyond.md"))
 SECTION: Final = re.compile(r"(<!-- (\w+) (\w+): begin -->\n)(.*?)(<!-- \2 \3: end -->)", re.DOTALL)
 
 
@@ -36,12 +36,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 if it would change")
     args = parser.parse_args(argv)
-    before = DOCUMENT.read_text(encoding="utf-8")
-    after = rewritten(before, FOLDER)
-    if args.check:
-        return 0 if after == before else 1
-    DOCUMENT.write_text(after, encoding="utf-8")
-    return 0
+    changed = False
+    for document in DOCUMENTS:
+        before = document.read_text(encoding="utf-8")
+        after = rewritten(before, FOLDER)
+        changed |= after != before
+        if not args.check:
+            document.write_text(after, encoding="utf-8")
+    return int(args.check and changed)
 
 
 if __name__ == "__main__":
