@@ -15,7 +15,7 @@ from typing import Final
 
 from kept_tables import FOLDER, ROOT, read, to_markdown
 
-DOCUMENTS: Final = tuple(ROOT / "docs" / name for name in ("benchmarks.md", "benchmarks_beyond.md"))
+DOCUMENTS: Final = tuple(ROOT / "docs" / name for name in ("benchmarks.md", "benchmarks_further.md"))
 SECTION: Final = re.compile(r"(<!-- (\w+) (\w+): begin -->\n)(.*?)(<!-- \2 \3: end -->)", re.DOTALL)
 
 
