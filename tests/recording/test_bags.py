@@ -185,6 +185,33 @@ def test_an_index_that_names_one_chunk_again_and_again_reads_it_once(tmp_path: P
     assert_read(path)
 
 
+def test_chunks_within_chunks_are_not_read(tmp_path: Path) -> None:
+    """An index may name a chunk and a part of it: each byte is read once."""
+
+    def chunk(data: bytes) -> bytes:
+        return bag_record(data, op=b"\x05", compression=b"none", size=struct.pack("<I", len(data)))
+
+    def about(place: int, second: int) -> bytes:
+        begin = struct.pack("<II", second, 0)
+        return bag_record(
+            b"", op=b"\x06", ver=struct.pack("<I", 1), chunk_pos=struct.pack("<Q", place), start_time=begin
+        )
+
+    def head(index_pos: int) -> bytes:
+        numbers = {"index_pos": struct.pack("<Q", index_pos), "conn_count": bytes(4)}
+        return b"#ROSBAG V2.0\n" + bag_record(b"", op=b"\x03", **numbers, chunk_count=struct.pack("<I", 2))
+
+    inner = chunk(connection_record())
+    outer = chunk(inner)
+    place = len(head(0))
+    infos = about(place + len(outer) - len(inner), 1) + about(place, 2)
+    path = tmp_path / "a.bag"
+    path.write_bytes(head(place + len(outer)) + outer + infos)
+    said = list[str]()
+    assert list(read_rosbag1(str(path), lambda _: True, said.append, WorkBudget())) == []
+    assert said == [f"the chunk at byte {place} is part of another one: no more are read"]
+
+
 def _is_last_record(data: bytes, at: int) -> bool:
     """Whether the record there reaches to the end, and says what a chunk holds."""
     (head,) = struct.unpack_from("<I", data, at)

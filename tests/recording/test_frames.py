@@ -1,6 +1,8 @@
 """Poses in other frames than they were published in: chains of transforms, and other bodies."""
 
+import tracemalloc
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import AmbiguousSource, NoPoses
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording import open_log
+from contact_tracker.recording import PoseSource, open_log
+from contact_tracker.recording.transform_tree import TransformTree
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, transform, write_log
 
 TF = "tf2_msgs/msg/TFMessage"
@@ -263,3 +266,19 @@ def test_those_who_have_to_choose_hear_of_composition(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
     with pytest.raises(AmbiguousSource, match="or compose them by --frame 'world->cup': /tf arm->cup"):
         open_log(str(path))
+
+
+def test_a_long_line_of_frames_takes_little_memory() -> None:
+    names = [f"frame_{i:05}" for i in range(20_000)]
+    sources = [PoseSource("/tf", TF, a, b) for a, b in pairwise(names)]
+    tree = TransformTree(sources)
+    tracemalloc.start()
+    try:
+        steps = tree.chain(names[0], names[-1])
+        assert tracemalloc.get_traced_memory()[1] < 50 * 2**20
+    finally:
+        tracemalloc.stop()
+    assert steps is not None
+    assert [step.source for step in steps] == sources
+    assert tree.chain(names[0], "nowhere") is None
+    assert tree.chain(names[3], names[3]) == []

@@ -3,6 +3,7 @@
 import csv
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +152,16 @@ def test_motive_bodies_of_one_name_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))
     assert [source.child_frame_id for source in list_sources(str(path))] == ["cup", "cup 2"]
+
+
+def test_exports_of_endless_columns_are_refused_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "take.csv"
+    many = 50_000
+    path.write_text(motive(["Rigid Body"] * many, ["a"] * many, ["Position"] * many, ["X"] * many))
+    begin_s = time.process_time()
+    with pytest.raises(UnreadableRecording, match="leave out those of no body"):
+        open_log(str(path))
+    assert time.process_time() - begin_s < 2.0
 
 
 def test_motive_bones_are_read_in_global_coordinates_only(tmp_path: Path) -> None:

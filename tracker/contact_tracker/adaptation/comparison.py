@@ -1,4 +1,4 @@
-"""What the evidence says between trackers that take the noise of a tick to be different (docs/theory.md, 13).
+"""What the evidence says between trackers that take the noise of a tick to differ (docs/theory.md, T33).
 
 A tracker's evidence is relative to free motion, as that tracker sees it. To compare two of them free motion
 has to be the same for both; and noise that looks like motion at rest must not decide.

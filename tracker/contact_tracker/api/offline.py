@@ -79,7 +79,7 @@ class Result:
         """A line for each thing that has to be known; damage of the recording is one."""
         damage = self.trajectory.damage
         found = () if self.report is None else tuple(warnings(self.report))
-        return (*self.notes, *found, *(() if damage is None else (damage,)))
+        return (*self.notes, *self.trajectory.notes, *found, *(() if damage is None else (damage,)))
 
     def to_pandas(self, rows: Rows = "ticks") -> "pandas_table.DataFrame":
         """A DataFrame of pandas with a row per tick or per segment; raises MissingExtra.

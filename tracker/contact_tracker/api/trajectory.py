@@ -40,6 +40,7 @@ class Trajectory:
     damage : one line if the recording is truncated or damaged.
     log_offset_ns : by how much later than its stamp a pose was logged.
     vertices_m : (V, 3) of the object in the body frame, where the recording says them.
+    notes : a line of each thing that has to be known of the recording.
     """
 
     poses: Poses
@@ -50,6 +51,7 @@ class Trajectory:
     damage: str | None = None
     log_offset_ns: int = 0
     vertices_m: Array | None = None
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -199,7 +201,8 @@ def read(
         raise NoPoses(f"{text}: no pose that can be used{f'; noted: {noted}' if noted else ''}")
     vertices_m = vertices_from_metadata(read_metadata(text))
     name, offset_ns = Path(text).name or text, log.stamping.log_offset_ns
-    return Trajectory(poses, counts, name, text, log.source, log.damage, offset_ns, vertices_m)
+    notes = tuple(filter(None, (log.note, log.assumption)))
+    return Trajectory(poses, counts, name, text, log.source, log.damage, offset_ns, vertices_m, notes)
 
 
 def _nanoseconds(

@@ -117,7 +117,7 @@ class Dataset:
         if (self.folder / _SIGNATURES).exists():
             self._signatures = dict(read_rows(self.folder / _SIGNATURES, tuple(_SIGNATURE_COLUMNS)))
         for line in (self.folder / _JOURNAL).read_bytes().splitlines():
-            with suppress(ValueError, TypeError, KeyError):  # the last one may be half a line
+            with suppress(ValueError, TypeError, KeyError, AttributeError):  # the last one may be half a line
                 self._take(json.loads(line))
         if self._new_rows or self._new_signatures:
             self.save()

@@ -77,10 +77,24 @@ def local_copy(url: str) -> Iterator[str]:
         target = os.path.join(folder, posixpath.basename(path.rstrip("/")) or "recording")
         with _told_of(url):
             if _is_folder(filesystem, url, path):
-                filesystem.get(path, target, recursive=True)
+                copy_folder(filesystem, path, target)
             else:
                 filesystem.get_file(path, target)
         yield target
+
+
+def copy_folder(filesystem: Any, path: str, target: str) -> None:
+    """Copy all files below ``path``; a name that leads elsewhere is none of them."""
+    begin = path.rstrip("/") + "/"
+    for name in sorted(filesystem.find(path)):
+        parts = str(name).removeprefix(begin).split("/")
+        if not str(name).startswith(begin) or any(
+            part in ("", ".", "..") or os.sep in part for part in parts
+        ):
+            raise OSError(f"the name {name} leads out of the folder")
+        own = os.path.join(target, *parts)
+        os.makedirs(os.path.dirname(own), exist_ok=True)
+        filesystem.get_file(name, own)
 
 
 def _is_folder(filesystem: Any, url: str, path: str) -> bool:

@@ -142,7 +142,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
-    told = [*([] if log.note is None else [log.note]), *([] if adapted is None else warnings(adapted))]
+    told = [*filter(None, (log.note, log.assumption)), *([] if adapted is None else warnings(adapted))]
     return {
         **rows.base(name, settings),
         **tally.cells(),

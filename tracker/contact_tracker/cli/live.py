@@ -1,6 +1,7 @@
 """``contact-tracker live``: what holds now, from the data up to now."""
 
 import argparse
+import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
@@ -181,7 +182,11 @@ class _Ticks:
 
     def __exit__(self, *error: Any) -> None:
         if self._append is not None and error[0] is None:
-            self._append(self._new)
+            try:
+                self._append(self._new)
+            except BaseException:
+                self._open.__exit__(*sys.exc_info())
+                raise
         self._open.__exit__(*error)
 
     def add(self, belief: "Belief") -> None:

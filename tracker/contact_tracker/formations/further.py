@@ -53,7 +53,8 @@ class KnownContact(NamedTuple):
 class Further(NamedTuple):
     """A further contact, in ``runs`` of ticks, ``log_odds`` nats more probable than none.
 
-    ``inseparable`` kinds explain as much. ``constraints`` are those of all contacts so far together.
+    ``inseparable`` kinds explain as much. ``constraints`` are those of it and of all that were found
+    before and hold when it does.
     """
 
     elements: FittedElements
@@ -106,11 +107,11 @@ class FormationTicks(NamedTuple):
 
 def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
     """All contacts beside the ``first``, which lasts through the segment."""
-    window, known, found = segment.window, [first], list[Further]()
+    window, found = segment.window, list[Further]()
+    known = list[tuple[KnownContact, tuple[Run, ...]]]()
     if len(window) < LEAST_TICKS:
         return NOTHING
     motion = ConditionalMotion.of(window, segment.scales).keeping(first.c)
-    constraints = first.model.contact.codimension
     while len(found) < MOST:
         best = best_of(_candidates(segment, motion))
         if best is None:
@@ -120,14 +121,17 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
         assert best is not None
         best, elements = refined(segment, motion, best)
         run = longest(best.presence)
-        known.append(best.known)
-        more = count_constraints(motion.cut(*run), [one.c for one in known])
-        if more <= constraints or used_directions(window.cut(*run)) < SIX - more:
+        holding = [first, *(one for one, runs in known if any(map(run.overlaps, runs)))]
+        before = first.model.contact.codimension
+        if len(holding) > 1:
+            before = count_constraints(motion.cut(*run), [one.c for one in holding])
+        more = count_constraints(motion.cut(*run), [one.c for one in (*holding, best.known)])
+        if more <= before or used_directions(window.cut(*run)) < SIX - more:
             # what is moved in fewer directions than it could be is held back by something else
             return Formation(tuple(found), True)
-        others = inseparable_kinds(best, some, more - constraints)
-        constraints = more
-        found.append(Further(elements, best.presence.runs, best.presence.log_odds, others, constraints))
+        known.append((best.known, best.presence.runs))
+        others = inseparable_kinds(best, some, more - before)
+        found.append(Further(elements, best.presence.runs, best.presence.log_odds, others, more))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
     return Formation(tuple(found), False)

@@ -18,6 +18,10 @@ class Run(NamedTuple):
     first: int
     end: int
 
+    def overlaps(self, other: "Run") -> bool:
+        """Whether some tick is in both."""
+        return self.first < other.end and other.first < self.end
+
 
 class Presence(NamedTuple):
     """The most probable ``runs``, and how much more probable they are than none at all (nats)."""

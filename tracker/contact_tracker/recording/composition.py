@@ -245,8 +245,14 @@ class _Track:
         origin_ns = samples.stamp_ns[0]
         times = (samples.stamp_ns - origin_ns) * 1e-9
         wanted = np.clip((stamps_ns - origin_ns) * 1e-9, 0, times[-1])
-        rotation = Slerp(times, Rotation.from_quat(samples.quat_xyzw))(wanted)
-        columns = [np.interp(wanted, times, column) for column in samples.position_m.T]
+        apart = np.append(True, np.diff(times) > 0.0)  # of stamps that seconds do not tell apart the first
+        times, quats, positions = times[apart], samples.quat_xyzw[apart], samples.position_m[apart]
+        wanted = np.minimum(wanted, times[-1])
+        if len(times) == 1:
+            rotation = Rotation.from_quat(np.repeat(quats, len(wanted), axis=0))
+        else:
+            rotation = Slerp(times, Rotation.from_quat(quats))(wanted)
+        columns = [np.interp(wanted, times, column) for column in positions.T]
         return np.column_stack(columns), rotation, known
 
 

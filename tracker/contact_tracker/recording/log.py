@@ -40,6 +40,8 @@ from contact_tracker.recording.sources import (
 )
 from contact_tracker.recording.stamping import Logged, Stamping
 
+_MOST_HEAD: Final = 200_000
+"""Messages that are kept until the frames that are asked for are connected."""
 _LATE: Final = 8
 """So many late sources are named."""
 _FEW: Final = 50
@@ -295,7 +297,12 @@ def open_log(
         more = take_prefix(items)
         if not more:
             raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
-        head = [*head, *more] if is_chain else more
+        if is_chain:
+            head += more
+            if len(head) > _MOST_HEAD:
+                raise _explain(path, frame, set(all_known), wanted, reading.damage, relative_to)
+        else:
+            head = more
         known = poses_by_source(more, decoder)
         for new, poses in known.items():
             all_known.setdefault(new, poses)

@@ -9,7 +9,7 @@ angles or a helical vector, which most exports do not tell.
 import csv
 import re
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Final
 
 from contact_tracker.errors import UnreadableRecording
@@ -66,7 +66,7 @@ def motive_layout(lines: Sequence[str]) -> TableLayout:
 def _note(found: dict[tuple[str, str], dict[str, int]], body: tuple[str, str], role: str, place: int) -> None:
     """One column of a body; another body of the same kind and name gets a number."""
     kind, name = body
-    numbered = (body, *((kind, f"{name} {i}") for i in range(2, 1000)))
+    numbered = chain([body], ((kind, f"{name} {i}") for i in range(2, 1000)))
     free = next((one for one in numbered if role not in found.get(one, ())), None)
     if free is not None:
         found.setdefault(free, {})[role] = place

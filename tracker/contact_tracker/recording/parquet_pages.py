@@ -32,7 +32,11 @@ def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> 
             for group in _footer(file, size).get(4, ()):
                 budget.count_rows(group[3] * bodies)
                 chosen = [column for column in group[1] if _name(column) in names]
-                pages = [page for column in chosen for page in _pages(file, column[3], group[3], size)]
+                pages = list[tuple[int, int]]()
+                for column in chosen:
+                    for page in _pages(file, column[3], group[3], size):
+                        budget.count_records(1)  # several columns may name the same pages
+                        pages.append(page)
                 if pages:
                     budget.inflate(sum(packed for packed, _ in pages), sum(plain for _, plain in pages))
         except TooMuchWork as error:

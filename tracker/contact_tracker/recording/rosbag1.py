@@ -5,6 +5,7 @@ A record is a header of named fields, and data. See http://wiki.ros.org/Bags/For
 
 import bz2
 import struct
+from bisect import bisect
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Final, NamedTuple
@@ -86,6 +87,8 @@ class _Bag:
         if self._head.fields.get(b"encryptor"):
             raise UnreadableRecording("its messages are encrypted: decrypt it with rosbag decrypt")
         self._begin = stream.position
+        self._chunks: list[tuple[int, int]] = []
+        self._overlaps = False
 
     def indexed_chunks(self) -> list[tuple[int, int]] | None:
         """When the chunks begin and where they are, in the order of these times; None without an index."""
@@ -107,12 +110,28 @@ class _Bag:
     def messages_at(self, place: int) -> list[RawMessage]:
         """Those of the chunk at a byte, by their log time."""
         try:
+            if self._overlaps:
+                return []
             if self._stream.seek(place):
-                return self._messages(self._record(), place)
+                record = self._record()
+                if self._is_read_before(place, self._stream.position):
+                    self._overlaps = True
+                    self._report(f"the chunk at byte {place} is part of another one: no more are read")
+                    return []
+                return self._messages(record, place)
             self._report(f"no chunk is at byte {place}")
         except (*PARSE_ERRORS, EOFError) as error:
             self._report(f"unreadable chunk at byte {place} ({_line(error)})")
         return []
+
+    def _is_read_before(self, begin: int, end: int) -> bool:
+        """Whether some byte of a chunk belongs to one that was read; else it counts as read from now on."""
+        at = bisect(self._chunks, (begin, end))
+        before, after = self._chunks[at - 1 : at], self._chunks[at : at + 1]
+        if any(begin < other_end and other < end for other, other_end in (*before, *after)):
+            return True
+        self._chunks.insert(at, (begin, end))
+        return False
 
     def messages_as_written(self) -> Iterator[RawMessage]:
         """Those of one chunk after the other, each by their log time."""

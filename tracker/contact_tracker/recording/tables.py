@@ -112,9 +112,9 @@ def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, p
         return layout, _chosen(polars, frame, layout)
     budget.count_read(os.path.getsize(path))
     lines = _head(path)
-    layout = layout_of_text(lines)
-    if any(line.count(layout.separator or " ") >= MOST_COLUMNS for line in lines):
+    if any(line.count(mark) >= MOST_COLUMNS for line in lines for mark in ",;\t "):
         raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
+    layout = layout_of_text(lines)
     many = _rows_of_section(path, layout.skip) if layout.kind == "Vicon" else None
     by_lines = layout.separator is None or layout.is_ragged
     frame = polars.scan_csv(

@@ -59,15 +59,22 @@ class TransformTree:
     def chain(self, start: str, end: str) -> list[Step] | None:
         """The fewest transforms from one frame to another; None where there are none."""
         start, end = frame_name(start), frame_name(end)
-        reached: dict[str, list[Step]] = {start: []}
+        reached: dict[str, tuple[str, Step] | None] = {start: None}
         waiting = deque([start])
         while waiting:
             frame = waiting.popleft()
             for other, step in self._steps.get(frame, {}).items():
                 if other not in reached:
-                    reached[other] = [*reached[frame], step]
+                    reached[other] = frame, step
                     waiting.append(other)
-        return reached.get(end)
+        if end not in reached:
+            return None
+        steps, at = list[Step](), reached[end]
+        while at is not None:
+            before, step = at
+            steps.append(step)
+            at = reached[before]
+        return steps[::-1]
 
     def moving_root(self, frame: str) -> str | None:
         """The frame above all others, where one of the transforms from there to ``frame`` may move."""

@@ -241,7 +241,10 @@ def _formations_of(
     if not further:
         return number, []
     there = np.array(
-        [(stamp_ns >= one.start_ns) & (stamp_ns <= (one.end_ns or stamp_ns[-1])) for one in further]
+        [
+            (stamp_ns >= one.start_ns) & (stamp_ns <= (stamp_ns[-1] if one.end_ns is None else one.end_ns))
+            for one in further
+        ]
     )
     patterns, which = np.unique(there, axis=1, return_inverse=True)
     formations = [
