@@ -18,6 +18,8 @@ from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
 from contact_tracker.recording.extras import MissingExtra
+from contact_tracker.recording.limits import WorkBudget
+from contact_tracker.recording.rosbag1 import read_rosbag1
 from mcap_logs import poses_topic, smooth_poses, write_log
 
 rosbags = pytest.importorskip("rosbags")

@@ -228,7 +228,7 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         ("Format Version;1.23;Take Name;a\n", "its columns are not separated by commas"),
         ("Format Version,1.23,Length Units,Feet\n,,Rigid Body\n,,a\n,,Rotation\nFrame,Time,X\n", "Feet"),
         ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
-        (",".join(["t"] * 5001) + "\n", "its 5001 columns are too many"),
+        (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
         ("t,x,y,z,qx,qy,qz,qw\n" + "1," * 400_000, "its rows have 5000 values or more"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
         ("hello\n", "no columns of a pose among hello"),
