@@ -1,6 +1,6 @@
-"""A ROS 2 node: poses in, beliefs out as JSON text.
+"""A ROS 2 node: poses in, beliefs out as JSON text on ``~/belief`` whenever a tick is complete.
 
-Run it with ``python3 ros2_node.py --ros-args -p topic:=/object/pose``.
+Run it with ``python3 ros2_node.py --ros-args -p topic:=/object/pose -p model:=default``.
 """
 
 import json
@@ -15,25 +15,19 @@ import contact_tracker
 
 
 class ContactNode(Node):
-    """Follows the poses of ``topic`` and publishes on ``~/belief`` whenever a tick is complete."""
+    """Follows the poses of ``topic``; what has to be known is logged once."""
 
     def __init__(self) -> None:
         super().__init__("contact_tracker")
-        topic = self.declare_parameter("topic", "/object/pose").value
-        model = self.declare_parameter("model", "default").value
-        lag_s = self.declare_parameter("lag_s", 0.0).value
-        known = self.declare_parameter("known", "").value
-        self._tracker = contact_tracker.Tracker(model=model, lag_s=lag_s, known=known or None)
-        self._said: set[str] = set()
+        topic, model = (self.declare_parameter(*p).value for p in (("topic", "/pose"), ("model", "default")))
+        self._tracker, self._said = contact_tracker.Tracker(model), set[str]()
         self._beliefs = self.create_publisher(String, "~/belief", 10)
         self.create_subscription(PoseStamped, topic, self._take_in, qos_profile_sensor_data)
 
     def _take_in(self, message: PoseStamped) -> None:
-        stamp, place, turn = message.header.stamp, message.pose.position, message.pose.orientation
+        stamp, p, q = message.header.stamp, message.pose.position, message.pose.orientation
         belief = self._tracker.update(
-            stamp.sec * 1_000_000_000 + stamp.nanosec,
-            (place.x, place.y, place.z),
-            (turn.x, turn.y, turn.z, turn.w),
+            stamp.sec * 10**9 + stamp.nanosec, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
         )
         if belief is None:
             return
@@ -43,18 +37,6 @@ class ContactNode(Node):
             self.get_logger().warning(warning)
 
 
-def main() -> None:
-    """Spin until the node is stopped."""
-    rclpy.init()
-    node = ContactNode()
-    try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
 if __name__ == "__main__":
-    main()
+    rclpy.init()
+    rclpy.spin(ContactNode())
