@@ -143,7 +143,11 @@ def _lives(pid: int) -> bool:
         return False
     except OSError:  # it belongs to somebody else
         return True
-    return True
+    try:
+        state = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
+    except (OSError, IndexError):  # a system that does not tell
+        return True
+    return state not in (b"Z", b"X")  # ended, but nobody has asked how
 
 
 def _remove_unlocked(path: str) -> None:
