@@ -20,7 +20,7 @@ HALF_M: Final = 0.12
 
 
 def draw_body(axes: Axes3D, body: Polyhedron, colour: str, alpha: float) -> None:
-    """Its faces, seen through, and its edges."""
+    """Its faces, transparent, and its edges."""
     faces = [feature.points for feature in body.of_kind("f")]
     axes.add_collection3d(Poly3DCollection(faces, facecolor=colour, edgecolor=(0, 0, 0, 0.35), alpha=alpha))
 

@@ -42,7 +42,7 @@ Fig. 1 shows the contacts: see [f-f](contacts/ff.md), [e-f](contacts/ef.md) and 
 | object | cube of 0.2 m, 2.84 kg | cube of 0.2 m |
 | measured | motion capture, 200 Hz | simulated, 200 Hz, 0.3 mm, 0.15 deg |
 | experiment 1 | one motion in each contact | {recordings} motions of 10 s in each contact, medians |
-| its minimiser | SLSQP, 10 random starts, told the contact | the same; and the tracker, which is not told the contact |
+| its minimiser | SLSQP, 10 random starts, given the contact | the same; and the tracker, which is not given the contact |
 | experiment 2 | 5 s rest, then f-f, e-f, v-f, e-e for 10 s each | the same, and lifted over between v-f and e-e |
 | its windows | 500 frames, 10 apart, SLSQP from 3 random starts | the same; all windows by batched Levenberg-Marquardt, one of {every} by SLSQP as well |
 
@@ -51,7 +51,7 @@ Fig. 1 shows the contacts: see [f-f](contacts/ff.md), [e-f](contacts/ef.md) and 
 ![The cube in four contacts, with the estimated faces, edges and vertices.](images/paper_geometry.png)
 
 As in Fig. 4: the object's element is red, the surroundings' blue. Estimates, SLSQP's and the tracker's, and true elements differ by less than a line is wide
-in most of them. Where along their normals the faces of f-f lie cannot be seen in the motion: both methods put them through the origin of the body frame.
+in most of them. Where along their normals the faces of f-f lie is not determined by the motion: both methods put them through the origin of the body frame.
 
 Median errors. *Bound* is the median error of an estimator that attains the [Cramér-Rao bound](theory.md#12-how-well-geometry-can-be-known) of
 white noise; no filter lowers it. {labelled}
@@ -77,7 +77,7 @@ Medians of the curves over the windows that lie within one contact, and mean pro
 
 {phases}
 
-What the paper says of its Fig. 5, and what is seen here with white noise:
+What the paper says of its Fig. 5, and what comes out here with white noise:
 
 {remarks}
 
@@ -114,7 +114,7 @@ def labelled_sentence(found: Sequence[SingleContact]) -> str:
     missed = sum(one.tracker is None for one in found)
     none = "it found the contact in every recording" if not missed else f"it missed the contact in {missed}"
     return (
-        f"The tracker was not told the contact; {none} of {len(found)}, "
+        f"The tracker was not given the contact; {none} of {len(found)}, "
         f"and labelled {np.mean(shares):.3f} of the time right."
     )
 

@@ -62,8 +62,8 @@ def draw_recording(axes: Axes3D, one: SingleContact) -> None:
     estimates = [(one.slsqp, "--"), *([(one.tracker, "-")] if one.tracker else [])]
     for geometry, style in estimates:
         for element, colour in elements_in_world(geometry, rotation, position):
-            seen = facing(moved(element, upright, -upright @ touch), -1.0 if colour is OBJECT else 1.0)
-            draw_element(axes, seen, np.zeros(3), colour, style)
+            turned = facing(moved(element, upright, -upright @ touch), -1.0 if colour is OBJECT else 1.0)
+            draw_element(axes, turned, np.zeros(3), colour, style)
     for element, _ in elements_in_world(truth, rotation, position):
         draw_true(axes, moved(element, upright, -upright @ touch))
     show_scene(axes, np.array([0.0, 0.0, 0.08]), 0.2, 18.0, -60.0)

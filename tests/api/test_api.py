@@ -1,4 +1,4 @@
-"""The functions that programs use: the same answers as inside, and each mistake told in one line."""
+"""The functions that programs use: the same answers as inside, and each mistake reported in one line."""
 
 import subprocess
 import sys

@@ -119,9 +119,9 @@ def test_what_has_changed_is_done_again_and_nothing_else(tmp_path: Path, recordi
     dataset = tmp_path / "dataset"
 
     def done(**options: object) -> set[str]:
-        told: list[rows.Row] = []
-        run(recordings, dataset, told, **options)
-        return {Path(row["recording"]).stem for row in told}
+        reported: list[rows.Row] = []
+        run(recordings, dataset, reported, **options)
+        return {Path(row["recording"]).stem for row in reported}
 
     assert done() == {"0", "1", "2"}
     assert done() == set()

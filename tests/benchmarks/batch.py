@@ -160,8 +160,8 @@ def compare(folder: Path, some: int, pairs: int) -> None:
     for way, runs in ways.items():
         ratios = [one.wall_s / other.wall_s for one, other in zip(ways["one process"], runs, strict=True)]
         wall_s, cpu_s = (statistics.median(values) for values in zip(*(run[:2] for run in runs), strict=True))
-        told = f"{wall_s:6.1f} s, {cpu_s:6.1f} s of CPU, {some / wall_s:5.2f} recordings/s"
-        print(f"{way:<20} {told}; {statistics.median(ratios):.2f} times one process ({spread(ratios)})")
+        figures = f"{wall_s:6.1f} s, {cpu_s:6.1f} s of CPU, {some / wall_s:5.2f} recordings/s"
+        print(f"{way:<20} {figures}; {statistics.median(ratios):.2f} times one process ({spread(ratios)})")
 
 
 def spread(values: list[float]) -> str:

@@ -9,9 +9,10 @@ contact has its label and the further one its kind, or is among the kinds that a
 from it (``of which open``: only among these); where the first one itself is said to be open, that is
 ``untold``. ``within 3 sd`` is the share of all elements of contacts that were named rightly. Errors of when
 a further contact joins and leaves are medians (s) over the recordings in which it does. ``false`` is the
-share of the time in which a further contact is told that is none, in the simulated recordings and in those
-of ``--single`` folders, offline and online. ``online`` is the share of the time of the further contact in
-which it is told at once, with its kind or an inseparable one, and ``delay`` the median time (s) until then.
+share of the time in which a further contact is reported that is none, in the simulated recordings and in
+those of ``--single`` folders, offline and online. ``online`` is the share of the time of the further
+contact in which it is reported at once, with its kind or an inseparable one, and ``delay`` the median time
+(s) until then.
 """
 
 import argparse
@@ -123,8 +124,8 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
         for one in segment.further
         if one is not best
     )
-    told = [belief for belief in found.filtered if any(_names(one, second) for one in belief.further)]
-    true_told = [b for b in told if second.start_ns <= b.stamp_ns <= second.end_ns]
+    reports = [belief for belief in found.filtered if any(_names(one, second) for one in belief.further)]
+    true_reports = [b for b in reports if second.start_ns <= b.stamp_ns <= second.end_ns]
     true_ticks = sum(1 for b in found.filtered if second.start_ns <= b.stamp_ns <= second.end_ns)
     return Measured(
         float(named or (untold and best is None)),
@@ -134,8 +135,8 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
         abs(best.start_ns - second.start_ns) * 1e-9 if best is not None and begins else NAN,
         abs(_end(best) - second.end_ns) * 1e-9 if best is not None and ends else NAN,
         false_ns * 1e-9,
-        len(true_told) / true_ticks if true_ticks else NAN,
-        (true_told[0].stamp_ns - second.start_ns) * 1e-9 if true_told else NAN,
+        len(true_reports) / true_ticks if true_ticks else NAN,
+        (true_reports[0].stamp_ns - second.start_ns) * 1e-9 if true_reports else NAN,
         _false_online(found.filtered, second) * _tick_s(found),
         _seconds(poses),
         _seconds(poses) if len(found.filtered) else 0.0,
@@ -143,7 +144,7 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
 
 
 def _false_online(beliefs: Sequence[Belief], second: FurtherTruth) -> int:
-    """Ticks in which a further contact is told that is not there, or is another one."""
+    """Ticks in which a further contact is reported that is not there, or is another one."""
     return sum(
         1
         for belief in beliefs
@@ -162,7 +163,7 @@ def _names(one: FurtherContact, true: FurtherTruth) -> bool:
 def _deviations(
     poses: Poses, true: tuple[TruthInterval, FurtherTruth], found: tuple[Segment, FurtherContact]
 ) -> tuple[float, ...]:
-    """Of all elements, in standard deviations. Two contacts of one kind may be told in either order."""
+    """Of all elements, in standard deviations. Two contacts of one kind may be reported in either order."""
     first, second = true
     label, further = found
     span = second.start_ns, second.end_ns

@@ -47,8 +47,8 @@ def whole(logs: Path) -> dict[str, bytes]:
     done = batch(logs, "--output", dataset, "--processes", 2)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     (line,) = done.stderr.splitlines()
-    told = "12 recordings: 12 done now, 0 unchanged; of all, 0 cannot be used and 0 are damaged"
-    assert line == f"contact-tracker: {told}; {dataset / 'summary.parquet'}"
+    counts = "12 recordings: 12 done now, 0 unchanged; of all, 0 cannot be used and 0 are damaged"
+    assert line == f"contact-tracker: {counts}; {dataset / 'summary.parquet'}"
     return contents(dataset)
 
 

@@ -77,32 +77,32 @@ def assert_rows_are_those_of(rows: list[dict[str, Any]], result: contact_tracker
             STATES[int(belief.probability.argmax())]
         )
         assert row["inseparable"].split() == list(belief.inseparable)
-        told = belief.geometry.to_json() if belief.geometry else {}
+        expected = belief.geometry.to_json() if belief.geometry else {}
         for side in ("object", "environment"):
-            assert_element(row, side, told.get(side))
+            assert_element(row, side, expected.get(side))
 
 
-def assert_element(row: dict[str, Any], side: str, told: dict[str, Any] | None) -> None:
+def assert_element(row: dict[str, Any], side: str, expected: dict[str, Any] | None) -> None:
     def numbers(name: str, unit: str = "") -> list[float]:
         return [row[f"{side}_{name}_{axis}{unit}"] for axis in "xyz"]
 
-    if told is None:
+    if expected is None:
         assert row[f"{side}_type"] is None
         assert numbers("axis") == numbers("point", "_m") == [None] * 3
         return
-    assert json.loads(row[f"{side}_unobserved"]) == told["unobserved"]
-    assert row[f"{side}_name"] == told["name"]
+    assert json.loads(row[f"{side}_unobserved"]) == expected["unobserved"]
+    assert row[f"{side}_name"] == expected["name"]
     match row[f"{side}_type"]:
         case "face":
-            assert numbers("axis") == told["plane"]["normal"]
+            assert numbers("axis") == expected["plane"]["normal"]
             offset_m = np.dot(numbers("axis"), numbers("point", "_m"))
-            assert offset_m == pytest.approx(told["plane"]["offset_m"], abs=1e-12)
+            assert offset_m == pytest.approx(expected["plane"]["offset_m"], abs=1e-12)
         case "edge":
-            assert numbers("axis") == told["line"]["direction"]
-            assert numbers("point", "_m") == told["line"]["point_m"]
-            assert numbers("point_sd", "_m") == told["line"]["point_sd_m"]
+            assert numbers("axis") == expected["line"]["direction"]
+            assert numbers("point", "_m") == expected["line"]["point_m"]
+            assert numbers("point_sd", "_m") == expected["line"]["point_sd_m"]
         case "vertex":
-            assert numbers("point", "_m") == told["point_m"]
+            assert numbers("point", "_m") == expected["point_m"]
             assert numbers("axis") == [None] * 3
 
 
@@ -169,17 +169,17 @@ def test_the_one_form_of_elements_says_the_same_as_the_other() -> None:
     covariance = root @ root.T
     normal = np.array([0.6, 0.0, 0.8])
     plane = Plane(normal, 0.5, covariance[:4, :4], (Unobserved("shifts_along", normal),), "table")
-    told = flat(plane)
-    assert (told["type"], told["name"], told["axis"]) == ("face", "table", [0.6, 0.0, 0.8])
-    assert told["point_m"] == pytest.approx([0.3, 0.0, 0.4])
-    assert json.loads(told["unobserved"]) == [{"shifts_along": [0.6, 0.0, 0.8]}]
+    values = flat(plane)
+    assert (values["type"], values["name"], values["axis"]) == ("face", "table", [0.6, 0.0, 0.8])
+    assert values["point_m"] == pytest.approx([0.3, 0.0, 0.4])
+    assert json.loads(values["unobserved"]) == [{"shifts_along": [0.6, 0.0, 0.8]}]
     samples = rng.multivariate_normal([*normal, 0.5], covariance[:4, :4] * 1e-6, 20000)
     spread = (samples[:, 3:] * samples[:, :3]).std(axis=0) * 1e3
-    np.testing.assert_allclose(told["point_sd_m"], spread, rtol=0.03)
+    np.testing.assert_allclose(values["point_sd_m"], spread, rtol=0.03)
     line, point = flat(Line(normal, normal, covariance)), flat(Point(normal))
     assert (line["type"], point["type"], flat(None)["type"]) == ("edge", "vertex", "none")
     assert point["point_sd_m"] == [None] * 3
-    assert [told.keys(), line.keys(), point.keys()] == [flat(None).keys()] * 3
+    assert [values.keys(), line.keys(), point.keys()] == [flat(None).keys()] * 3
     assert set(TYPES) == {"none", "face", "edge", "vertex"}
 
 
@@ -237,9 +237,9 @@ def assert_scene(scene: Any, segment: contact_tracker.Segment) -> None:
         entity = entities[f"{name} element"]
         points = np.array([(p.x, p.y, p.z) for p in entity.triangles[0].points])
         assert max(entity.triangles[0].indices) < len(points)
-        told = flat(element)
-        axis, foot = np.array(told["axis"]), points - told["point_m"]
-        if told["type"] == "face":
+        values = flat(element)
+        axis, foot = np.array(values["axis"]), points - values["point_m"]
+        if values["type"] == "face":
             rim_m = 1e-2 * np.ptp(foot, axis=0).max() if name == "object" else 1e-6  # of a wheel
             np.testing.assert_allclose(foot @ axis, 0.0, atol=rim_m)
         else:

@@ -53,12 +53,12 @@ def test_vertices_and_lines_of_an_edge_on_a_face_are_implied() -> None:
     motion = ConditionalMotion.of(window, SCALES).keeping(coefficients(CONTACT_MODELS[1], x))
     for along_m in (-0.1, 0.0, 0.3):
         vertex = np.concatenate([foot + along_m * direction, normal, offset])
-        told = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], vertex))
-        np.testing.assert_allclose(told.log_ratio, 0.0, atol=1e-6)
+        found = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], vertex))
+        np.testing.assert_allclose(found.log_ratio, 0.0, atol=1e-6)
     beside = np.concatenate([foot + 0.1 * np.cross(direction, normal), normal, offset])
-    told = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], beside))
-    assert np.median(told.gain) > 0.5  # not implied
-    assert told.log_ratio.sum() < -100.0  # nor kept
+    found = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], beside))
+    assert np.median(found.gain) > 0.5  # not implied
+    assert found.log_ratio.sum() < -100.0  # nor kept
 
 
 @given(st.sampled_from(CONTACTS), st.floats(1e-4, 1e4), st.integers(0, 99))
@@ -76,9 +76,9 @@ def test_without_a_contact_before_it_is_the_evidence_against_free_motion(contact
     window, x = kept(contact, 3)
     model = CONTACT_MODELS[contact.column]
     ratio = log_ratio(model, x[None], window, SCALES)
-    told = ConditionalMotion.of(window, SCALES).evidence(coefficients(model, x))
-    np.testing.assert_allclose(told.gain, ratio.gain[0, :, 0], rtol=0.02)
-    np.testing.assert_allclose(told.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
+    found = ConditionalMotion.of(window, SCALES).evidence(coefficients(model, x))
+    np.testing.assert_allclose(found.gain, ratio.gain[0, :, 0], rtol=0.02)
+    np.testing.assert_allclose(found.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
 
 
 def test_lasting_errors_count_only_what_is_new_in_each_tick() -> None:

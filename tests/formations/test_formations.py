@@ -14,8 +14,9 @@ from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
+from contact_tracker.outputs.changes import FormationChanges
 from contact_tracker.outputs.tables import json_line
-from contact_tracker.outputs.text import FormationChanges, table
+from contact_tracker.outputs.text import table
 from contact_tracker.saved_state import load, save
 from contact_tracker.simulate import Phase, Scenario, Simulated, simulate
 from contact_tracker.states import Contact
@@ -62,12 +63,12 @@ def test_a_vertex_on_the_wall_is_found_with_its_elements(name: str, label: Conta
     assert not further.inseparable
     true = made(name).truth.intervals[0]
     geometries = [true.geometry, *(one.geometry for one in true.further)]
-    told = [
+    fitted = [
         Segment(true.start_ns, true.end_ns, Contact.VF, 1.0, one)
         for one in (segment.geometry, further.geometry)
         if one is not None and isinstance(one.object, Point)
     ]
-    for one in told:  # of two vertices either may be the label
+    for one in fitted:  # of two vertices either may be the label
         deviations = [
             max(error.deviation.sd for error in geometry_errors(made(name).poses, truth, [one]).rows)
             for geometry in geometries
@@ -116,10 +117,10 @@ def test_nothing_is_found_beside_a_single_contact(contact: Contact) -> None:
 def test_online_it_is_told_while_it_holds() -> None:
     _, beliefs = online("wall_in_between")
     (true,) = made("wall_in_between").truth.intervals[0].further
-    told = [belief for belief in beliefs if belief.further]
-    assert len(told) > 10
-    assert all(true.start_ns <= one.stamp_ns <= true.end_ns + 0.3 * SECOND for one in told)
-    assert abs(told[0].further[0].start_ns - true.start_ns) < 0.5 * SECOND
+    reporting = [belief for belief in beliefs if belief.further]
+    assert len(reporting) > 10
+    assert all(true.start_ns <= one.stamp_ns <= true.end_ns + 0.3 * SECOND for one in reporting)
+    assert abs(reporting[0].further[0].start_ns - true.start_ns) < 0.5 * SECOND
     changes = FormationChanges()
     events = [(len(joins), len(leaves)) for belief in beliefs for joins, leaves in [changes.update(belief)]]
     assert [event for event in events if any(event)] == [(1, 0), (0, 1)]
@@ -153,10 +154,10 @@ def test_beliefs_keep_their_formations_through_columns() -> None:
 
 def test_a_label_that_leaves_constraints_unnamed_is_not_sure() -> None:
     sure = np.array([0.97, 0.01, 0.01, 0.0, 0.0, 0.0, 0.01])
-    told = ambiguity.at_most(sure, Contact.FF)
-    assert told[0] == pytest.approx(0.9)
-    assert told.sum() == pytest.approx(1.0)
-    np.testing.assert_array_equal(ambiguity.at_most(told, Contact.FF), told)
+    capped = ambiguity.at_most(sure, Contact.FF)
+    assert capped[0] == pytest.approx(0.9)
+    assert capped.sum() == pytest.approx(1.0)
+    np.testing.assert_array_equal(ambiguity.at_most(capped, Contact.FF), capped)
 
 
 def test_known_elements_give_their_names() -> None:

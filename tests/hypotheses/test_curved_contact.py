@@ -66,7 +66,7 @@ def test_distances_are_those_of_geometry():
     assert lying.residual[0] == pytest.approx([1.5, 3.5]), "the lowest point of a rim that stands upright"
 
 
-def seen(name, seed, seconds=6.0):
+def window_of(name, seed, seconds=6.0):
     """A window of ticks of 0.1 s."""
     rng, time_s = np.random.default_rng(seed), np.arange(0.0, seconds, 0.1)
     turn, place = MOTIONS[name](time_s, rng)
@@ -80,13 +80,13 @@ def seen(name, seed, seconds=6.0):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", [name for name in MOTIONS if "sphere" in name or "cylinder" in name])
 def test_contact_along_curved_surfaces_has_evidence(name, seed):
-    assert curved_evidence(seen(name, seed), SCALES) > 10.0
+    assert curved_evidence(window_of(name, seed), SCALES) > 10.0
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_free_motion_has_none(seed):
-    assert curved_evidence(seen("free", seed), SCALES) < -100.0
-    assert curved_evidence(seen("free", seed, 4.0), SCALES) < -100.0
+    assert curved_evidence(window_of("free", seed), SCALES) < -100.0
+    assert curved_evidence(window_of("free", seed, 4.0), SCALES) < -100.0
 
 
 def test_rest_says_nothing():

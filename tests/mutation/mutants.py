@@ -54,7 +54,7 @@ class Mutant(NamedTuple):
 def mutants_of(root: Path, file: str) -> Iterator[Mutant]:
     """Every fault of a file, in the order of its lines."""
     tree = ast.parse((root / file).read_text(encoding="utf-8"))
-    seen = Counter[str]()
+    counts = Counter[str]()
     for index, (node, place) in enumerate(_places(tree, "")):
         for kind in range(len(list(_changes(deepcopy(node))))):
             faulty = deepcopy(tree)
@@ -62,8 +62,8 @@ def mutants_of(root: Path, file: str) -> Iterator[Mutant]:
             before = _text(target)
             list(_changes(target, kind))
             change = f"{before} -> {_text(target)}"
-            seen[f"{place} {change}"] += 1
-            if (many := seen[f"{place} {change}"]) > 1:
+            counts[f"{place} {change}"] += 1
+            if (many := counts[f"{place} {change}"]) > 1:
                 change += f" (no. {many})"
             yield Mutant(file, place, change, node.lineno, ast.fix_missing_locations(faulty))
 

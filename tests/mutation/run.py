@@ -48,7 +48,7 @@ LIMIT_S = 10.0
 LIMIT_BYTES = 4 * 2**30
 
 
-class Seen(NamedTuple):
+class Coverage(NamedTuple):
     """What the tests ran: by test its seconds, and by (file, line) the tests."""
 
     seconds: dict[str, float]
@@ -80,14 +80,14 @@ class Plugin:
         self.items = {item.nodeid: item for item in session.items if not (SLOW & set(item.path.parts))}
         for item in self.items.values():
             _try_few_examples(item)
-        seen = self._watch()
+        coverage = self._watch()
         names = [f"contact_tracker.{file.removesuffix('.py').replace('/', '.')}" for file in self.files]
         modules = [importlib.import_module(name.removesuffix(".__init__")) for name in names]
         ours = [m for n, m in sys.modules.items() if n.startswith("contact_tracker")]
         running: dict[int, Mutant] = {}
         for file, module in zip(self.files, modules, strict=True):
             for mutant in islice(mutants_of(PACKAGE, file), self.first, None, self.every):
-                tests = self._tests(mutant, seen)
+                tests = self._tests(mutant, coverage)
                 self.tried += 1
                 self.names.add(mutant.name)
                 if not tests:
@@ -98,13 +98,13 @@ class Plugin:
                     self._collect(running)
                 pid = os.fork()
                 if not pid:
-                    self._child(mutant, module, ours, tests, sum(seen.seconds[test] for test in tests))
+                    self._child(mutant, module, ours, tests, sum(coverage.seconds[test] for test in tests))
                 running[pid] = mutant
         while running:
             self._collect(running)
         return True
 
-    def _watch(self) -> Seen:
+    def _watch(self) -> Coverage:
         """Run the tests once, each line of the files traced."""
         watched = {str(PACKAGE / file): file for file in self.files}
         seconds, lines = dict[str, float](), defaultdict[tuple[str, int], set[str]](set)
@@ -129,23 +129,23 @@ class Plugin:
                 raise pytest.UsageError(f"{name} fails as it is")
         if self.verbose:
             print(f"{len(seconds)} tests in {sum(seconds.values()):.0f} s", file=sys.stderr, flush=True)
-        return Seen(seconds, lines)
+        return Coverage(seconds, lines)
 
-    def _tests(self, mutant: Mutant, seen: Seen) -> list[str]:
+    def _tests(self, mutant: Mutant, coverage: Coverage) -> list[str]:
         found = set[str]()
         if mutant.place.endswith("()"):
-            found = set(seen.lines.get((mutant.file, mutant.line), ()))
+            found = set(coverage.lines.get((mutant.file, mutant.line), ()))
         else:  # a constant: whatever runs a line with its name, or any line of the file
             text = (PACKAGE / mutant.file).read_text(encoding="utf-8").splitlines()
             named = [n for n, line in enumerate(text, 1) if mutant.place.split(".")[0] in line]
-            found = set().union(*(seen.lines.get((mutant.file, n), set()) for n in named))
+            found = set().union(*(coverage.lines.get((mutant.file, n), set()) for n in named))
             if not found:
                 found = set().union(
-                    *(tests for (file, _), tests in seen.lines.items() if file == mutant.file)
+                    *(tests for (file, _), tests in coverage.lines.items() if file == mutant.file)
                 )
         chosen, left_s = list[str](), self.budget_s
-        for name in sorted(found, key=lambda test: (seen.seconds[test], test)):
-            left_s -= seen.seconds[name]
+        for name in sorted(found, key=lambda test: (coverage.seconds[test], test)):
+            left_s -= coverage.seconds[name]
             if chosen and left_s < 0.0:
                 break
             chosen.append(name)

@@ -49,14 +49,14 @@ def settings(**options: Any) -> Settings:
 def run(
     names: Iterable[object],
     dataset: Path,
-    told: list[Row] | None = None,
+    reported: list[Row] | None = None,
     rehash: bool = False,
     **options: Any,
 ) -> Outcome:
     """A batch in this process."""
     with open_dataset(dataset) as opened:
         batch = Batch(
-            settings(**options), opened, ([] if told is None else told).append, lambda _: None, rehash
+            settings(**options), opened, ([] if reported is None else reported).append, lambda _: None, rehash
         )
         return batch.run(find(map(str, names)), lambda: nullcontext(one_by_one))
 

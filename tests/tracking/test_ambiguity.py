@@ -249,13 +249,13 @@ def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
 
 def test_freedom_that_is_not_used_separates_nothing_that_the_label_contains():
     judged = rivals(ef=50.0, fe=49.0)
-    for kind, told in (
+    for kind, expected in (
         ("all", "f-e"),
         ("faces", "f-e v-f f-v e-e free"),
         ("hinge", "f-f f-e v-f f-v e-e free"),
     ):
         window = ticks(*kinds_of_motion()[kind][1:])
-        assert " ".join(untold(Contact.EF, judged, window, older=False)) == told
+        assert " ".join(untold(Contact.EF, judged, window, older=False)) == expected
     faces = ticks(*kinds_of_motion()["faces"][1:])
     assert untold(Contact.FF, rivals(ff=50.0), faces, older=False) == ()
 

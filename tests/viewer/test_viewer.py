@@ -90,7 +90,7 @@ def truth() -> Truth:
     return Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
 
 
-def told(*pieces: Segmentation) -> Pieces:
+def as_pieces(*pieces: Segmentation) -> Pieces:
     """Reads all poses and finds what is known beforehand."""
 
     def found(poses: Iterable[Pose]) -> Iterator[Segmentation]:
@@ -108,7 +108,7 @@ def written(
     truth: Truth,
 ) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "all.rrd"
-    write_rrd(path, Shown(poses, told(segmentation), truth, CUBE_M, paper=True))
+    write_rrd(path, Shown(poses, as_pieces(segmentation), truth, CUBE_M, paper=True))
     return path
 
 
@@ -277,7 +277,7 @@ def test_without_truth_curves_and_hull_the_rest_is_there(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     path = tmp_path / "less.rrd"
-    write_rrd(path, Shown(poses, told(segmentation)))
+    write_rrd(path, Shown(poses, as_pieces(segmentation)))
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
     assert total(path, canvas.BODY) == POSES
     assert not chunks(path, f"{canvas.BODY}/hull", static=True)
@@ -287,7 +287,7 @@ def test_a_single_pose_and_tick_is_a_recording(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
-    write_rrd(tmp_path / "one.rrd", Shown(poses[:1], told(one)))
+    write_rrd(tmp_path / "one.rrd", Shown(poses[:1], as_pieces(one)))
     assert total(tmp_path / "one.rrd", canvas.BODY) == 1
 
 
@@ -296,7 +296,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, poses: Poses, segmen
     path.write_text("old")
     crooked = Poses(poses.stamp_ns, poses.position_m[:, :2], poses.quat_xyzw)
     with pytest.raises(ValueError):  # noqa: PT011 - of numpy or rerun, by version
-        write_rrd(path, Shown(crooked, told(segmentation)))
+        write_rrd(path, Shown(crooked, as_pieces(segmentation)))
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -305,7 +305,7 @@ def test_a_folder_that_is_not_there_is_an_os_error(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     with pytest.raises(FileNotFoundError):
-        write_rrd(tmp_path / "nowhere" / "x.rrd", Shown(poses, told(segmentation)))
+        write_rrd(tmp_path / "nowhere" / "x.rrd", Shown(poses, as_pieces(segmentation)))
 
 
 def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
@@ -338,7 +338,7 @@ def test_what_motion_does_not_tell_apart_is_shown(
 ) -> None:
     first, *rest = segmentation.segments
     unsure = replace(segmentation, segments=(replace(first, inseparable=(Contact.VF, Contact.FREE)), *rest))
-    write_rrd(tmp_path / "some.rrd", Shown(poses, told(unsure)))
+    write_rrd(tmp_path / "some.rrd", Shown(poses, as_pieces(unsure)))
     beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
     play(tmp_path / "live.rrd", poses, tuple(beliefs))
     lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
@@ -359,7 +359,7 @@ def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
     """From 4 s to 8 s: the first change of the truth in it is at its beginning, and none is after its end."""
     part = Segmentation(segmentation.segments[1:3], segmentation.beliefs[30:90], segmentation.filtered[30:90])
     path = tmp_path / "part.rrd"
-    write_rrd(path, Shown(poses[800:1600], told(part), truth, origin_ns=lambda: ORIGIN_NS))
+    write_rrd(path, Shown(poses[800:1600], as_pieces(part), truth, origin_ns=lambda: ORIGIN_NS))
     body = [t for t, _ in rows(path, canvas.BODY, "Transform3D:translation")]
     assert (body[0], body[-1]) == (4_000_000_000, 7_995_000_000)
     shown = rows(path, canvas.TRUTH, "StateChange:state")
@@ -373,7 +373,7 @@ def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
 
 def test_there_is_no_file_without_a_pose(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
     with pytest.raises(NoPoses):
-        write_rrd(tmp_path / "none.rrd", Shown(poses[:0], told(segmentation)))
+        write_rrd(tmp_path / "none.rrd", Shown(poses[:0], as_pieces(segmentation)))
     assert not list(tmp_path.iterdir())
 
 
@@ -383,7 +383,7 @@ def test_a_recording_beside_others_has_its_name_and_the_list_open(
     panels = []
     for several in (False, True):
         path = tmp_path / f"{several}.rrd"
-        show(Shown(poses, told(segmentation), name="shelf.mcap"), to_file(path), several)
+        show(Shown(poses, as_pieces(segmentation), name="shelf.mcap"), to_file(path), several)
         reader = RrdReader(path)
         properties = column(reader, reader.recordings()[0], "RecordingInfo:name")
         assert properties == [["shelf.mcap"]]

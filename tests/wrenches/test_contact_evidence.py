@@ -24,7 +24,7 @@ def evidence_of(made: Pressed) -> WrenchEvidence:
     return WrenchEvidence(contact_wrenches(ticks, load))
 
 
-def told(made: Pressed) -> np.ndarray:
+def log_evidence_of(made: Pressed) -> np.ndarray:
     found = evidence_of(made).log_evidence(made.touch_ns, made.end_ns)
     assert found is not None
     return found
@@ -35,7 +35,7 @@ def told(made: Pressed) -> np.ndarray:
 def test_the_contact_is_told(contact: Contact, disturbed: bool) -> None:
     right = []
     for seed in range(5):
-        found = told(pressed(contact, seed, noise=disturbed, bias=disturbed))
+        found = log_evidence_of(pressed(contact, seed, noise=disturbed, bias=disturbed))
         right.append(STATES[int(found.argmax())] is contact)
         assert found[contact.column] > found[Contact.FREE.column] + DECISIVE
         assert found[contact.column] > found.max() - DECISIVE, f"seed {seed}: sure and wrong"
@@ -53,7 +53,7 @@ def test_a_free_object_is_told() -> None:
 def test_frames_do_not_matter(contact: Contact) -> None:
     """How the axes of the world and of the body lie, and where the world's origin is."""
     made = pressed(contact, 3)
-    before, found = told(made), told(_moved(made, np.zeros(3)))
+    before, found = log_evidence_of(made), log_evidence_of(_moved(made, np.zeros(3)))
     likely = before > before.max() - 10.0
     np.testing.assert_allclose(found[likely], before[likely], atol=0.2)
 
@@ -62,14 +62,14 @@ def test_frames_do_not_matter(contact: Contact) -> None:
 def test_the_origin_of_the_body_hardly_matters(contact: Contact) -> None:
     """Priors on centre of mass and inertia are about it."""
     made = pressed(contact, 3)
-    before, found = told(made), told(_moved(made, np.array([0.05, -0.03, 0.04])))
+    before, found = log_evidence_of(made), log_evidence_of(_moved(made, np.array([0.05, -0.03, 0.04])))
     likely = before > before.max() - 10.0
     np.testing.assert_allclose(found[likely], before[likely], atol=4.0)
     assert found.argmax() == before.argmax()
 
 
 def _moved(made: Pressed, offset_m: np.ndarray) -> Pressed:
-    """The same, seen from a world that is turned and shifted, of a body frame that is turned and at
+    """The same, observed from a world that is turned and shifted, of a body frame that is turned and at
     ``offset_m``."""
     world, body = Rotation.random(random_state=1), Rotation.random(random_state=2)
     turn = Rotation.from_quat(made.poses.quat_xyzw)
@@ -103,7 +103,7 @@ def test_a_gap_leaves_the_answer() -> None:
     middle = made.touch_ns + 2_000_000_000
     kept = np.abs(made.wrenches.stamp_ns - middle) > 500_000_000
     holed = Wrenches(*(column[kept] for column in vars(made.wrenches).values()))
-    assert told(replace(made, wrenches=holed)).argmax() == Contact.VF.column
+    assert log_evidence_of(replace(made, wrenches=holed)).argmax() == Contact.VF.column
 
 
 def test_two_contacts_in_one_window_say_nothing() -> None:

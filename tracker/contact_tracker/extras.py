@@ -1,4 +1,4 @@
-"""Libraries that come with extras: what is missing is told in one line."""
+"""Libraries that come with extras: what is missing is named in one line."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

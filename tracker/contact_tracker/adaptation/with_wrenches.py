@@ -1,4 +1,4 @@
-"""Motion first, then wrenches: what the hand carries is told by the ticks in which motion shows no
+"""Motion first, then wrenches: what the hand carries is estimated from the ticks in which motion shows no
 contact."""
 
 from collections.abc import Callable

@@ -42,7 +42,7 @@ def model_from(model: ModelLike, noise: Noise = None) -> Model:
 def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:
     """What is known: a TOML file, a table of the same keys, or itself; raises KnowledgeError.
 
-    ``note`` is told what is no error but has to be known, a line each.
+    ``note`` is called with a line for each thing that is no error but has to be known.
     """
     if known is None:
         return EMPTY_MAP

@@ -50,7 +50,7 @@ class Result:
     trajectory : the poses.
     segmentation : segments and smoothed beliefs in columns.
     report : what the tracker has adapted to.
-    notes : what had to be told before the first pose.
+    notes : warnings from before the first pose.
     """
 
     trajectory: Trajectory

@@ -96,7 +96,10 @@ class Dataset:
             (
                 _SIGNATURES,
                 _SIGNATURE_COLUMNS,
-                [{"recording": name, "signature": told} for name, told in self._new_signatures.items()],
+                [
+                    {"recording": name, "signature": signature}
+                    for name, signature in self._new_signatures.items()
+                ],
             ),
         )
         for name, columns, some in new:
@@ -169,14 +172,14 @@ def _check(folder: Path) -> None:
     if not folder.is_dir():
         raise UsageError(f"cannot write {folder}: it is a file, a dataset is a folder")
     try:
-        told = json.loads((folder / _MARK).read_text(encoding="utf-8"))
+        mark = json.loads((folder / _MARK).read_text(encoding="utf-8"))
     except FileNotFoundError:
         if any(not name.startswith(f".{_MARK}.") for name in os.listdir(folder)):
             raise UsageError(f"cannot write {folder}: it holds something else; name a new folder") from None
         return
     except (OSError, ValueError) as error:
         raise StateError(f"{folder / _MARK}: it is damaged ({error})") from error
-    if told != FORMAT:
+    if mark != FORMAT:
         raise UsageError(f"cannot write {folder}: it is a dataset of another version; name a new folder")
 
 

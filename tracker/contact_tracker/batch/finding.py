@@ -39,11 +39,11 @@ def find(names: Iterable[str]) -> Iterator[Found]:
     MissingExtra
         The library for a store is not installed.
     """
-    seen = set[str]()
+    found_before = set[str]()
     for name in names:
         for found in _found(name):
-            if found.name not in seen:
-                seen.add(found.name)
+            if found.name not in found_before:
+                found_before.add(found.name)
                 yield found
 
 

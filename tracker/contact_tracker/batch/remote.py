@@ -59,7 +59,11 @@ def signature_of(url: str) -> str:
         if not _is_folder(filesystem, url, path):
             return _signature(filesystem.info(path))
         depth = url.rstrip("/").count("/") + 1
-        files = {name: told for name, told in _files_in(filesystem, path).items() if name.count("/") == depth}
+        files = {
+            name: signature
+            for name, signature in _files_in(filesystem, path).items()
+            if name.count("/") == depth
+        }
         return joined(files[name] for name in sorted(files))
 
 

@@ -119,9 +119,9 @@ def adapted_cells(adapted: Any) -> Row:
     """What the tracker has adapted to."""
     if adapted is None:
         return {}
-    told = report_json(adapted)
+    report = report_json(adapted)
     names = ("tick_s", "sigma_position_m", "sigma_rotation_rad")
-    return {name: told[name] for name in (*names, "tick_sigma_position_m", "tick_sigma_rotation_rad")}
+    return {name: report[name] for name in (*names, "tick_sigma_position_m", "tick_sigma_rotation_rad")}
 
 
 def counts_text(counts: Any) -> str:

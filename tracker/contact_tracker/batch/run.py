@@ -36,8 +36,8 @@ class Batch:
 
     Parameters
     ----------
-    tell : is told each new row.
-    set_done : is told how many recordings are done.
+    report : is called with each new row.
+    set_done : is called with how many recordings are done.
     looks_at_content : take no recording for unchanged because its files look it.
     """
 
@@ -45,14 +45,14 @@ class Batch:
         self,
         settings: Settings,
         dataset: Dataset,
-        tell: Callable[[rows.Row], None],
+        report: Callable[[rows.Row], None],
         set_done: Callable[[int], None],
         looks_at_content: bool = False,
     ) -> None:
         self.outcome = Outcome()
         self._settings = settings
         self._dataset = dataset
-        self._tell = tell
+        self._report = report
         self._set_done = set_done
         self._looks_at_content = looks_at_content
 
@@ -95,7 +95,7 @@ class Batch:
     def _take(self, answer: Answer) -> None:
         self._dataset.record(answer)
         if answer.row is not None:
-            self._tell(answer.row)
+            self._report(answer.row)
         self._count(answer.name, answer.row is not None)
 
     def _count(self, name: str, is_new: bool) -> None:

@@ -1,4 +1,4 @@
-"""What is done to one recording: read, segmented, written, and told of in a row."""
+"""What is done to one recording: read, segmented, written, and summarised in a row."""
 
 import os
 from collections.abc import Iterator
@@ -142,14 +142,14 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
-    told = [*filter(None, (log.note, log.assumption)), *([] if adapted is None else warnings(adapted))]
+    notes = [*filter(None, (log.note, log.assumption)), *([] if adapted is None else warnings(adapted))]
     return {
         **rows.base(name, settings),
         **tally.cells(),
         **rows.adapted_cells(adapted),
         "exit_code": rows.OK if log.damage is None else rows.DAMAGED,
         "damage": log.damage,
-        "warnings": "\n".join(told) or None,
+        "warnings": "\n".join(notes) or None,
         "counts": rows.counts_text({**log.counts, "outlier": outliers}),
         "poses": stream.poses,
         "first_ns": stream.first_ns,

@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class Runner:
-    """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is told after each.
+    """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is called after each.
 
     ``prepare`` is what other processes than this one do first.
     """

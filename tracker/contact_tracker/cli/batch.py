@@ -27,7 +27,7 @@ DATASET/summary.parquet with a row for each. Called once more, it does what is n
 recordings whose content has changed, or another model. A recording that cannot be used is a row with
 the error, and the others go on; the exit code is {DAMAGED} then."""
 EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
-_MOST_TOLD: Final = 10
+_MOST_SHOWN: Final = 10
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -83,24 +83,24 @@ def run(args: argparse.Namespace) -> int:
     chosen = args.topic, args.frame, args.relative_to, args.ticks
     settings = settings_of(model_of(args), knowledge_of(args), *chosen)
     recordings = list(find(_names(args.logs)))
-    told = 0
+    shown = 0
 
-    def tell(row: "Row") -> None:
-        nonlocal told
+    def report(row: "Row") -> None:
+        nonlocal shown
         text = row["error"] or (row["damage"] and f"{row['recording']}: {row['damage']}")
         if text:
-            told += 1
-            if told <= _MOST_TOLD:
+            shown += 1
+            if shown <= _MOST_SHOWN:
                 warn(text)
 
     with (
         open_dataset(Path(os.path.abspath(args.output))) as dataset,
         progress("batch", "recordings", len(recordings)) as set_done,
     ):
-        batch = Batch(settings, dataset, tell, set_done, args.rehash)
+        batch = Batch(settings, dataset, report, set_done, args.rehash)
         outcome = batch.run(recordings, lambda: _workers(args))
-    if told > _MOST_TOLD:
-        warn(f"{told - _MOST_TOLD} more cannot be used or are damaged: the summary names them")
+    if shown > _MOST_SHOWN:
+        warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
     say(
         f"{outcome.total} recordings: {outcome.done} done now, {outcome.unchanged} unchanged; of all, "
         f"{outcome.bad} cannot be used and {outcome.damaged} are damaged; {args.output / 'summary.parquet'}"

@@ -26,7 +26,6 @@ from contact_tracker.interrupts import SIGNALS, deferred
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source
-    from contact_tracker.outputs.text import FormationChanges
     from contact_tracker.tracking.belief import Belief
     from contact_tracker.viewer.null_viewer import LiveView
     from contact_tracker.viewer.sinks import Sink
@@ -203,11 +202,11 @@ class _Printer:
     """What is done with each belief: a JSON line, or a line where the contact changed or became settled."""
 
     def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
-        from contact_tracker.outputs.changes import Changes
+        from contact_tracker.outputs.changes import Changes, FormationChanges
 
         self.changes = Changes()
         self._as_json = as_json
-        self._formation: FormationChanges | None = None
+        self._formation = FormationChanges()
         self._source = source
         self._status = status
 
@@ -215,15 +214,11 @@ class _Printer:
         from contact_tracker.outputs.tables import json_line
         from contact_tracker.outputs.text import (
             CHANGES_HEADER,
-            FormationChanges,
             change_line,
             join_line,
             leave_line,
             status_text,
         )
-
-        if self._formation is None:
-            self._formation = FormationChanges()
 
         is_first = self.changes.label is None
         is_news = self.changes.takes(belief)

@@ -133,14 +133,14 @@ class Source:
         from contact_tracker.recording import read_metadata
         from contact_tracker.viewer.hull import vertices_from_metadata
 
-        told = tuple(filter(None, (self._log.note, self._log.assumption, self._log.damage)))
+        notes = tuple(filter(None, (self._log.note, self._log.assumption, self._log.damage)))
         return Outcome(
             "standard input" if self.is_stdin else Path(self._name).name or self._name,
             poses,
             found,
             self.origin_ns,
             self.counts,
-            (*told, *(() if adapted is None else warnings(adapted))),
+            (*notes, *(() if adapted is None else warnings(adapted))),
             "" if adapted is None else noise_text(adapted),
             self._log.source.frame_id,
             self._log.source.child_frame_id,

@@ -30,7 +30,8 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
 def evidence_of(
     name: str, args: argparse.Namespace, model: "Model", knowledge: "PriorMap"
 ) -> "WrenchEvidence | None":
-    """What the wrenches say that ``--wrench`` names; None without, or where they say nothing, which is told.
+    """What the wrenches say that ``--wrench`` names; None without, or, with a warning, where they say
+    nothing.
 
     Raises
     ------

@@ -84,16 +84,16 @@ def _geometry_cells(geometry: ContactGeometry | None) -> dict[str, Any]:
     pair = (None, None) if geometry is None else (geometry.object, geometry.environment)
     cells: dict[str, Any] = dict.fromkeys(_GEOMETRY)
     for side, element in zip(("object", "environment"), pair, strict=True):
-        told = flat(element)
-        if told["type"] == NONE:
+        values = flat(element)
+        if values["type"] == NONE:
             continue
-        cells |= {f"{side}_type": told["type"], f"{side}_unobserved": told["unobserved"]}
-        cells[f"{side}_name"] = told["name"] or None
+        cells |= {f"{side}_type": values["type"], f"{side}_unobserved": values["unobserved"]}
+        cells[f"{side}_name"] = values["name"] or None
         vectors = (
-            ("point", "point_sd") if told["type"] == "vertex" else ("axis", "axis_sd", "point", "point_sd")
+            ("point", "point_sd") if values["type"] == "vertex" else ("axis", "axis_sd", "point", "point_sd")
         )
         for name in vectors:
             unit = "_m" if name.startswith("point") else ""
-            for axis, value in zip(_AXES, told[f"{name}{unit}"], strict=True):
+            for axis, value in zip(_AXES, values[f"{name}{unit}"], strict=True):
                 cells[f"{side}_{name}_{axis}{unit}"] = value
     return cells

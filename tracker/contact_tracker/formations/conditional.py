@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion import lifted_pose
+from contact_tracker.motion.used_directions import LEVER_M
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
 
 SAME_ROW: Final = 0.05
 """Constraints whose gradients, of unit length, differ by less are one."""
-LEVER_M: Final = 0.1
-"""With which turns and shifts are compared where constraints are counted."""
 JITTER: Final = 1e-9
 TINY: Final = 1e-30
 _MOVES: Final = lifted_pose.perturbations()

@@ -12,8 +12,8 @@ from contact_tracker.formations.elements import FittedElements, fit_elements
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.price import price
 from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio, search
-from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.motion.used_directions import used_directions
+from contact_tracker.hypotheses.evidence import AS_WELL, EvidenceParameters
+from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 
@@ -27,13 +27,10 @@ HOP_TICKS: Final = 15
 """Constraints are looked for in all ticks, and in spans of so many, this far apart."""
 TRIED_SPANS: Final = 2
 SURE_NATS: Final = 2.5
-"""A further contact is told that is so much more probable than none."""
+"""A further contact is reported that is so much more probable than none."""
 DECISIVE: Final = 3.0
 """Nats that tell two kinds apart."""
-AS_WELL: Final = 1.2
-"""A kind fits as well if its residual is no more than this times the best's, or the noise."""
 SAME_GAIN: Final = 0.9
-SIX: Final = 6
 FITS: Final = 1.5
 """A whitened residual beyond which elements are those of no contact."""
 
@@ -126,7 +123,7 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
         if len(holding) > 1:
             before = count_constraints(motion.cut(*run), [one.c for one in holding])
         more = count_constraints(motion.cut(*run), [one.c for one in (*holding, best.known)])
-        if more <= before or used_directions(window.cut(*run)) < SIX - more:
+        if more <= before or used_directions(window.cut(*run)) < DIRECTIONS - more:
             # what is moved in fewer directions than it could be is held back by something else
             return Formation(tuple(found), True)
         known.append((best.known, best.presence.runs))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.conditional import ConditionalMotion, count_constraints
 from contact_tracker.formations.further import (
-    SIX,
+    MOST,
     SURE_NATS,
     Candidate,
     FormationTicks,
@@ -28,7 +28,7 @@ from contact_tracker.formations.further import (
 )
 from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.motion.used_directions import used_directions
+from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.states import CONTACTS, Contact
 
 Array = NDArray[np.float64]
@@ -44,8 +44,6 @@ longer, up to so many ticks."""
 REFIT_SHARE: Final = 0.5
 """Elements are fitted again after so much of the time for which they had touched at the last fit."""
 REMEMBERED: Final = 3
-MOST: Final = 2
-"""Further contacts at once."""
 
 
 class Elements(NamedTuple):
@@ -81,7 +79,7 @@ class Beside(NamedTuple):
     are still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds``
     says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
     last look, ``wait`` is how many there must be. ``is_open``: more constraints are kept than those of the
-    contacts that are told, by motion that does not show which.
+    contacts that are reported, by motion that does not show which.
     """
 
     first: Elements | None = None
@@ -124,7 +122,7 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
 
 
 def interrupted(beside: Beside) -> Beside:
-    """No contact is sure: nothing is told beside it, and no search goes on."""
+    """No contact is sure: nothing is reported beside it, and no search goes on."""
     held = tuple(one._replace(holds=False) for one in beside.held)
     return beside._replace(held=held, queue=(), found=(), is_open=False)
 
@@ -246,7 +244,7 @@ def _accepted(
     run = longest(best.presence)
     contacts = [first.c, *(one.elements.known.c for one in holding), best.known.c]
     constraints = count_constraints(motion.cut(*run), contacts)
-    uses_freedom = used_directions(ticks.window.cut(*run)) >= SIX - constraints
+    uses_freedom = used_directions(ticks.window.cut(*run)) >= DIRECTIONS - constraints
     if constraints <= before or not uses_freedom or not _is_now(best.presence, motion):
         return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
     kind, last = best.known.model.contact, best.presence.runs[-1]

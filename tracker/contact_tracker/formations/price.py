@@ -15,8 +15,7 @@ Array = NDArray[np.float64]
 def price(
     model: ContactModel, x: Array, motion: ConditionalMotion, window: Window, scales: EvidenceParameters
 ) -> float:
-    """Nats that elements x (S,) cost: what the ticks tell of them that neither their first tick nor free
-    motion would have told."""
+    """Nats that elements x (S,) cost: what the ticks say of them beyond their first tick and free motion."""
     family = model.family
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, scales.reach_m)

@@ -98,16 +98,16 @@ def rim_on_plane(x: Array, rotation: Array, position: Array) -> Touch:
     x = (q, c, n, a, r)."""
     q, c, r = x[:, None, :3], x[:, None, 3:6], x[:, 12:, None]
     (n, scale_n), (a, scale_a) = _unit(x[:, None, 6:9]), _unit(x[:, None, 9:12])
-    seen = np.einsum("nij,smi->snj", rotation, n)
-    cosine = (seen * a).sum(axis=-1, keepdims=True)
-    down = cosine * a - seen
+    normal_1 = np.einsum("nij,smi->snj", rotation, n)
+    cosine = (normal_1 * a).sum(axis=-1, keepdims=True)
+    down = cosine * a - normal_1
     sine = np.maximum(_length(down), PARALLEL)
     point = q + r * down / sine
     way = _moved(rotation, point) + position - c
     residual = (n * way).sum(axis=-1, keepdims=True)
     columns = (
-        *(seen, -np.broadcast_to(n, way.shape), (way - residual * n) / scale_n),
-        *(r * cosine / sine * (seen - cosine * a) / scale_a, -sine),
+        *(normal_1, -np.broadcast_to(n, way.shape), (way - residual * n) / scale_n),
+        *(r * cosine / sine * (normal_1 - cosine * a) / scale_a, -sine),
     )
     normal = np.broadcast_to(n, way.shape)
     return Touch(residual[..., 0], normal, point, np.concatenate(columns, axis=-1))

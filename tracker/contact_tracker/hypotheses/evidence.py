@@ -11,6 +11,7 @@ window: the Laplace approximation of the integral over it.
 
 from dataclasses import dataclass
 from math import sqrt
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
 
+AS_WELL: Final = 1.2
+"""A contact fits as well if its whitened residual is no more than this times the best's, or the noise."""
 _I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...
 _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 

@@ -9,6 +9,8 @@ from contact_tracker.geometry.vectors import EYE
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 
+DIRECTIONS: Final = 6
+"""In which a rigid object can move."""
 STRIDE_TICKS: Final = 5
 """Motion is looked at in steps so long that slow motion rises above the noise."""
 USED: Final = 10.0

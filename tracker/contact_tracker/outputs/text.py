@@ -14,8 +14,6 @@ CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
 SURE: Final = 0.9
 JOINS: Final = "+ "
 LEAVES: Final = "- "
-SAME_NS: Final = 1_000_000_000
-"""The onset of a further contact may be found to be another by less than that."""
 TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 
@@ -31,24 +29,6 @@ def change_line(belief: Belief, origin_ns: int) -> str:
         f"{belief.probability[belief.contact.column]:5.2f}  {_seconds(belief.onset_ns, origin_ns):8.2f}  "
         f"{describe(belief.geometry, belief.inseparable)}"
     ).rstrip()
-
-
-class FormationChanges:
-    """Notices which further contacts join and leave from belief to belief."""
-
-    def __init__(self) -> None:
-        self._before: tuple[FurtherContact, ...] = ()
-
-    def update(self, belief: Belief) -> tuple[list[FurtherContact], list[FurtherContact]]:
-        """Those that join with a belief, and those that leave."""
-        before, self._before = self._before, belief.further
-        joins = [one for one in belief.further if not any(_is_same(one, other) for other in before)]
-        leaves = [one for one in before if not any(_is_same(one, other) for other in belief.further)]
-        return joins, leaves
-
-
-def _is_same(one: FurtherContact, other: FurtherContact) -> bool:
-    return one.contact is other.contact and abs(one.start_ns - other.start_ns) < SAME_NS
 
 
 def join_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:

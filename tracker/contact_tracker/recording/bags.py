@@ -23,7 +23,7 @@ def read_bag(
     Parameters
     ----------
     wanted : messages of other channels are skipped unread.
-    report : is told in a line of each thing that cannot be read.
+    report : is called with a line for each thing that cannot be read.
     budget : bounds what the file may become.
 
     Raises

@@ -24,7 +24,7 @@ _Struct = Mapping[int, Any]
 
 def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> None:
     """Raise UnreadableRecording if some columns of a file, or its rows of so many bodies, become more than
-    its size explains, or if its pages cannot be told."""
+    its size explains, or if its page headers cannot be parsed."""
     size = os.path.getsize(path)
     budget.count_read(size)
     with open(path, "rb") as file:

@@ -51,7 +51,7 @@ def read_rosbag1(
     Parameters
     ----------
     wanted : messages of other channels are skipped unread.
-    report : is told in a line of each thing that cannot be read.
+    report : is called with a line for each thing that cannot be read.
 
     Raises
     ------

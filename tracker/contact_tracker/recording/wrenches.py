@@ -58,10 +58,10 @@ def read_wrenches(
     InputError
         Nothing on it can be read.
     """
-    seen: dict[str, Channel] = {}
+    channels: dict[str, Channel] = {}
 
     def wanted(channel: Channel) -> bool:
-        seen[channel.topic] = channel
+        channels[channel.topic] = channel
         return channel.topic == topic and canonical(channel.type) == WRENCH_TYPE and is_readable(channel)
 
     reading = Reading(path, wanted)
@@ -80,7 +80,7 @@ def read_wrenches(
         stamps.append(stamp_ns)
         rows.append(numbers)
     if not stamps:
-        raise _nothing(path, topic, seen)
+        raise _nothing(path, topic, channels)
     if len(frames) > 1:
         raise UsageError(f"{path}: {topic} changes its frame: {', '.join(sorted(frames)[:4])}")
     (frame_id,) = frames
@@ -111,7 +111,7 @@ def _decoded(reading: Reading) -> Iterator[tuple[RawMessage, tuple[str, int, tup
 
 
 def _is_in_world(path: str, topic: str, frame_id: str, source: PoseSource) -> bool:
-    """Whether wrenches are in the frame of the poses; raises UsageError where that cannot be told."""
+    """Whether wrenches are in the frame of the poses; raises UsageError where that is not known."""
     if frame_id == source.frame_id and frame_id and frame_id != source.child_frame_id:
         return True
     if source.child_frame_id and frame_id not in ("", source.child_frame_id):
@@ -122,10 +122,10 @@ def _is_in_world(path: str, topic: str, frame_id: str, source: PoseSource) -> bo
     return False
 
 
-def _nothing(path: str, topic: str, seen: dict[str, Channel]) -> UsageError | InputError:
-    there = seen.get(topic)
+def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> UsageError | InputError:
+    there = channels.get(topic)
     if there is None:
-        names = [name for name, channel in sorted(seen.items()) if canonical(channel.type) == WRENCH_TYPE]
+        names = [name for name, channel in sorted(channels.items()) if canonical(channel.type) == WRENCH_TYPE]
         return UsageError(
             f"{path}: no topic {topic}; of {WRENCH_TYPE} there is {', '.join(names[:8]) or 'none'}"
         )

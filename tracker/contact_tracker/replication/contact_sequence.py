@@ -84,7 +84,7 @@ class ContactSequence:
 
     @property
     def online(self) -> Ints:
-        """(W,) the tick that has been told last when a window ends."""
+        """(W,) the tick that was reported last when a window ends."""
         return tick_in_force(self.windows.stamp_ns, self.segmentation.filtered.stamp_ns)
 
     @property

@@ -1,7 +1,7 @@
 """The paper's first experiment: an object moves in one contact, and its touching elements are estimated.
 
-SLSQP minimises the paper's objective of the contact, which it is told, from ten random starts. The tracker
-segments the same poses and is told nothing.
+SLSQP minimises the paper's objective of the contact, which is given, from ten random starts. The tracker
+segments the same poses and is given nothing.
 """
 
 from dataclasses import dataclass, replace

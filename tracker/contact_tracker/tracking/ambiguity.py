@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.evidence import AS_WELL
 from contact_tracker.hypotheses.pruning import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
-from contact_tracker.motion.used_directions import used_directions
+from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 
@@ -22,8 +23,6 @@ Index = NDArray[np.int64]
 
 DECISIVE: Final = float(np.log(20.0))
 """Evidence (nats) that tells two contacts apart: twenty to one."""
-AS_WELL: Final = 1.2
-"""A contact fits as well if its whitened residual is no more than this times the label's, or the noise."""
 SAME_SPAN: Final = 0.25
 """Onsets that differ by this share of the contact's age are about the same span: of old ones few are kept."""
 SAME_SPAN_TICKS: Final = 3
@@ -38,7 +37,6 @@ FIRST_CHOICE: Final = 2.0
 OPEN_AT_MOST: Final = 0.9
 """Probability of a label that does not name all constraints that are kept."""
 ALMOST: Final = 1.0 - 1e-9
-SIX: Final = 6
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window a contact that is older than the window is judged by its evidence alone, and
 free motion is not said to have one degree of freedom."""
@@ -91,7 +89,7 @@ def freedom_of(label: Contact, window: Window, older: bool) -> Freedom:
         return Freedom(False, False)
     used = used_directions(window)
     one = used == 1 and not (label is Contact.FREE and is_short)
-    return Freedom(used < SIX - label.codimension, one)
+    return Freedom(used < DIRECTIONS - label.codimension, one)
 
 
 def tempered(probability: Array, sureness: float) -> Array:
@@ -137,8 +135,8 @@ def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...]
 
     The most probable contact among them gives to all the others, in proportion to the probability that the
     restriction of the motion is ``deliberate`` (T30). That contact is the label itself, except on a Viterbi
-    path or with a lag. Free motion gives only where it is told from nothing at all. The most probable state
-    stays the most probable one, and the sum stays 1.
+    path or with a lag. Free motion gives only where every contact is consistent with it. The most
+    probable state stays the most probable one, and the sum stays 1.
     """
     is_free = label is Contact.FREE
     if not others or (is_free and len(others) < len(STATES) - 1):
@@ -156,7 +154,7 @@ def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...]
     return np.asarray(probability + min(deliberate, ALMOST * most) * change)
 
 
-def told_by_wrenches(
+def decide_by_wrenches(
     label: Contact, others: tuple[Contact, ...], evidence: Array
 ) -> tuple[Contact, tuple[Contact, ...], Array | None]:
     """What measured wrenches make of a ``label`` and the ``others``, which motion does not tell from it

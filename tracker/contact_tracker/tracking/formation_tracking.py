@@ -20,7 +20,7 @@ ESTABLISHED: Final = 0.8
 ESTABLISHED_TICKS: Final = 20
 """... that has lasted for so many ticks..."""
 STILL_ESTABLISHED: Final = 0.5
-"""... and those that were found are told as long as it has this probability."""
+"""... and those that were found are reported as long as it has this probability."""
 
 
 def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[TrackerState, Belief]:

@@ -242,11 +242,11 @@ class Segmenter:
             tick_averaging.tick_anisotropy(noise, rows["count"], state.model),
             self._before if self._first else None,
         )
-        told = None
+        wrench_evidence = None
         if self._wrenches is not None:
-            told = self._wrenches.log_evidence(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
+            wrench_evidence = self._wrenches.log_evidence(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         return SegmentTicks(
-            window, STATES[column], state.model, state.knowledge, state.averaging.origin_m, told
+            window, STATES[column], state.model, state.knowledge, state.averaging.origin_m, wrench_evidence
         )
 
     def _tell(self, count: int) -> Segmentation:

@@ -110,7 +110,7 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     inseparable = tuple(other for other in others if knowledge.allows(other))
     restricted, share = ambiguity.p_deliberate(freedom.underused, window, model.tick_s), None
     if segment.wrench_evidence is not None:
-        label, inseparable, share = ambiguity.told_by_wrenches(label, inseparable, segment.wrench_evidence)
+        label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, segment.wrench_evidence)
     if label is Contact.FREE:
         curved = judged_offline(segment.window, scales_of(model), knowledge)
         return SegmentFit(label, None, inseparable, restricted, curved, share)
@@ -193,12 +193,12 @@ class FinishedSegment(NamedTuple):
         restricted = np.maximum(fit.restricted, curved)
         others = [CONTACTS if p > 0.5 else fit.inseparable for p in curved]
         for belief, given, states, p in zip(beliefs, self.posterior, others, restricted, strict=True):
-            told = (
+            shared = (
                 ambiguity.redistribute(given, contact, states, float(p))
                 if fit.share is None
                 else ambiguity.shared(given, fit.share)
             )
-            belief["probability"] = ambiguity.at_most(told, contact) if fit.formation.is_open else told
+            belief["probability"] = ambiguity.at_most(shared, contact) if fit.formation.is_open else shared
             belief["inseparable"] = [state in states for state in STATES]
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns

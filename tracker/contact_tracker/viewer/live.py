@@ -11,8 +11,8 @@ import numpy as np
 from contact_tracker.errors import ViewerError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.changes import Changes
-from contact_tracker.outputs.text import FormationChanges, is_settled
+from contact_tracker.outputs.changes import Changes, FormationChanges
+from contact_tracker.outputs.text import is_settled
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.viewer import canvas, layout
@@ -95,8 +95,8 @@ class LiveViewer:
             sheet.events(stamp, [contact], [text])
         joins, leaves = self._formation.update(belief)
         for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
-            told = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
-            sheet.events(stamp, [one.contact], [told])
+            text = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
+            sheet.events(stamp, [one.contact], [text])
         if belief.inseparable != self._inseparable:
             self._inseparable = belief.inseparable
             sheet.inseparable(stamp, [belief.inseparable])

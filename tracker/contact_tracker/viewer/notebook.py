@@ -16,7 +16,7 @@ from contact_tracker.viewer.offline import Shown, show
 __all__ = ["Viewer", "show_in_notebook"]
 WIDTH: Final = 1280
 HEIGHT: Final = 720
-_ = rerun_notebook  # who lacks it is told so here: rerun itself imports without it
+_ = rerun_notebook  # where it is missing the error comes from here: rerun itself imports without it
 
 
 def show_in_notebook(shown: Shown, width: int = WIDTH, height: int = HEIGHT) -> Viewer:

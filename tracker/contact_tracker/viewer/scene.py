@@ -24,7 +24,7 @@ from contact_tracker.viewer.shapes import (
 
 ENOUGH_POSES: Final = 200
 _LARGEST_M: Final = 2.0
-"""An object whose size nobody has told is not taken for larger."""
+"""An object of unknown size is not drawn larger."""
 _CUBE_ABOVE: Final = 0.25
 _CORNER_LABEL: Final = 0.7
 _WHEEL: Final = 0.65

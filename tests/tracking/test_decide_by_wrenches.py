@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.ambiguity import shared, told_by_wrenches
+from contact_tracker.tracking.ambiguity import decide_by_wrenches, shared
 
 NOTHING = np.zeros(len(STATES))
 
@@ -14,11 +14,11 @@ def evidence(**nats: float) -> np.ndarray:
 
 
 def test_a_label_that_motion_has_told_stays() -> None:
-    assert told_by_wrenches(Contact.FF, (), evidence(VF=1e3)) == (Contact.FF, (), None)
+    assert decide_by_wrenches(Contact.FF, (), evidence(VF=1e3)) == (Contact.FF, (), None)
 
 
 def test_the_most_probable_of_those_left_open_becomes_the_label() -> None:
-    label, others, share = told_by_wrenches(Contact.FF, (Contact.EF, Contact.VF), evidence(VF=9.0, EF=7.0))
+    label, others, share = decide_by_wrenches(Contact.FF, (Contact.EF, Contact.VF), evidence(VF=9.0, EF=7.0))
     assert label is Contact.VF
     assert others == (Contact.EF,)
     assert share is not None
@@ -27,21 +27,21 @@ def test_the_most_probable_of_those_left_open_becomes_the_label() -> None:
 
 
 def test_what_motion_has_excluded_is_not_chosen() -> None:
-    label, _, share = told_by_wrenches(Contact.FF, (Contact.EF,), evidence(EE=1e4))
+    label, _, share = decide_by_wrenches(Contact.FF, (Contact.EF,), evidence(EE=1e4))
     assert label is Contact.FF
     assert share is not None
     assert share[Contact.EE.column] == 0.0
 
 
 def test_without_evidence_the_label_is_twice_as_likely() -> None:
-    label, others, share = told_by_wrenches(Contact.FF, (Contact.EF,), NOTHING)
+    label, others, share = decide_by_wrenches(Contact.FF, (Contact.EF,), NOTHING)
     assert (label, others) == (Contact.FF, (Contact.EF,))
     assert share is not None
     assert share[Contact.FF.column] == pytest.approx(2.0 / 3.0)
 
 
 def test_evidence_of_any_size_is_finite() -> None:
-    _, _, share = told_by_wrenches(Contact.FF, (Contact.EF, Contact.FREE), evidence(FF=-1e8, EF=1e8))
+    _, _, share = decide_by_wrenches(Contact.FF, (Contact.EF, Contact.FREE), evidence(FF=-1e8, EF=1e8))
     assert share is not None
     assert np.isfinite(share).all()
 
