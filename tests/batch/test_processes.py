@@ -92,12 +92,14 @@ def wait_for_ever(folder: str) -> None:
 @contextmanager
 def interrupted_after(seconds: float) -> Iterator[None]:
     before = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    interrupt = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGINT, interrupt)
 
 
 def test_what_is_at_work_is_ended_at_once_and_clears_away(tmp_path: Path) -> None:

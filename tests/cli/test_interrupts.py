@@ -134,6 +134,26 @@ except KeyboardInterrupt:
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
+def test_what_goes_wrong_after_an_interrupt_that_python_cannot_raise_is_silent() -> None:
+    program = """
+import signal, sys
+from contact_tracker.__main__ import main
+from contact_tracker.cli import main as command
+class Held:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+def run():
+    Held()
+    raise ValueError("half a result")
+command.run = run
+sys.exit(main())
+"""
+    done = run_interruptible(program)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+    unharmed = run_interruptible(program.replace("    Held()\n", ""))
+    assert (unharmed.returncode, "half a result" in unharmed.stderr) == (1, True)
+
+
 def test_what_an_interrupt_has_left_half_made_goes_in_silence() -> None:
     program = """
 import signal

@@ -19,6 +19,10 @@ def main() -> int:
             from contact_tracker.cli.main import run
 
             return run()
+        except Exception:
+            if interrupts.is_due():  # what it was raised in went on with half a result
+                return INTERRUPTED
+            raise
         finally:
             interrupts.ignore()
     except KeyboardInterrupt:

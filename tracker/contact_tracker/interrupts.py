@@ -18,6 +18,7 @@ SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 """What people and systems end a command with."""
 _AGAIN_S: Final = 0.02
 _IMPORTS: Final = "<frozen importlib."
+_is_due = False
 
 
 def wait_for_imports() -> None:
@@ -29,6 +30,11 @@ def wait_for_imports() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # jobs in the background ignore it
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _unraisable
+
+
+def is_due() -> bool:
+    """Whether an interrupt came where Python could not raise it, and has not been raised since."""
+    return _is_due
 
 
 def ignore() -> None:
@@ -103,11 +109,15 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
             _interrupt_again()
             return
         frame = frame.f_back
+    global _is_due
     sys.unraisablehook = _unraisable_after
+    _is_due = False
     raise KeyboardInterrupt
 
 
 def _interrupt_again() -> None:
+    global _is_due
+    _is_due = True
     main = _thread.get_ident()  # only there are signals handled
 
     def after_a_while() -> None:
