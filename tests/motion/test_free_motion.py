@@ -1,5 +1,7 @@
 """Free motion as a yardstick: nothing at rest, little where motion is predictable, else what it is."""
 
+import sys
+
 import numpy as np
 import pytest
 from filterpy.common import Q_continuous_white_noise
@@ -170,3 +172,30 @@ def test_white_jerk_moves_the_states_as_filterpy_says(tick_s):
     np.testing.assert_allclose(
         free_motion.transition(tick_s).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14
     )
+
+
+def test_an_interrupt_never_becomes_a_number():
+    """A library that takes any exception for a shape that it can do without would go on with it."""
+    motion = still(3)
+    follow(*motion)
+    for line in range(1, 10_000, 7):
+        left = line
+
+        def interrupt(*_):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise KeyboardInterrupt
+            return interrupt
+
+        before = sys.gettrace()
+        sys.settrace(interrupt)
+        try:
+            follow(*motion)
+        except KeyboardInterrupt:
+            continue
+        finally:
+            sys.settrace(before)
+        break
+    assert left > 0
+    assert line > 500

@@ -51,7 +51,6 @@ _SHARES: Final = np.array([1.0, 1.0, 0.5])
 """Of value, rate and acceleration in what is ahead, with the powers of time."""
 _POWERS_OF_JERK: Final = 5.0 - np.add.outer(np.arange(3), np.arange(3))
 """Of time, in the covariance of the states that white jerk has moved: its integral is divided by them."""
-_REST: Final = np.zeros(6)
 _UNIT: Final = np.ones(2)
 _WHOLE: Final = np.ones((2, 2))
 
@@ -301,8 +300,12 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
 
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
     """States (2, 3, 3) and covariance after values that were off by so much (2, 3)."""
-    from filterpy.kalman import update
+    from filterpy.kalman import (
+        KalmanFilter,
+    )  # its function `update` takes any exception for a value without axes
 
-    # the gain is what a measurement of 1 makes of 0
-    gain, covariance = update(_REST, prediction.covariance, _UNIT, variance * np.eye(2), _VALUE)
+    step = KalmanFilter(dim_x=6, dim_z=2)
+    step.P, step.H, step.R = prediction.covariance, _VALUE, variance * np.eye(2)
+    step.update(_UNIT)
+    gain, covariance = step.K @ _UNIT, step.P
     return prediction.x + gain.reshape(2, 3, 1) * innovation[:, None], covariance
