@@ -1,4 +1,4 @@
-"""How large the errors of a stretch are, and how much of each is left in the next tick, told by its residuals
+"""Estimate the variance and the tick-to-tick correlation of a segment's errors from its residuals
 (docs/theory.md, T26).
 """
 
@@ -11,9 +11,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LEARNING_STEPS: Final = 15
-"""Of expectation-maximisation."""
+"""Iterations of expectation-maximisation."""
 PRIOR_TICKS: Final = 1.0
-"""Weight of the noise as it was believed against that of the residuals."""
+"""Weight of the prior noise variance, as a number of ticks."""
 MOST_CORRELATION: Final = 0.95
 LEAST_SCALE: Final = 1e-6
 LEAST_SHARE: Final = 1e-12
@@ -23,19 +23,19 @@ class Ar1Noise(NamedTuple):
     """Errors of the K residuals: an autoregressive process of order one from tick to tick."""
 
     weight: Array
-    """(K,) how much smaller their variances are than believed, as a factor of precision."""
+    """(K,) estimated precision over the assumed precision."""
     correlation: Array
-    """(K,) from one tick to the next."""
+    """(K,) correlation between neighbouring ticks."""
 
 
 def estimate_ar1(
     errors: Ar1Noise, whitened: Array, jacobian: Array, prior_information: Array, index: Index
 ) -> Ar1Noise:
-    """What whitened residuals (K, W) at a minimum say of their errors, by expectation-maximisation.
+    """Estimate the errors from the whitened residuals (K, W) of a fit, by expectation-maximisation.
 
-    Errors are not residuals: the fit has taken from them what looks like geometry. How much follows from the
-    ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the estimate stays as it
-    was.
+    Residuals are smaller than errors, because the fit absorbs what looks like geometry. How much it absorbs
+    follows from the ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the
+    estimate stays near ``errors``.
     """
     (weight, echo), count = errors, whitened.shape[1]
     sums = _Sums.of(np.concatenate([jacobian, whitened[..., None]], axis=2), index)
@@ -45,7 +45,7 @@ def estimate_ar1(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
         )
         determined = eigenvalues > LEAST_SHARE * eigenvalues[-1]
-        # of products of errors are expected those of the residuals, and of what the fit may have taken
+        # expected products of errors: those of the residuals plus those of what the fit may have absorbed
         taken = np.eye(len(eigenvalues) + 1)
         taken[:-1, :-1] = (eigenvectors[:, determined] / eigenvalues[determined]) @ eigenvectors[
             :, determined
@@ -59,7 +59,7 @@ def estimate_ar1(
 
 
 def whiten_ar1(rows: Array, echo: Array, index: Index) -> Array:
-    """What is new in each tick of rows (K, W, ...), in units of what that usually is."""
+    """Innovations of rows (K, W, ...): what the tick before does not predict, scaled to the same variance."""
     left = echo[:, None] ** np.diff(index)
     left = left.reshape(*left.shape, *(1,) * (rows.ndim - 2))
     later = (rows[:, 1:] - left * rows[:, :-1]) / np.sqrt(1.0 - left**2)
@@ -67,19 +67,21 @@ def whiten_ar1(rows: Array, echo: Array, index: Index) -> Array:
 
 
 class _Sums(NamedTuple):
-    """Sums (K, Z, Z) over ticks of products of rows (K, W, Z): all that is asked of them, however many.
-
-    Of the ``first`` tick; of neighbours that are each of G ``gaps`` apart, of the ``later`` and the
-    ``earlier`` ones, and of ``both`` in either order (G, K, Z, Z). Of ``pairs`` right after each other the
-    mean (2, K, Z, Z) product and, of the same ticks, square: other ticks only add their own scatter.
-    """
+    """Sufficient statistics of rows (K, W, Z) for any correlation: sums of their products over ticks."""
 
     gaps: Array
+    """(G,) distances in ticks that occur between neighbours."""
     first: Array
+    """(K, Z, Z) products of the first tick."""
     later: Array
+    """(G, K, Z, Z) products of the later one of two neighbours with itself, per gap."""
     earlier: Array
+    """(G, K, Z, Z) the same of the earlier one."""
     both: Array
+    """(G, K, Z, Z) products of the two with each other, in either order."""
     pairs: Array
+    """(2, K, Z, Z) mean product of adjacent ticks, and mean square of the same ticks. Ticks without an
+    adjacent one would only add scatter."""
 
     @classmethod
     def of(cls, rows: Array, index: Index) -> "_Sums":
@@ -97,7 +99,7 @@ class _Sums(NamedTuple):
         return cls(gaps.astype(float), first, later, earlier, both, np.array([product, square]))
 
     def new(self, echo: Array) -> Array:
-        """Sums (K, Z, Z) of products of what is ``whiten_ar1`` the rows."""
+        """Sums (K, Z, Z) of products of the innovations (``whiten_ar1``)."""
         left = (echo ** self.gaps[:, None])[:, :, None, None]
         later = (self.later - left * self.both + left**2 * self.earlier) / (1.0 - left**2)
         return np.asarray(self.first + later.sum(axis=0))

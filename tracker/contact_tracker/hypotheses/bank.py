@@ -1,4 +1,4 @@
-"""The living hypotheses of one contact: what is known of each, and what has been seen since its onset."""
+"""The bank of one contact: its run-length hypotheses, and the sufficient statistics since their onsets."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -14,17 +14,18 @@ from contact_tracker.states import STATES
 
 @dataclass(frozen=True, eq=False)
 class Onsets(Table):
-    """O onsets of hypotheses of one contact, in order, and the windows since then: all hypotheses that began
-    together share one. C as in ``contacts.family``.
+    """O onsets of one contact in order of time, with the sums over all ticks since each.
+
+    Hypotheses with the same onset share one row. C as in ``contacts.family``.
 
     Columns
     -------
-    onset, onset_ns : (O,) first tick, and when it began.
-    weight : (O,) sum of the weights of the ticks since.
-    weighted_position_sum : (O, 3) and of the body's positions, weighted.
-    second_moment : (O, C, C) of the lifted poses, weighted: the sufficient statistics of the window.
-    effective_ticks : (O,) how many ticks with motion it has.
-    onset_row : (O, C) lifted first tick over its noise: what was given at the onset.
+    onset, onset_ns : (O,) index of the first tick, and its time.
+    weight : (O,) sum of the weights of the ticks.
+    weighted_position_sum : (O, 3) weighted sum of the body's positions.
+    second_moment : (O, C, C) weighted second moment of the lifted poses: the sufficient statistics.
+    effective_ticks : (O,) number of ticks with motion.
+    onset_row : (O, C) lifted pose of the first tick over its noise.
     """
 
     onset = Column(np.int64)
@@ -45,29 +46,30 @@ class Bank(Table):
 
     Parameters
     ----------
-    onsets : those of all hypotheses, and maybe more. Their columns are known of each hypothesis as well:
-        ``weight``, ``effective_ticks``, ``second_moment``, ... (H, ...).
+    onsets : the onsets of all hypotheses, possibly more. Their columns (``weight``, ``effective_ticks``,
+        ``second_moment``, ...) can be read per hypothesis as well, with shape (H, ...).
     lag_history : (H, L, 7) states at the last L ticks (see ``hmm.fixed_lag``); L is 0 without lag.
 
     Columns
     -------
-    onset : (H,) first tick: which of the onsets is its own.
-    number : (H,) tells hypotheses apart over the whole recording.
-    log_birth_weight : (H,) log weight with which it began.
-    protected_until : (H,) it is kept, however bad, until it has so many ``effective_ticks`` (but old onsets
-        get sparser all the same); set when it begins, if it may search, and put off when it falls.
-    prior_index : (H,) which elements it assumes to be known; 0: none.
-    prior_mean, prior_information : (H, S), (H, S, S) the prior on x that they are.
-    line_anchor : (H, 6) points by which lines are given that go through a known one; NaN: near the body.
-    known_pair_index : (H,) which of the pairs of elements that the user knows it assumes.
-    elements_known : (H,) whether both are given by that.
-    needs_search : (H,) whether directions are left that have to be searched for.
-    from_landmark : (H,) whether it assumes elements that were met before.
-    x : (H, S) geometry that fits the window best.
+    onset : (H,) index of the first tick.
+    number : (H,) identifies the hypothesis in the whole recording.
+    log_birth_weight : (H,) log weight at birth.
+    protected_until : (H,) pruning by weight spares it until it has this many ``effective_ticks`` (thinning of
+    old
+        onsets does not). Set at birth if it may search, and extended when its likelihood drops.
+    prior_index : (H,) which known or remembered elements it assumes; 0: none.
+    prior_mean, prior_information : (H, S), (H, S, S) the Gaussian prior on x that follows from them.
+    line_anchor : (H, 6) points by which lines through a known point are parametrised; NaN: near the body.
+    known_pair_index : (H,) index of the pair of elements of the prior map that it assumes.
+    elements_known : (H,) whether that pair gives both elements completely.
+    needs_search : (H,) whether the prior leaves directions open, so that global search is needed.
+    from_landmark : (H,) whether it assumes remembered elements.
+    x : (H, S) estimated geometry.
     row_weight : (H, K) precision of the residuals relative to that of the position.
-    log_prior : (H,) log prior probability of what it assumes and of having lasted so long.
-    llr_before_window, gain_before_window : (H,) log-likelihood ratio and its gain, before the window.
-    log_likelihood : (H,) of all data since the onset, against free motion.
+    log_prior : (H,) log prior probability of its elements and of its run length.
+    llr_before_window, gain_before_window : (H,) log-likelihood ratio and its gain, summed before the window.
+    log_likelihood : (H,) of all data since the onset, relative to free motion.
     rms : (H,) whitened root mean square residual.
     """
 
@@ -128,7 +130,7 @@ class Bank(Table):
 
     @property
     def log_weight(self) -> Array:
-        """Log weight (H,) of a hypothesis with all that led to it."""
+        """Log weight (H,) of each hypothesis, including the history before its onset."""
         return self.log_birth_weight + self.log_likelihood
 
     @property
@@ -162,11 +164,11 @@ class Bank(Table):
         return Bank(words, self.layout, self.onsets, past)
 
     def replace_onset_columns(self, **columns: NDArray[Any] | float) -> "Bank":
-        """The same with other columns (O, ...) of the onsets."""
+        """A copy with some columns (O, ...) of the onsets replaced."""
         return replace(self, onsets=self.onsets.replace_columns(**columns))
 
     def replace_rows(self, rows: Index, found: "Bank", which: Index) -> "Bank":
-        """The same with the geometry and evidence of ``found``'s hypotheses ``which`` in ``rows``."""
+        """A copy whose ``rows`` take geometry and evidence from the hypotheses ``which`` of ``found``."""
         other = self.copy()
         for name in FITTED_COLUMNS:
             other.raw_column(name)[rows] = found.raw_column(name)[which]
@@ -175,12 +177,12 @@ class Bank(Table):
 
 _FIRST: Final = np.zeros(1, np.int64)
 FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
-"""Columns that change when a hypothesis learns."""
+"""Columns that a refit changes."""
 
 
 @lru_cache(maxsize=256)
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
-    """``count`` hypotheses of which nothing is known, each with an onset of its own, in ticks 0, 1, ..."""
+    """``count`` hypotheses without prior or data, each with an onset of its own, in ticks 0, 1, ..."""
     family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
     onsets = Onsets(np.zeros((count, of_onset.words)), of_onset).replace_columns(onset=np.arange(count))
     bank = Bank(np.zeros((count, row.words)), row, onsets, np.zeros((count, lag, len(STATES))))

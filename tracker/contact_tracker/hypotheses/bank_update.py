@@ -1,4 +1,4 @@
-"""How the hypotheses of all contacts live: each has its onset, a window since then and its own geometry."""
+"""The update of the hypothesis banks of all contacts by a tick: birth, refit, evidence, search, pruning."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -35,12 +35,11 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 MOST: Final = 12
-"""So many ticks at most are taken in at once: what is worked out for those after one that teaches something
-is lost."""
+"""Most ticks in one call. If one of them changes the landmark memory, the work for those after it is lost."""
 
 
 def ticks_at_once(banks: Sequence[Bank]) -> int:
-    """So many ticks ``update`` may take in one call: one, where numpy does the work, or answers lag."""
+    """How many ticks ``update`` may take in one call: one without compiled kernels or with a lag."""
     return MOST if compiled.in_use() and not banks[0].lag_history.shape[1] else 1
 
 
@@ -52,16 +51,21 @@ def update(
     margin: float,
     until: StopCondition | None = None,
 ) -> BankUpdate:
-    """Take in the newest tick of a window and what begins with it, and drop what is hopeless beside the best
-    of all, free motion included; then the next ``moments``, as long as there is nothing to look at.
+    """Update the banks by one tick or several: add births and data, refit, weigh, search and prune.
 
-    Hopeless is what is further behind the best than the ``margin`` (nats) when its contact has just searched:
-    before that it may only have lost its minimum. What is far behind (see ``schedule``) may wait for that,
-    while its moments grow. What the window ``before`` had more is summed up. Noise of each contact is
-    ``beyond`` (m^2, rad^2) that of the windows.
+    A hypothesis is pruned if it is more than ``margin`` nats behind the best of all (free motion included)
+    right after its contact has searched; before a search it may only have lost its minimum. Hypotheses that
+    are far behind (see ``schedule``) accumulate moments and are refitted only when a search is due.
 
-    With the first tick, states begin by its entry; with the others by what was weighed before, whatever their
-    births say. Where ``ticks_at_once`` is one, there is one.
+    Parameters
+    ----------
+    banks : of each contact.
+    moments : the ticks, at most ``ticks_at_once``. The birth weights of the first are those given; of the
+        others they follow from the posterior of the tick before.
+    beyond : of each contact, noise variance (m^2, rad^2) beyond that of the window.
+    scales : parameters of the evidence.
+    margin : nats, see above.
+    until : stop after the tick in which this holds.
     """
     assert len(moments) == 1 or ticks_at_once(banks) > 1
     if not compiled.in_use():
@@ -94,7 +98,7 @@ def update_reference(
     scales: EvidenceParameters,
     margin: float,
 ) -> BankUpdate:
-    """``update`` by one tick, in numpy."""
+    """``update`` by one tick in numpy: the reference of the compiled kernels."""
     births, _, window, before, _, log_stay = moment
     now = births.onset
     updated, oldest = [], before.expired_by(window)
@@ -119,7 +123,8 @@ def update_reference(
 
 
 def _begun(births: Births) -> tuple[list[tuple[Array, Bools]], list[Array | None]]:
-    """What is assumed of each contact by what begins, and random directions where it searches."""
+    """Per contact: the births' rows and which of their entries are given, and random directions for a
+    search."""
     assumed = [(begins.rows.words, begins.is_given) for begins in births.proposals]
     now = births.onset
     return assumed, [directions(model, now) if is_due(model, now) else None for model in CONTACT_MODELS]
@@ -137,7 +142,7 @@ def _update_contact(
         return bank
     due, old = is_due(model, birth.onset), len(bank)
     bank = add(bank, model, birth)
-    # what assumes met elements begins with them: one tick, which is given, changes no weight
+    # a birth at a remembered element has its geometry already, and its first tick carries no evidence
     unchanged = is_deferred(bank) & (not due) | bank.from_landmark & (np.arange(len(bank)) >= old)
     was = bank.log_weight
     bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, unchanged)
@@ -156,7 +161,7 @@ def _update_contact(
 def marginalise_expired_ticks(
     bank: Bank, model: ContactModel, oldest: Window, scales: EvidenceParameters
 ) -> Bank:
-    """Sum up the ``oldest`` ticks, which the window has lost."""
+    """Add the evidence of the ``oldest`` ticks, which the window has lost, to the sums before the window."""
     if not len(bank) or not len(oldest) or bank.onset[0] > oldest.index[-1]:  # they are in order
         return bank
     inputs = sum_evidence(model, bank.x, bank.onset, oldest, scales, bank.elements_known)

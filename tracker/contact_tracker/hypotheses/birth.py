@@ -1,4 +1,4 @@
-"""What hypotheses of one contact assume when they begin: rows of a bank that have seen nothing yet."""
+"""Birth proposals of one contact: rows of a bank with a prior, before any data."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,12 +20,12 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class BirthProposals:
-    """Hypotheses of one contact that may begin, without an onset yet."""
+    """n hypotheses of one contact that may begin, still without an onset."""
 
     rows: Bank
-    """(n) hypotheses that have seen nothing."""
+    """(n) hypotheses without data."""
     is_given: Bools
-    """(n, S) which entries of their x are given by what they assume, see ``ElementPrior``."""
+    """(n, S) which entries of x their prior fixes, see ``ElementPrior``."""
 
     @property
     def count(self) -> int:
@@ -33,11 +33,11 @@ class BirthProposals:
 
     @property
     def log_share(self) -> Array:
-        """Of the contact's weight (n,)."""
+        """Log share (n,) of the contact's birth weight."""
         return self.rows.log_likelihood
 
     def sharing(self, log_share: Array) -> "BirthProposals":
-        """The same with other shares."""
+        """A copy with other log shares (n,)."""
         return replace(self, rows=self.rows.replace_columns(log_prior=log_share, log_likelihood=log_share))
 
     def pick(self, rows: NDArray[np.generic]) -> "BirthProposals":
@@ -53,10 +53,11 @@ def make_proposals(
     elements_known: Sequence[bool],
     from_landmark: Sequence[bool],
 ) -> BirthProposals:
-    """One hypothesis of each of the ``pairs`` of elements.
+    """One proposal for each of the ``pairs`` of elements.
 
-    Lines of the surroundings are given by their points nearest to ``near_m`` (3,), lest these hang on
-    directions. The rest as in ``Bank``; it may search, and has the grace to, where directions are not told.
+    Lines of the surroundings are parametrised by their points nearest to ``near_m`` (3,), so that the points
+    are not correlated with the directions. Proposals whose directions the prior leaves open may search, and
+    are protected from pruning during burn-in. The other parameters are columns of ``Bank``.
     """
     none = blank(model, 0)
     prior, pivot = element_priors(model, pairs)
@@ -86,5 +87,5 @@ def make_proposals(
 
 @lru_cache(maxsize=16)
 def uninformed_proposal(model: ContactModel) -> BirthProposals:
-    """One of which nothing is known."""
+    """A proposal without prior knowledge."""
     return make_proposals(model, [(None, None)], None, [0.0], [0], [False], [False])

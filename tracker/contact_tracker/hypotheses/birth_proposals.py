@@ -1,4 +1,4 @@
-"""What a contact that begins may assume: elements that the user knows, elements met before, or nothing."""
+"""Which elements a new contact may assume: those of the prior map, remembered landmarks, or none."""
 
 import math
 from dataclasses import replace
@@ -15,24 +15,25 @@ from contact_tracker.landmarks.landmark_memory import LandmarkMemory
 from contact_tracker.landmarks.prior_map import NamedElement, PriorMap
 
 CELL_M: Final = 0.25
-"""Known lines are told anew when the body has gone so far."""
+"""Known lines are parametrised again when the body has moved to another cell of this size."""
 
 
 class Frame(NamedTuple):
-    """The world's origin in which hypotheses are, and from there about where the body is (m)."""
+    """Origin of the hypotheses' coordinates in the world, and the cell in which the body is from there
+    (m)."""
 
     origin_m: tuple[float, ...]
     near_m: tuple[float, ...]
 
     @classmethod
     def around(cls, origin_m: Array, place_m: Array) -> "Frame":
-        """With the body at ``place_m`` from the origin."""
+        """The frame with the body at ``place_m`` from the origin."""
         cell_m = [CELL_M * round(coordinate / CELL_M) for coordinate in place_m.tolist()]
         return cls(tuple(origin_m.tolist()), tuple(cell_m))
 
 
 class CachedProposals(NamedTuple):
-    """What a contact may begin with, and what that follows from: what was remembered, about where."""
+    """Proposals with what they were computed from: the landmark memory and the frame."""
 
     memory: LandmarkMemory
     frame: Frame | None
@@ -42,15 +43,15 @@ class CachedProposals(NamedTuple):
 def propose_births(
     model: ContactModel, knowledge: PriorMap, memory: LandmarkMemory, recognised: float, frame: Frame
 ) -> BirthProposals:
-    """Hypotheses of a contact that may begin now; their shares add up to one, or there are none.
+    """Proposals of a contact for the next tick. Their shares add up to one, unless there are none.
 
-    ``recognised`` is the share of those that have met their elements before, if there are any.
+    ``recognised`` is the share of the proposals from the landmark memory, if there are any.
     """
     near_m = frame.near_m if model.contact.value[2] == "e" else None
     return _propose_births(model, knowledge, memory, recognised, frame.origin_m, near_m)
 
 
-@lru_cache(maxsize=64)  # for as long as nothing is learnt, and the body is about there
+@lru_cache(maxsize=64)  # memory and frame rarely change
 def _propose_births(
     model: ContactModel,
     knowledge: PriorMap,
@@ -75,8 +76,7 @@ def _propose_births(
 def _assumed(
     model: ContactModel, knowledge: PriorMap, memory: LandmarkMemory, recognised: float
 ) -> list[tuple[ElementPair, float, int, bool]]:
-    """What may be assumed, with its log share, the number of the pair that the user knows, and whether
-    elements of it were met before."""
+    """The pairs that may be assumed: (pair, log share, index of the known pair, whether from a landmark)."""
     remembered, rows = memory.assumptions(model), []
     for number, known in enumerate(element_pairs(knowledge, model)):
         filled = [merged for other in remembered if (merged := _filled(known, other)) is not None]
@@ -89,7 +89,7 @@ def _assumed(
 
 
 def _filled(known: ElementPair, remembered: ElementPair) -> ElementPair | None:
-    """``known`` with elements met before where it leaves them open; None if they do not go together."""
+    """``known`` with remembered elements where it leaves them open; None if both give the same side."""
     if (
         (known.object and remembered.object)
         or (known.environment and remembered.environment)
@@ -101,7 +101,7 @@ def _filled(known: ElementPair, remembered: ElementPair) -> ElementPair | None:
 
 
 def named(geometry: ContactGeometry, known: ElementPair) -> ContactGeometry:
-    """The geometry of a hypothesis that assumes ``known``, with the names that the user gave."""
+    """The geometry of a hypothesis that assumes ``known``, with the names in the prior map."""
     faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
     return ContactGeometry(
         _named(geometry.object, known.object, faces), _named(geometry.environment, known.environment, faces)
@@ -109,7 +109,8 @@ def named(geometry: ContactGeometry, known: ElementPair) -> ContactGeometry:
 
 
 def _named(element: Element, known: NamedElement | None, faces: bool) -> Element:
-    """With the name; where faces slide on each other (``faces``) only the user knows how far out they are."""
+    """The element with its name. If both are ``faces``, motion does not show the offset: take the known
+    one."""
     if known is None:
         return canonical(element)
     if faces and isinstance(element, Plane) and isinstance(known.element, Plane):

@@ -1,5 +1,5 @@
-"""How hypotheses follow the motion: their moments grow with each tick, their geometry is refined from where
-it was, and what the ticks since their onsets say of it is weighed anew.
+"""Refit hypotheses by a tick: accumulate the moments, take Gauss-Newton steps from the last estimate, and
+evaluate the evidence of all ticks since the onset.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ NOT_AT_ALL: Final = -1
 
 
 class PriorAtAnchors(NamedTuple):
-    """What each hypothesis knew before its window, and where the body was: as long as that does not grow."""
+    """The prior of each hypothesis, and the mean position of the body around which it is evaluated."""
 
     prior: Prior
     anchors: Array
@@ -50,9 +50,9 @@ def prior_at_anchors(bank: Bank, model: ContactModel, scales: EvidenceParameters
 def accumulate(
     bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, log_stay: float = 0.0
 ) -> Bank:
-    """Add the newest tick to the moments, weighted by how far the motion in it rises above the noise.
+    """Add the newest tick to the moments, weighted by the ratio of its motion to the noise.
 
-    ``log_survival`` is the price of not having changed in it.
+    ``log_stay`` is the log probability that the state did not change in it.
     """
     zeta, activity, now = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
@@ -71,12 +71,13 @@ def accumulate(
         weight=onsets.weight + weight,
         effective_ticks=onsets.effective_ticks + np.where(begins, 1.0, activity),
     )
-    # what begins now touches now, in the directions of the best that there was (minimise solves for the rest)
+    # births take directions from the best hypothesis and touch at this tick; minimise solves for the rest
     return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
 def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
-    """Products (..., C, C) of what is new in lifted poses (..., C), and for the sine of e-e the poses."""
+    """Products (..., C, C) of the innovations of lifted poses (..., C). In the column of the constant of e-e,
+    whose sine is no linear residual, stand the poses themselves."""
     products = new[..., :, None] * new[..., None, :]
     if model.family.FORM.h < 0:
         products[..., -1, :] = products[..., :, -1] = lifted
@@ -84,7 +85,7 @@ def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
 
 
 def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
-    """As ``accumulate`` tick by tick, from the first tick of the window, where all of the bank begin."""
+    """``accumulate`` over a whole window, with whose first tick all hypotheses of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(motion, AT_REST) / variance
@@ -101,15 +102,18 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
 
 
 def is_deferred(bank: Bank) -> Bools:
-    """Which hypotheses (H,) learn only when searches are due."""
+    """Which hypotheses (H,) are refitted only when a search is due."""
     return ~(bank.log_weight >= -WAIT_NATS)
 
 
 def recover_fallen(
     bank: Bank, was: Array, model: ContactModel, window: Window, scales: EvidenceParameters
 ) -> Bank:
-    """Let hypotheses go on that were near the best, whose log weight ``was`` (H,) and that have fallen; what
-    is fallen then, and was within ``GRACE_NATS``, is kept for a while (see ``Bank.protected_until``)."""
+    """Refit hypotheses whose likelihood has dropped in this tick.
+
+    Those that were near the best (log weight ``was`` (H,)) take ``FALLEN_STEPS`` more steps. Those that still
+    do not fit, and were within ``GRACE_NATS``, are protected from pruning (``Bank.protected_until``).
+    """
     fallen = _fallen(bank, was, WAIT_NATS)
     if fallen.any():
         bank = refit_in_steps(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
@@ -121,7 +125,7 @@ def recover_fallen(
 
 
 def _fallen(bank: Bank, was: Array, nats: float) -> Bools:
-    """Which hypotheses (H,) that were no more than so many ``nats`` behind the best have fallen."""
+    """Which hypotheses (H,) were within ``nats`` of the best, lost ``FALL_NATS`` and do not fit any more."""
     return (was >= -nats) & (bank.log_weight < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
 
 
@@ -132,7 +136,7 @@ def refit(
     scales: EvidenceParameters,
     unchanged: Bools | None = None,
 ) -> Bank:
-    """``refit_in_steps`` as far as is due in every tick, what is ``unchanged`` (H,) nothing."""
+    """``refit_in_steps`` by the regular number of steps; rows that are ``unchanged`` (H,) are left alone."""
     steps = _steps_due(bank)
     if unchanged is not None:
         steps[unchanged] = NOT_AT_ALL
@@ -140,14 +144,14 @@ def refit(
 
 
 def _steps_due(bank: Bank) -> Index:
-    """In every tick (H,)."""
+    """Regular number of steps (H,) in a tick."""
     return REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.effective_ticks < FIRST_TICKS)
 
 
 def refit_in_windows(
     bank: Bank, of: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
 ) -> Bank:
-    """``refit`` where each hypothesis has a window of its own: ``of`` (H,) the ``windows``, in order."""
+    """``refit`` with a window per hypothesis: ``of`` (H,) is its index in ``windows``, ascending."""
     known = prior_at_anchors(bank, model, scales)
     found = gauss_newton.minimise(
         model.family, bank.second_moment, bank.row_weight, *known, bank.x, _steps_due(bank)
@@ -165,9 +169,10 @@ def refit_in_windows(
 def refit_in_steps(
     bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, steps: Index
 ) -> Bank:
-    """Take some ``steps`` (H,) towards the minimum, and weigh the evidence there, or do ``NOT_AT_ALL``.
+    """Take ``steps`` (H,) Gauss-Newton steps and evaluate the evidence there; ``NOT_AT_ALL`` leaves a row
+    alone.
 
-    The moments carry 1/m^2, the rows weights relative to that.
+    The moments are in 1/m^2, the weights of rows are relative to that.
     """
     if (steps == NOT_AT_ALL).any():
         rows = np.flatnonzero(steps != NOT_AT_ALL)
@@ -179,9 +184,9 @@ def refit_in_steps(
 
 
 def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Array:
-    """What the moments of each hypothesis tell of its geometry (H, P, P), along the tangent at x.
+    """Information (H, P, P) of the data on each geometry, along the tangent at x.
 
-    Its coordinates are taken where they cost least.
+    The linear coordinates are taken at their optimum.
     """
     known = prior_at_anchors(bank, model, scales)
     return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *known, bank.x)
@@ -195,7 +200,7 @@ def _with_evidence(
     known: PriorAtAnchors,
     found: gauss_newton.Fit,
 ) -> Bank:
-    """With the evidence at their x, which was ``found``."""
+    """The bank with the evidence at x, which is that of the fit ``found``."""
     sums = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
     first = bank.onset_row[:, :, None] * bank.onset_row[:, None]
     given = gauss_newton.information(
@@ -219,7 +224,7 @@ def _with_evidence(
 def _prior_predictive_share(
     bank: Bank, model: ContactModel, scales: EvidenceParameters, sums: EvidenceSums
 ) -> Array:
-    """Share (H, K) of each row's information that free motion, continued, would have given (T19)."""
+    """Share (H, K) of each row's information that the free-motion prediction would have given (T19)."""
     ticks = np.maximum(bank.effective_ticks, 1.0)[:, None]
     mean_gain = sums.gain / np.maximum(sums.after, 1)[:, None]
     return np.asarray(scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * mean_gain))
