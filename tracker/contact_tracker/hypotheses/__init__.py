@@ -1,1 +1,1 @@
-"""The hypotheses of each contact: how they begin, are fitted, weighed and dropped."""
+"""The hypothesis banks of the contacts: birth, fit, evidence, search and pruning."""

@@ -1,4 +1,4 @@
-"""From a fitted hypothesis to the elements a user reads, in the frames the user knows."""
+"""Convert a fitted hypothesis to elements with covariance, in the frames of the user."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,14 @@ def contact_geometry(
     origin_m: Array,
     information: Array | None = None,
 ) -> ContactGeometry:
-    """Elements of hypothesis ``row``, with covariance and what the motion left open.
+    """Elements of hypothesis ``row``, with covariance and unobserved directions.
 
-    ``window`` gives the noise of the ticks, ``origin_m`` is the world's origin in which the bank works;
-    ``information`` as in ``observability``.
+    ``window`` gives the noise of the ticks; ``origin_m`` (3,) is the origin of the bank's coordinates in the
+    world; ``information`` as in ``observed_geometry``.
     """
     one = bank.single(row)
     found = observed_geometry(one, model, scales, window.usual_variance, information)
-    if not np.isnan(one.line_anchor).all():  # else lines are given by the feet that are asked for
+    if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
         body_m = one.weighted_position_sum[0] / one.weight[0]
         found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
     return ContactGeometry(found.object, shifted(found.environment, origin_m))

@@ -17,10 +17,10 @@ from contact_tracker.geometry import linalg
 from contact_tracker.geometry.elements import Element, Line, Pair, Plane, numbers
 
 _SMALLEST: Final = 1e-12
-"""Variances below this share of the largest are no variances: directions in which an element cannot move."""
+"""Variances below this share of the largest count as zero: the element cannot move in these directions."""
 _WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
 _LENGTHS: Final = {"f": 1, "e": 3, "v": 3}
-"""So many of the numbers that tell an element, the last, are in m."""
+"""How many of the parameters of an element are lengths in m; they come last."""
 
 
 class ElementPrior(NamedTuple):
@@ -32,7 +32,7 @@ class ElementPrior(NamedTuple):
     def is_given(self, model: ContactModel) -> NDArray[np.bool_]:
         """(..., S) which entries of x are given.
 
-        Of a direction the mean says so: it is zero where only part of it is known.
+        A direction is given if its mean is not zero: zero stands for one that is unknown or known in part.
         """
         given = np.asarray(self.information.diagonal(axis1=-2, axis2=-1) > 0.0)
         form = model.family.FORM
@@ -44,15 +44,14 @@ class ElementPrior(NamedTuple):
 
 
 def element_priors(model: ContactModel, pairs: Sequence[Pair]) -> tuple[ElementPrior, Array]:
-    """Priors (n, ...) of a contact of n pairs of elements, and their anchors.
+    """Priors (n, ...) of a contact from n pairs of known elements, and the anchors of their lines.
 
-    Elements have covariances, and are given in the frames in which x is. A direction is zero where it is
-    unknown, or known in part.
+    Elements have covariances and are in the frames of x. A direction of zero stands for one that is unknown
+    or known in part.
 
     Returns
     -------
-    The priors; and (n, 6) the points that lines go through, NaN where they are anchored where the body is.
-    The foot of a line depends on its direction and on where the body is, unless it is a point that is known.
+    The priors; and (n, 6) known points through which lines go, NaN where the anchor is near the body.
     """
     sides, pivots = rows_of(model, pairs), np.full((len(pairs), 6), np.nan)
     if model.family is face_face:
@@ -69,8 +68,8 @@ def element_priors(model: ContactModel, pairs: Sequence[Pair]) -> tuple[ElementP
 
 
 def rows_of(model: ContactModel, pairs: Sequence[Pair]) -> tuple[list[Array], list[Array]]:
-    """What both elements of each pair tell, in the order that they have in x: rows of ``_part``, or of
-    ``_face`` where faces touch."""
+    """Mean and information of both elements of each pair, in their order in x: rows of ``_part``, for f-f of
+    ``_face``."""
     sides = zip(*(pair if model.body_in_1 else pair[::-1] for pair in pairs), strict=True)
     if model.family is face_face:
         first, second = ([_face(element) for element in side] for side in sides)
@@ -81,16 +80,17 @@ def rows_of(model: ContactModel, pairs: Sequence[Pair]) -> tuple[list[Array], li
 
 
 def _kinds(model: ContactModel) -> str:
-    """Of the elements, in the order that they have in x."""
+    """Kinds of the two elements, in their order in x."""
     return model.contact.value[0::2] if model.body_in_1 else model.contact.value[2::-2]
 
 
 def by_feet(
     model: ContactModel, prior: ElementPrior, pivots: Array, near_m: Array
 ) -> tuple[ElementPrior, Array]:
-    """Priors with lines of the surroundings given by their points nearest to ``near_m`` (3,).
+    """Priors with lines of the surroundings parametrised by their points nearest to ``near_m`` (3,).
 
-    That is a linear change of x: a line that turns moves its points by how far along it they are.
+    That is a linear change of x: the point moves by the change of direction times its distance along the
+    line.
     """
     form, world = model.family.FORM, slice(3, 6) if model.body_in_1 else slice(0, 3)
     first = form.d2 if model.body_in_1 else form.d1
@@ -108,14 +108,18 @@ def by_feet(
 
 
 class _Faces(NamedTuple):
-    """Faces of f-f, a row each: normals (n, 3) and the information (n, 9) on them, offsets (n, 1), how these
-    follow from the normals (n, 3), and the variance (n, 1) that is left."""
+    """n faces of f-f."""
 
     normal: Array
+    """(n, 3)"""
     information: Array
+    """(n, 9) on the normals."""
     offset_m: Array
+    """(n, 1)"""
     slope: Array
+    """(n, 3) regression of the offset on the normal."""
     variance: Array
+    """(n, 1) residual variance of the offset, m^2; infinite if it is unknown."""
 
     @classmethod
     def of(cls, faces: Sequence[Array]) -> "_Faces":
@@ -124,7 +128,7 @@ class _Faces(NamedTuple):
 
 
 def _facing(first: _Faces, second: _Faces) -> ElementPrior:
-    """f-f: the normal of either; how high the body's origin lies over the world's, only if both are known."""
+    """Prior of f-f on both normals, and on the height of the body's origin if both offsets are known."""
     variance = first.variance + second.variance
     weight = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0.0)
     height_m = np.where(np.isfinite(variance), first.offset_m + second.offset_m, 0.0)
@@ -145,15 +149,15 @@ def _face(element: Element | None) -> Array:
     information = _inverse(covariance[:3, :3], 0)
     slope = information @ covariance[:3, 3]
     off = np.array([*-slope, 1.0])
-    variance = off @ covariance @ off  # an error of the slope counts by its square alone
+    variance = off @ covariance @ off  # in this form errors of the slope enter by their square only
     variance *= variance > _SMALLEST * covariance[3, 3]
     return np.concatenate([element.normal, information.ravel(), [element.offset_m], slope, [variance]])
 
 
 @lru_cache(maxsize=1024)
 def _part(kind: str, element: Element | None) -> Array:
-    """An element's part of x, of a line by the point that it has, in one row: mean (w,), information (w, w),
-    and the point (3,) that a line goes through, else NaN."""
+    """An element's part of x as one row: mean (w,), information (w, w), and the known point (3,) of a line,
+    else NaN."""
     width, pivot = _WIDTHS[kind], np.full(3, np.nan)
     if element is None:
         return np.concatenate([np.zeros(width + width**2), pivot])
@@ -169,18 +173,19 @@ def _part(kind: str, element: Element | None) -> Array:
 
 
 def _goes_through(line: Line) -> bool:
-    """Whether its point is one: not where only a part of the direction is known, as of any line in a face."""
+    """Whether the line's point is known. It is not where the direction is known in part, as for lines in a
+    face."""
     return bool(line.direction.any() or not _covariance(line)[:3, :3].any())
 
 
 def _covariance(element: Element) -> Array:
     if element.covariance is None:
-        raise ValueError("a known element says how exactly it is known")
+        raise ValueError("a known element needs a covariance")
     return element.covariance
 
 
 def _inverse(covariance: Array, lengths: int) -> Array:
-    """Inverse on directions in which there is variance; the last ``lengths`` are in m, others in rad."""
+    """Pseudo-inverse on the directions with variance; the last ``lengths`` are in m, others in rad."""
     variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
     weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
     values, axes = linalg.eigenvectors(weight[:, None] * covariance * weight)
@@ -190,6 +195,6 @@ def _inverse(covariance: Array, lengths: int) -> Array:
 
 
 def _unit(variance: Sequence[float]) -> float:
-    """What makes the largest variance one, if there is any."""
+    """Scale that makes the largest variance one; one if all are zero."""
     largest = max(variance, default=0.0)
     return 1.0 / math.sqrt(largest) if largest > 0.0 else 1.0

@@ -1,12 +1,13 @@
-"""How much better than free motion does a contact explain a window? (docs/theory.md, T17, T19)
+"""Evidence of a contact against free motion in a window (docs/theory.md, T17, T19).
 
 Per tick and constraint, a residual r is N(0, V) if the contact holds and N(0, S) under free motion, where
-V is the noise of the residual and S - V the unpredictable motion in its direction. The log-likelihood ratio
+V is the noise variance of the residual and S - V the innovation excess in its direction. The log-likelihood
+ratio
 
     1/2 log(S / V) - 1/2 r^2 (1 / V - 1 / S)
 
-is the gain minus the misfit: zero at rest, where S = V. What is left is the price of geometry fitted to the
-window: the Laplace approximation of the integral over it.
+is the gain minus the misfit: zero at rest, where S = V. The complexity of the geometry fitted to the window
+is subtracted: the Laplace approximation of the integral over it.
 """
 
 from dataclasses import dataclass
@@ -32,34 +33,40 @@ _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 
 @dataclass(frozen=True)
 class EvidenceParameters:
-    """Lengths of the weak priors (m), what free motion foretells of the geometry (share of T19's last term),
-    how much of what a tick says is new, the tick (s), and the ``correlation`` of errors from tick to tick."""
+    """Parameters of the evidence."""
 
     reach_m: float
+    """Standard deviation of the weak prior on touching points."""
     body_radius_m: float
+    """Lever arm with which free rotation moves a point of the body."""
     prior_predictive_share: float
+    """Share of the last term of T19: the information on the geometry that free motion predicts."""
     likelihood_exponent: float
+    """Power of the likelihood: ticks are not fully independent."""
     tick_s: float
+    """Duration of a tick."""
     correlation: float = 0.0
+    """Correlation of errors from tick to tick (T34)."""
 
     @property
     def alone(self) -> float:
-        """By what a tick without one before it is scaled, to have the noise of the others (T34)."""
+        """Scale of the residual of a tick without predecessor, so that it has the variance of innovations
+        (T34)."""
         return sqrt(1.0 - self.correlation**2)
 
 
 @dataclass(frozen=True, eq=False)
 class Ratio:
-    """Log-likelihood ratios (B, W) of B hypotheses against free motion, tick by tick, and what the fit needs.
-
-    ``gain`` (B, W, K) of each constraint; ``chi_sq`` (B, W, K) squared residuals over their noise;
-    ``row_weight`` (B, W, K) precisions of the rows.
-    """
+    """Log-likelihood ratios of B hypotheses against free motion in each of W ticks, with their parts."""
 
     log_ratio: Array
+    """(B, W) in nats."""
     gain: Array
+    """(B, W, K) gain of each constraint."""
     chi_sq: Array
+    """(B, W, K) squared residuals over their noise variance."""
     row_weight: Array
+    """(B, W, K) precision of the residuals."""
 
 
 def log_ratio(
@@ -70,11 +77,11 @@ def log_ratio(
     certain: NDArray[np.bool_] | None = None,
     onset: NDArray[np.int64] | None = None,
 ) -> Ratio:
-    """Evaluate hypotheses x (B, S) exactly on each tick of the window.
+    """Evaluate hypotheses x (B, S) on each tick of the window, without linearisation.
 
-    Elements that are fitted follow smooth motion, so that free motion is measured by what is unpredictable in
-    it. Those of ``certain`` hypotheses (B,) are known and cannot: there, whatever moves the object would take
-    it away from the constraint.
+    Fitted elements can follow smooth motion, so the variance of free motion is its innovation excess.
+    Elements of ``certain`` hypotheses (B,) are known and cannot: there it is the variance of the whole
+    displacement.
     """
     measurement = model.measure(x, window.zeta)
     if scales.correlation:
@@ -93,7 +100,7 @@ def log_ratio(
     ratio = excess / noise
     gain = 0.5 * np.log1p(ratio)
     misfit = 0.5 * square / noise * (ratio / (1.0 + ratio))
-    # the touching point is a point of the body: one look per second, since it hardly moves within a tick
+    # the touching point hardly moves within a tick: its distance counts once a second
     reach_penalty = 0.5 * measurement.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return Ratio(
         (gain - misfit).sum(axis=1) - np.where(window.innovation_excess[:, 0] > 0, reach_penalty, 0.0),
@@ -111,8 +118,8 @@ def _whitened(
     scales: EvidenceParameters,
     onset: NDArray[np.int64] | None,
 ) -> Measurement:
-    """What is new in the residuals of each tick; where a hypothesis begins (B,), or nothing is known of the
-    tick before, all of it is, scaled to the same noise."""
+    """The measurement with its residuals whitened from tick to tick. Without a predecessor, or at the
+    ``onset`` (B,), they are only scaled to the same noise."""
     residual, correlation = measurement.residual, scales.correlation
     alone = residual * scales.alone
     new = alone.copy()
@@ -128,8 +135,8 @@ def _whitened(
 
 
 def residual_noise(measurement: Measurement, window: Window) -> Array:
-    """Noise variances (B, K, W) of residuals: an angle has that of rotation, a distance that of the position
-    along it and that of rotation on its lever arm."""
+    """Noise variances (B, K, W) of residuals: of angles that of rotation; of distances that of position in
+    their direction plus that of rotation times the squared lever arm."""
     position, rotation = window.variance.T
     noise = np.empty_like(measurement.residual)
     noise[:, :-1], noise[:, -1] = rotation, position + rotation * measurement.lever_sq
@@ -142,7 +149,7 @@ def residual_noise(measurement: Measurement, window: Window) -> Array:
 
 
 def weak_prior(family: Family, anchors: Array, reach_m: float) -> Prior:
-    """Touching points lie within reach of the body (anchors (B, 6)); directions are anything."""
+    """Prior: touching points lie within reach of the body (anchors (B, 6)); directions are uniform."""
     mean, pull = family.place(anchors), family.SPREAD / reach_m**2
     precision = np.broadcast_to(np.diag(pull), (len(anchors), len(pull), len(pull)))
     information = pull * mean
@@ -159,12 +166,12 @@ def complexity(
     predicted_share: Array,
     prior: Prior,
 ) -> Array:
-    """Price (B,) in nats of geometry that was fitted: Laplace's volume ratio and the distance from the prior.
+    """Complexity (B,) in nats of fitted geometry: Laplace's volume ratio plus the cost under the prior.
 
-    What is not paid for: ``given`` (B, P, P), the information of the first tick (that a contact begins now
-    says that its elements touch now); and ``predicted_share`` (B, K), the share of each row's information
-    ``hessian`` (B, K, P, P) that free motion itself would have given of where the object will be. All that is
-    told ``at`` (B, S), which is x (B, S) or near it.
+    Two kinds of information reduce it: ``given`` (B, P, P), that of the first tick, because a contact that
+    begins there touches there; and ``predicted_share`` (B, K), the share of each row's information
+    ``hessian`` (B, K, P, P) that the prediction of free motion would have given. All are evaluated ``at`` (B,
+    S), which is x (B, S) or near it.
     """
     tangent = family.tangent(at, anchors)
     along = np.swapaxes(tangent, -1, -2)
@@ -179,19 +186,20 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class EvidenceSums:
-    """Sums over the ticks of a window from the onset on, and for some without the onset, which is given.
-
-    ``log_ratio`` (B,) and ``gain`` (B, K) after the onset (see ``evidence.Ratio``); ``precision`` (B, K) of
-    the residuals relative to that of the position; ``chi_sq`` (B,) squared residuals over their noise;
-    ``ticks`` (B,) how many there are, ``after`` (B,) without the onset.
-    """
+    """Sums of the terms of ``Ratio`` over the ticks of a window since the onset."""
 
     log_ratio: Array
+    """(B,) without the onset tick, which the hypothesis takes as given."""
     gain: Array
+    """(B, K) without the onset tick."""
     precision: Array
+    """(B, K) of the residuals, relative to that of the position."""
     chi_sq: Array
+    """(B,) squared residuals over their noise variance."""
     ticks: Index
+    """(B,) number of ticks."""
     after: Index
+    """(B,) number of ticks without the onset."""
 
 
 def sum_evidence(
@@ -202,10 +210,10 @@ def sum_evidence(
     scales: EvidenceParameters,
     certain: NDArray[np.bool_],
 ) -> EvidenceSums:
-    """Evaluate hypotheses x (B, S) that begin at ``onset`` (B,) as ``evidence.log_ratio`` does."""
+    """Sum ``log_ratio`` and its parts for hypotheses x (B, S) with ``onset`` (B,)."""
     ratio = log_ratio(model, x, window, scales, certain, onset)
     mine, after = window.index >= onset[:, None], window.index > onset[:, None]
-    relative = ratio.row_weight * window.variance[:, :1]  # the moments' own weight is 1 over that
+    relative = ratio.row_weight * window.variance[:, :1]  # moments are weighted by one over this variance
     return EvidenceSums(
         np.where(after, ratio.log_ratio, 0.0).sum(axis=1),
         np.where(after[..., None], ratio.gain, 0.0).sum(axis=1),

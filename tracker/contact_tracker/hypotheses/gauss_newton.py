@@ -23,22 +23,22 @@ Index = NDArray[np.int64]
 TOLERANCE: Final = 1e-3
 """A fit has converged when a step would lower its cost by less than this (nats)."""
 FIRST_DAMPING: Final = 10.0
-"""Of turns, in nats per squared radian: a direction takes no step of a third of a radian lightly."""
+"""Damping of turns in nats per squared radian; it makes first steps of a third of a radian expensive."""
 LEAST_DAMPING: Final = 1e-6
 MOST_DAMPING: Final = 1e12
 LESS: Final = 0.2
 MORE: Final = 8.0
-"""Times the damping after a step that has lowered the cost, and after one that has not."""
+"""Factors of the damping after a step that has lowered the cost, and after one that has not."""
 LEAST_CURVATURE: Final = 1e-12
 LEAST_SHARE: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Minima of B windows. ``converged`` is a status: where it is False, x is the best point met so far.
+    """Minima of B windows. Where ``converged`` is False, x is the best point so far.
 
-    The hessian is that ``at`` (B, S), where the last step began: that at its end would be half the work of a
-    step, and says the same near a minimum.
+    The hessian is evaluated ``at`` (B, S), where the last step began. At its end it would cost half a step
+    more, and near a minimum it is the same.
     """
 
     x: Array
@@ -48,7 +48,7 @@ class Fit:
     converged: NDArray[np.bool_]
 
     def pick(self, rows: Index) -> "Fit":
-        """Some of them."""
+        """The fits in ``rows``."""
         return Fit(self.x[rows], self.cost[rows], self.hessian[rows], self.at[rows], self.converged[rows])
 
 
@@ -75,12 +75,12 @@ def minimise(
     x : (B, S) starts.
     iterations : steps at most, of all or of each start (B,).
     tolerance : see ``TOLERANCE``.
-    of : (B,) the window of each start; without, there is one start a window.
+    of : (B,) the window of each start; by default each window has one start.
 
     Returns
     -------
-    Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, at which x (B, S) it
-    is, and converged (B,), as far as is known there.
+    Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, at (B, S), and
+    converged (B,).
     """
     left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
     of = np.arange(len(x)) if of is None else of
@@ -120,7 +120,7 @@ def minimise(
 def data_information(
     family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
 ) -> Array:
-    """Hessian (B, P, P) of the data alone, at x (B, S) with its coordinates where they cost least.
+    """Hessian (B, P, P) of the data alone, at x (B, S) with its linear coordinates at their optimum.
 
     Arguments as of ``minimise``.
     """
@@ -160,7 +160,7 @@ def complete(
     x: Array,
     of: Index | None = None,
 ) -> tuple[Array, Array]:
-    """x (B, S) with its coordinates where they cost least, its directions as they are, and its cost (B,).
+    """x (B, S) with its coordinates at their optimum for the given directions, and its cost (B,).
 
     That is a linear problem: rows are affine in the shifts. Arguments as of ``minimise``.
     """
@@ -189,8 +189,8 @@ def complete(
 def information(
     family: Family, squares: Array, row_weight: Array, moments: Array, anchors: Array, x: Array
 ) -> Array:
-    """Hessian (B, P, P) that lifted poses contribute at x (B, S) beside the window of ``moments``, by the
-    sums (B, C, C) of their ``squares``."""
+    """Hessian (B, P, P) at x (B, S) of lifted poses with second moments ``squares`` (B, C, C), in the scale
+    of the window of ``moments``."""
     along = np.swapaxes(family.tangent(x, anchors), -1, -2)
     slopes = along[:, None] @ family.rows_derivative(x)
     weight = per_metre(family, moments, row_weight, x)[..., None, None]
@@ -214,7 +214,7 @@ def _normal_equations(
 
 
 def per_metre(family: Family, moments: Array, row_weight: Array, x: Array) -> Array:
-    """``row_weight`` (..., K) at x (..., S), the last without what its row gives per metre of distance."""
+    """``row_weight`` (..., K) at x (..., S), the last one divided by its row's squared scale per metre."""
     weight = row_weight.copy()
     weight[..., -1] /= family.scale_sq(x, moments)
     return weight

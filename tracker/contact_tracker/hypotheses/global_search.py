@@ -1,4 +1,4 @@
-"""How hypotheses find their minimum from afar: where others are, or from many random starts."""
+"""Global search of minima: exchange of geometry between hypotheses, and multi-start proposals."""
 
 from collections.abc import Callable
 from functools import cache
@@ -34,16 +34,16 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 DRAWS: Final = 64
-"""So many sets of random directions take turns."""
+"""Number of sets of random directions, used in turn."""
 
 
 def is_due(model: ContactModel, tick: int) -> bool:
-    """Whether hypotheses search in a tick: contacts take turns."""
+    """Whether the hypotheses of a contact search in this tick; contacts take turns."""
     return not (tick + model.contact.column) % EVERY
 
 
 def exchange_geometry(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
-    """Let hypotheses take the geometry of their ``best_donors``."""
+    """Refit hypotheses from the geometry of their ``best_donors``."""
     donor = best_donors(bank, model, scales)
     recipient = np.flatnonzero(donor != np.arange(len(bank)))
     if not len(recipient):
@@ -53,10 +53,11 @@ def exchange_geometry(bank: Bank, model: ContactModel, window: Window, scales: E
 
 
 def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Index:
-    """Of each hypothesis that does not fit the row (H,) whose geometry fits its window best; its own where
+    """For each hypothesis the row (H,) of the one whose geometry fits its window best; its own if it fits, or
     none is better.
 
-    Who is hopeless neither offers nor takes: whether it has been dropped must not matter.
+    Hypotheses far behind the best neither donate nor receive, so that it does not matter whether they have
+    been pruned.
     """
     donor = np.arange(len(bank))
     recipients, donors = np.flatnonzero(accepts_donor(bank)), np.flatnonzero(is_competitive(bank, model))
@@ -75,17 +76,17 @@ def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
 
 
 def is_competitive(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) are near the best, or may be once they are found."""
+    """Which hypotheses (H,) are near the best, or in burn-in."""
     return within_far_margin(bank) | in_burn_in(bank, model)
 
 
 def accepts_donor(bank: Bank) -> Bools:
-    """Which hypotheses (H,) take the geometry of others, where it is better."""
+    """Which hypotheses (H,) may receive the geometry of others."""
     return (bank.rms > AT_THE_NOISE) & (within_far_margin(bank) | is_protected(bank))
 
 
 def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) search and offer however bad: their geometry may not be found yet."""
+    """Which hypotheses (H,) search and donate whatever their weight: their minimum may not be found yet."""
     share = np.where(bank.from_landmark, MET_PATIENCE, 1.0)
     return (bank.effective_ticks <= share * burn_in_ticks(model.needed)) & bank.needs_search
 
@@ -98,12 +99,12 @@ def search(
     drawn: Array,
     weigh: Callable[[Bank, Index], Bank],
 ) -> Bank:
-    """Let ``rows`` search from scratch, and keep what is better.
+    """Search minima of ``rows`` from many starts, and replace those for which a better one is found.
 
     Parameters
     ----------
-    drawn : (N, S) or (R, N, S) directions to start from, beside those of the relaxed problem.
-    weigh : refits hypotheses that were found; given are they, and the row of ``bank`` that each is of.
+    drawn : (N, S) or (R, N, S) directions to start from, beside the solutions of the relaxed problem.
+    weigh : refits the hypotheses found, given with the row of ``bank`` that each belongs to.
     """
     if not len(rows):
         return bank
@@ -120,9 +121,9 @@ def search(
 
 
 def select_for_search(bank: Bank, model: ContactModel) -> Index:
-    """Rows that search: of each age one that assumes nothing and one of those that do, the best.
+    """Rows that search: of each age the best without a prior, and the best with one.
 
-    What they find is offered to those that began beside them.
+    Hypotheses of similar onsets receive what they find.
     """
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(DUE) - 1)
     rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.needs_search & is_competitive(bank, model)).nonzero()[
@@ -133,10 +134,10 @@ def select_for_search(bank: Bank, model: ContactModel) -> Index:
 
 
 def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array) -> Array:
-    """The best geometries (R, n, S) that ``rows`` find without regard to where they are.
+    """The best geometries (R, n, S) of ``rows``, independent of their present ones.
 
-    They start from the best of the relaxed problem's solutions and of the directions ``drawn``.
-    (Compiled, solutions that too few poses leave open are no starts.)
+    Starts are the best among the solutions of the relaxed problem and the directions ``drawn``. (The compiled
+    kernel leaves out solutions that too few poses determine.)
     """
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
@@ -157,13 +158,13 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
 
 
 def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
-    """Of each group of x (B, S) as ``many`` as cost least, in order (groups, many, S)."""
+    """The ``many`` x (B, S) of least cost in each group, ascending (groups, many, S)."""
     best = cost.reshape(groups, -1).argsort(axis=1, kind="stable")[:, :many]
     return np.asarray(x.reshape(groups, -1, x.shape[-1])[np.arange(groups)[:, None], best])
 
 
 def directions(model: ContactModel, tick: int) -> Array:
-    """Random x (N, S) for a tick, in the body's frame: they turn with the world in which they are told."""
+    """Random x (N, S) for a tick, in the body's frame: so results do not depend on the world's axes."""
     return _drawn(model.family.RANDOM_STARTS, model.family.SIZE, int(tick) % DRAWS)
 
 

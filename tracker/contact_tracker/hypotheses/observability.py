@@ -1,7 +1,7 @@
-"""What the motion has shown of a geometry, and what it has not (docs/theory.md, T21, T22).
+"""Which directions of a geometry the motion has shown, and which it left open (docs/theory.md, T21, T22).
 
-Poses that only jitter seem to tell something about every direction, the more the longer they do. So what the
-motion tells is what exceeds what the noise of the poses alone would feign.
+Noise alone adds information on every direction, the more the longer the window is. A direction counts as
+observed only if its information exceeds what noise would add.
 """
 
 from dataclasses import replace
@@ -25,11 +25,12 @@ from contact_tracker.motion import lifted_pose
 Array = NDArray[np.float64]
 
 _KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
-"""Of the noise of each of a pose's directions: first turns, then shifts."""
+"""Index of the noise variance of each perturbation of a pose: three turns (rotation), then three shifts."""
 SHOWN: Final = 10.0
-"""A direction is observed if the window tells this many times what prior and noise say of it."""
+"""A direction is observed if the information of the window is this many times that of prior and noise."""
 OPEN: Final = 0.1
-"""An element could still move if the prior lets it do so by this share of a radian or of the reach."""
+"""An unobserved direction is reported if the prior lets the element move by this share of a radian or of the
+reach."""
 
 
 def observed_geometry(
@@ -39,18 +40,19 @@ def observed_geometry(
     variance: Array,
     information: Array | None = None,
 ) -> ContactGeometry:
-    """Elements of a hypothesis by itself, with covariance, and with the directions that the motion left open.
+    """Elements of a single hypothesis with covariance and unobserved directions.
 
     Parameters
     ----------
+    one : bank of one hypothesis.
     variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
     information : (P, P) of the ticks on x; by default that of the hypothesis's window.
 
     Returns
     -------
-    ContactGeometry in the frames in which the bank works.
+    ContactGeometry in the frames of the bank.
     """
-    x = one.x[0].copy()  # it is given away
+    x = one.x[0].copy()  # the elements keep views of it
     covariance, tangent, prior, eigenvalues, eigenvectors = information_spectrum(
         one, model, scales, variance, information
     )
@@ -60,7 +62,7 @@ def observed_geometry(
         return found
     free = tangent @ left
     open_covariance = free @ linalg.solve(left.T @ prior @ left, free.T)
-    if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # as mostly
+    if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # the usual case
         return found
     open_ = model.geometry(x, open_covariance, 0.0)
     return ContactGeometry(
@@ -70,18 +72,18 @@ def observed_geometry(
 
 
 class InformationSpectrum(NamedTuple):
-    """What the motion tells of the geometry of one hypothesis, direction by direction."""
+    """Information of the motion on the geometry of one hypothesis, by direction."""
 
     covariance: Array
     """(S, S) of x."""
     tangent: Array
-    """(S, P) its free directions."""
+    """(S, P) free directions of x."""
     prior: Array
-    """(P, P) precision along them."""
+    """(P, P) prior precision along the tangent."""
     values: Array
-    """(P,) what the motion tells along each direction, rising, as a multiple of what prior and noise say."""
+    """(P,) generalised eigenvalues, ascending: information of the motion over that of prior and noise."""
     directions: Array
-    """(P, P) these directions, columns along the tangent."""
+    """(P, P) their eigenvectors, columns along the tangent."""
 
 
 def information_spectrum(
@@ -91,13 +93,13 @@ def information_spectrum(
     variance: Array,
     information: Array | None = None,
 ) -> InformationSpectrum:
-    """What is known of a hypothesis by itself; the rest as in ``observed_geometry``."""
+    """The spectrum of a single hypothesis; arguments as of ``observed_geometry``."""
     vague = _vague(model, scales.reach_m)
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
     prior = tangent.T @ (vague + one.prior_information[0]) @ tangent
     if information is None:
         information = refit.information(one, model, scales)[0]
-    # of errors that last the moments hold what is new in them: nearly all of a pose is left out
+    # with correlated errors the moments hold innovations, in which most of a constant pose cancels
     noise = noise_information(one, model, tangent, variance / (1.0 - scales.correlation) ** 2)
     eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior) @ tangent.T
@@ -106,14 +108,14 @@ def information_spectrum(
 
 @cache
 def _vague(model: ContactModel, reach_m: float) -> Array:
-    """Precision (S, S) that every hypothesis has from the outset, with that of directions on their sphere."""
+    """Precision (S, S) of the weak prior of every hypothesis, directions on their sphere included."""
     weak = weak_prior(model.family, np.zeros((1, 6)), reach_m)
     return np.asarray(weak.precision[0] + np.diag(weak.flat))
 
 
 @cache
 def _in_lengths(model: ContactModel, reach_m: float) -> Array:
-    """(S,) what makes squares of turns and of shifts in x comparable: those are over the squared reach."""
+    """(S,) weights that make squared turns and shifts of x comparable: shifts are over the squared reach."""
     scale = np.full(model.family.SIZE, 1.0 / reach_m**2)
     scale[directions(model.family.FORM)] = 1.0
     return scale
@@ -122,8 +124,8 @@ def _in_lengths(model: ContactModel, reach_m: float) -> Array:
 def posterior_covariance(values: Array, directions: Array, prior: Array) -> Array:
     """Covariance (P, P) from an ``InformationSpectrum``: its values (P,), directions (P, P) and prior (P, P).
 
-    Along the directions the precision is a diagonal of all magnitudes and little beside it: then its inverse
-    has all its digits, also where one direction is known all too well, as of lines that are all but parallel.
+    In the basis of the directions the precision is nearly diagonal, so that its inverse stays accurate even
+    where the magnitudes differ widely, as for lines that are almost parallel.
     """
     precision = directions.T @ prior @ directions
     np.einsum("pp->p", precision)[...] += np.maximum(values - 1.0, 0.0)
@@ -133,13 +135,13 @@ def posterior_covariance(values: Array, directions: Array, prior: Array) -> Arra
 
 
 def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
-    """Information (P, P) that the noise of the poses alone adds up to in the window of one hypothesis, along
-    its ``tangent`` (S, P)."""
+    """Information (P, P) along ``tangent`` (S, P) that the noise of the poses alone would add in the
+    window."""
     family, moments, x = model.family, one.second_moment[0], one.x[0]
     size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
     precision = gauss_newton.per_metre(family, moments, one.row_weight[0], x)
     slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
-    # how each row changes when a pose is off by one sigma in each direction
+    # change of each row when a pose is perturbed by one sigma in each direction
     off = (slopes.reshape(free * rows, columns) @ _perturbations(model)).reshape(free, rows, 6, columns)
     off *= np.sqrt(precision[:, None] * variance[_KINDS])[..., None]
     jitter = off.reshape(-1, columns) @ moments
@@ -148,14 +150,14 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
 
 @cache
 def _perturbations(model: ContactModel) -> Array:
-    """Six linear maps (C, 6 C), side by side: what the family's columns change by when the pose is a little
-    off."""
+    """Six linear maps (C, 6 C), side by side: the change of the family's columns by small turns and shifts of
+    the pose."""
     select = model.lifted(np.eye(lifted_pose.SIZE)).T
     return np.concatenate(list(select @ lifted_pose.perturbations() @ select.T), axis=1)
 
 
 def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
-    """How an element can move whose covariance is that of what was left open."""
+    """Unobserved turns and shifts of an element, given the covariance of the open directions alone."""
     covariance = np.zeros((6, 6)) if free.covariance is None else free.covariance
     match free:
         case Point():
@@ -169,7 +171,7 @@ def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
 
 
 def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Array]:
-    """Turns of a unit vector, and the covariance of the rest of the element where it has not turned."""
+    """Unobserved turns of a unit vector, and the covariance of the rest of the element given no turn."""
     turned, rest = covariance[:3, :3], covariance[3:, 3:]
     wide = _wide(turned, OPEN)
     if not wide.size:
@@ -186,14 +188,14 @@ def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
 
 def _wide(covariance: Array, sd: float) -> Array:
     """Orthonormal directions (3, n) in which ``covariance`` is wider than ``sd``, the widest first."""
-    if covariance.trace() <= sd**2:  # as mostly
+    if covariance.trace() <= sd**2:  # the usual case
         return np.zeros((3, 0))
     variance, axes = linalg.eigenvectors(covariance)
     return axes[:, variance > sd**2][:, ::-1]
 
 
 def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tuple[Unobserved, ...]:
-    """Along unit vectors (n, 3), of the two along an axis the one whose largest component is positive."""
+    """One entry per unit vector (n, 3), signed such that its largest component is positive."""
     if not len(axes):
         return ()
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None], axis=1)

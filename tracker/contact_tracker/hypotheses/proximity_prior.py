@@ -1,8 +1,8 @@
-"""Meeting known elements: how it changes which contacts are likely to begin (docs/theory.md, T29).
+"""Birth rates of contacts of known elements, given how near they are (docs/theory.md, T29).
 
-That a vertex whose place is known is within a millimetre of a known table hardly happens by chance. A contact
-of known elements therefore begins most likely at poses that have them touch: its rate of beginning is
-multiplied by how much likelier the pose is if they touch than if they may be anywhere.
+A known vertex is hardly ever within a millimetre of a known table by chance. So the birth rate of a contact
+of known elements is multiplied by the likelihood ratio of the pose if they touch against if they may be
+anywhere.
 """
 
 from collections.abc import Sequence
@@ -19,33 +19,31 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 
 ANY_DIRECTION: Final = 1.0 / 3.0
-"""Variance of the cosine of the angle between directions that have nothing to do with each other."""
+"""Variance of the cosine of the angle between independent, uniform directions."""
 _IMPOSSIBLE: Final = -1e3
 _HOPELESS: Final = -50.0
 FREE: Final = Contact.FREE.column
 
 
 class ProximityEvidence(NamedTuple):
-    """What a tick says of a contact that may begin with it.
-
-    ``log_share`` (n,) of each of its beginnings, adding up to one; ``log_odds`` of meeting any of them
-    against being anywhere; ``gain`` (2,) of that what one angle and what the distance is worth, where they
-    vanish.
-    """
+    """Evidence of the newest tick for the birth of one contact."""
 
     log_share: Array
+    """(n,) posterior log share of each proposal; they add up to one."""
     log_odds: float
+    """Log-likelihood ratio of touching by any proposal against being anywhere."""
     gain: Array
+    """(2,) part of it that one angle, and that the distance, contributes where it vanishes."""
 
     def of(self, begins: BirthProposals) -> BirthProposals:
-        """``begins`` with their shares of the contact's weight, given where the object is."""
+        """The proposals with their shares given the pose; hopeless ones are left out."""
         return begins.sharing(self.log_share).pick(self.log_share > _HOPELESS)
 
 
 def proximity_evidence(
     model: ContactModel, begins: BirthProposals, newest: Window, scales: EvidenceParameters
 ) -> ProximityEvidence:
-    """Weigh what may begin of one contact by the newest tick."""
+    """Weigh the birth proposals of one contact by the newest tick."""
     if not begins.count:
         return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2))
     log_share, certain = begins.log_share.copy(), begins.rows.elements_known
@@ -61,7 +59,8 @@ def proximity_evidence(
 def _touching_evidence(
     model: ContactModel, begins: BirthProposals, newest: Window, scales: EvidenceParameters
 ) -> tuple[Array, Array]:
-    """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching and anywhere."""
+    """Gain (n, K) of each row if it vanishes, and the log-likelihood ratio (n,) of touching against
+    anywhere."""
     family, zeta = model.family, newest.zeta[-1]
     measurement = model.measure(begins.rows.prior_mean, newest.zeta[-1:])
     noise = residual_noise(measurement, newest.cut(-1, None))[..., 0] + _spread(model, begins, zeta)
@@ -74,7 +73,7 @@ def _touching_evidence(
 
 
 def _spread(model: ContactModel, begins: BirthProposals, zeta: Array) -> Array:
-    """Variance (n, K) of the residuals by how exactly the elements are known."""
+    """Variance (n, K) of the residuals due to the uncertainty of the known elements."""
     family, lifted, x = model.family, model.lifted(zeta), begins.rows.prior_mean
     anchors = np.where(np.isnan(begins.rows.line_anchor), model.anchors(zeta[9:12]), begins.rows.line_anchor)
     tangent = family.tangent(x, anchors)
@@ -88,10 +87,10 @@ def _spread(model: ContactModel, begins: BirthProposals, zeta: Array) -> Array:
 def reweight_transitions(
     change: Array, stay: Array, meetings: Sequence[ProximityEvidence]
 ) -> tuple[Array, Array]:
-    """Rates of change (7, 7) and of staying (7,), in logs, given where the object is.
+    """Log rates of change (7, 7) and of staying (7,), given the pose.
 
-    What the state before and the new one have in common has been met already. Each row with its stay still
-    adds up to what it did: nothing is earned by leaving and coming back.
+    Constraints that the old and the new state share carry no new evidence. Each row together with its stay
+    keeps its sum, so that leaving a state and coming back gains nothing.
     """
     gain = np.zeros_like(change)
     for j, contact_evidence in enumerate(meetings):

@@ -1,4 +1,4 @@
-"""The living hypotheses of one contact: what each knew before, how they join and which are dropped."""
+"""Add births to a bank, and prune it."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -21,49 +21,49 @@ Bools = NDArray[np.bool_]
 class Birth(NamedTuple):
     """Hypotheses of one contact that begin in a tick.
 
-    Where nothing is known they start from the geometry of the best one so far, but a face beside a known one
-    is parallel to that; the first ones from any, the same whatever the world's axes are.
+    Entries of x without prior start from the best hypothesis so far (a face opposite to a known one is
+    parallel to it); in an empty bank they start from fixed directions in the body's frame.
     """
 
     proposals: BirthProposals
-    """What each assumes."""
+    """With the prior of each."""
     onset: int
-    """The tick."""
+    """Index of the tick."""
     onset_ns: int
-    """When it began."""
+    """Time at which the tick began."""
     number: int
-    """Of the first of them; the others follow."""
+    """Number of the first hypothesis; the others follow."""
     log_birth_weight: float
-    """With which the contact begins."""
+    """Log weight of the contact's birth."""
     lag_history: Array
-    """(L, 7) the states before."""
+    """(L, 7) probabilities of the states before."""
     turn: Array
-    """(3, 3) the orientation of the body."""
+    """(3, 3) orientation of the body."""
 
 
 class Births(NamedTuple):
     """A ``Birth`` of each contact, numbered one contact after the other."""
 
     proposals: tuple[BirthProposals, ...]
-    """Of each contact."""
+    """Per contact."""
     onset: int
     onset_ns: int
     number: int
-    """Of the first of the first contact."""
+    """Number of the first hypothesis of the first contact."""
     log_birth_weight: Array
-    """(7,) of each state."""
+    """(7,) per state."""
     lag_history: Array
-    """(7, L, 7) of each state."""
+    """(7, L, 7) per state."""
     turn: Array
-    """(3, 3) the orientation of the body."""
+    """(3, 3) orientation of the body."""
 
     @property
     def total(self) -> int:
-        """Of all contacts."""
+        """Number of births of all contacts."""
         return sum(begins.count for begins in self.proposals)
 
     def of(self, column: int) -> Birth:
-        """Those of one contact."""
+        """The births of one contact."""
         number = self.number + sum(begins.count for begins in self.proposals[:column])
         when, own = (
             (self.onset, self.onset_ns, number),
@@ -73,14 +73,14 @@ class Births(NamedTuple):
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
-    """Where each hypothesis has its lines: through known points, or nearest to where the body was on average
-    over its window; (H, 6) as in ``contacts.family``."""
+    """Anchors (H, 6) of each hypothesis' lines as in ``contacts.family``: known points, or the mean position
+    of the body in its window."""
     anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
     return np.where(np.isnan(bank.line_anchor), anchors, bank.line_anchor)
 
 
 def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
-    """What each hypothesis knew of its geometry before its window."""
+    """Prior of each hypothesis: the weak prior, and that of its known elements."""
     weak = weak_prior(model.family, anchors, reach_m)
     if not bank.prior_index.any():
         return weak
@@ -88,7 +88,7 @@ def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) ->
 
 
 def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
-    """The bank with what begins."""
+    """The bank with the birth's hypotheses added."""
     begins, old = birth.proposals, len(bank)
     if not begins.count:
         return bank
@@ -112,27 +112,28 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
 
 
 def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
-    """History (R, L, 7) of some ``rows``: of hypotheses with a ``past`` (H, L, 7), and of ``many`` new ones,
-    which all have the same ``of_new`` (L, 7)."""
+    """Lag histories (R, L, 7) of some ``rows`` of: the old hypotheses' ``past`` (H, L, 7), then ``many`` new
+    ones' common ``of_new`` (L, 7)."""
     if not past.shape[1]:
         return np.empty((len(rows), *past.shape[1:]))
     return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
 
 
 def within_far_margin(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are not far behind what was the best before this tick."""
+    """Which hypotheses (H,) are within ``FAR_NATS`` of the best before this tick."""
     return bank.log_weight >= -FAR_NATS
 
 
 def is_protected(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are kept, and may take the geometry of others, however bad."""
+    """Which hypotheses (H,) are protected from pruning by weight, and may receive the geometry of others."""
     return bank.effective_ticks <= bank.protected_until
 
 
 def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
-    """Drop what is hopeless against ``best``, and thin out onsets the more the older they are.
+    """Drop hypotheses more than ``margin`` nats behind ``best``, and thin onsets, the more the older they
+    are.
 
-    Log weights are against ``best`` from then on.
+    The log weights of the result are relative to ``best``.
     """
     joint = bank.log_weight
     keep = (joint > best - margin) | is_protected(bank)
@@ -148,14 +149,14 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
 
 
 def residual(bank: Bank) -> float:
-    """Whitened residual of the hypothesis that has seen ``RESIDUAL_TICKS`` with motion, or few more; nan
-    without one."""
+    """Whitened residual of the youngest hypothesis with at least ``RESIDUAL_TICKS`` of motion; nan without
+    one."""
     ticks = np.where(bank.effective_ticks >= RESIDUAL_TICKS, bank.effective_ticks, np.inf)
     return float(bank.rms[ticks.argmin()]) if ticks.min(initial=np.inf) < np.inf else np.nan
 
 
 def best_of(group: Index, joint: Array) -> Bools:
-    """Whether each is the best of its group."""
+    """Whether each entry is the best of its group."""
     order = np.lexsort((-joint, group))
     sorted_group, first, best = group[order], np.ones(len(group), bool), np.zeros(len(group), bool)
     np.not_equal(sorted_group[1:], sorted_group[:-1], out=first[1:])

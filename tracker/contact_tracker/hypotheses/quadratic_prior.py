@@ -1,4 +1,4 @@
-"""What is known of a contact's parameters before its window."""
+"""Quadratic prior on a contact's parameters."""
 
 from dataclasses import dataclass
 
@@ -12,11 +12,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of x before the window: ``1/2 x P x - information x + constant``, in nats.
+    """Cost ``1/2 x P x - information x + constant`` of x in nats.
 
     ``precision`` P (B, S, S), ``information`` (B, S), ``constant`` (B,); priors add up. ``flat`` (S,) is the
-    precision that an otherwise unknown direction has by living on a sphere: it counts in volumes but pulls
-    nowhere.
+    precision of an unknown direction due to its finite sphere: it counts in volumes but has no gradient.
     """
 
     precision: Array
