@@ -1,4 +1,4 @@
-"""Viterbi and smoothing of a recording that is at hand as a whole."""
+"""Viterbi and smoothing of a whole recording."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,10 +13,10 @@ Index = NDArray[np.int64]
 
 
 class Trellis(NamedTuple):
-    """All hypotheses of a recording of T ticks, as the forward pass met them.
+    """All hypotheses of a recording of T ticks.
 
     ``state`` (H,), ``onset`` (H,) by hypothesis; for boundary b = 1 .. T (entry b - 1 of the lists) the
-    hypotheses that were alive and their log-likelihoods up to b.
+    active hypotheses and their log-likelihoods up to b.
     """
 
     state: Index
@@ -26,9 +26,9 @@ class Trellis(NamedTuple):
 
 
 def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list[tuple[int, int, int]]:
-    """Most probable path as stretches (hypothesis, onset, end), in order, covering all ticks.
+    """Most probable path as segments (hypothesis, onset, end) in order, covering all ticks.
 
-    ``log_initial`` (N,) and ``log_transition`` (T, N, N) by boundary; the first is not used.
+    ``log_initial`` (N,); ``log_transition`` (T, N, N) by boundary, of which the first is not used.
     """
     states, ticks = len(log_initial), len(trellis.alive)
     left = np.full((ticks + 1, states), -np.inf)
@@ -67,7 +67,7 @@ def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
 
 
 def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, Array, float]:
-    """What smoothing expects of each tick and of each boundary.
+    """Posterior of the states at each tick, and of the changes at each boundary.
 
     Returns
     -------

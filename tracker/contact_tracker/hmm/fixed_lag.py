@@ -1,7 +1,7 @@
-"""Fixed lag: what is believed now of a little while ago, for live users who can wait.
+"""Fixed-lag smoothing: the posterior of the state L ticks ago, given all data until now.
 
-Each hypothesis carries its *past*: the probability of the states at the last L ticks, given that it holds. A
-new one inherits the mixture of what it may have come from (docs/theory.md). Only arrays here.
+Each hypothesis carries its *past*: the probabilities of the states at the last L ticks, given that it holds.
+A new one inherits the mixture of the pasts of its possible predecessors (docs/theory.md). Only arrays here.
 """
 
 import numpy as np
@@ -11,7 +11,8 @@ Array = NDArray[np.float64]
 
 
 def inherited(past: Array, log_left: Array, log_transition: Array) -> Array:
-    """Past (N, L, N) of what begins in each state, from that of what is left in each: (N, L, N)."""
+    """Past (N, L, N) of births in each state, from the pasts ``past`` (N, L, N) of the states that are
+    left."""
     if not past.shape[1]:
         return past
     log_weight = log_left[:, None] + log_transition
@@ -20,7 +21,7 @@ def inherited(past: Array, log_left: Array, log_transition: Array) -> Array:
 
 
 def grown(past: Array, state: int) -> Array:
-    """Pasts (..., L, N) one tick on, in ``state``."""
+    """Pasts (..., L, N) extended by a tick in ``state``."""
     if not past.shape[-2]:
         return past
     now = np.zeros((*past.shape[:-2], 1, past.shape[-1]))
@@ -29,7 +30,7 @@ def grown(past: Array, state: int) -> Array:
 
 
 def mixed(past: Array, log_weight: Array) -> Array:
-    """One past (L, N) from those (H, L, N) of hypotheses, by their log weights (H,); zero without any."""
+    """Mean past (L, N) of hypotheses' pasts (H, L, N), weighted by log weights (H,); zero without any."""
     if not past.size:
         return np.zeros(past.shape[1:])
     weight = np.exp(log_weight - log_weight.max())

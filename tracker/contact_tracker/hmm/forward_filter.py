@@ -1,8 +1,8 @@
-"""The forward pass while ticks come in: the weights of what is alive, and where each may have come from.
+"""The forward pass, tick by tick: weights of the active beginnings, and of their predecessors.
 
-What began at one boundary in one state is one *beginning*, whichever hypotheses assume it: they share their
-past. What comes later cannot change the probability of the past of a given beginning, and only chooses among
-those that are alive: that is what makes it possible to conclude before the end.
+A *beginning* is an onset in a state. All hypotheses with the same beginning share their past. Later data
+cannot change the posterior of the past given a beginning; they only choose among the beginnings that are
+still active. So past ticks can be decided before the end of the stream (``smoother``, ``viterbi_survivors``).
 """
 
 from typing import Final, NamedTuple
@@ -13,69 +13,76 @@ from numpy.typing import NDArray
 from contact_tracker.hmm.log_space import Array, Index, log_sum_exp
 
 NEGLIGIBLE: Final = 1e-14
-"""Probability below which a way into the past is left out, whatever comes later."""
+"""Predecessors below this probability are left out."""
 LOWEST: Final = np.finfo(float).min
-"""What is subtracted in place of -inf, where nothing is possible."""
+"""Subtracted instead of -inf where all weights are zero."""
 
 
 class FilterFrontier(NamedTuple):
-    """Beginnings (C,) that are alive at a boundary, in order of onset: ``onset`` and ``state`` of each, the
-    ``log_weight`` of all paths that end there and the log weight ``best`` of the best one with the state
-    ``origin`` that it came from, -1 at the start."""
+    """The C active beginnings at a boundary, in order of onset."""
 
     onset: Index
+    """(C,)"""
     state: Index
+    """(C,)"""
     log_weight: Array
+    """(C,) summed over all paths that end in the beginning."""
     best: Array
+    """(C,) log weight of the best path."""
     origin: Index
+    """(C,) state before the onset on that path; -1 at the start."""
 
     @property
     def probability(self) -> Array:
-        """(C,) of each, from the data so far."""
+        """Probability (C,) of each beginning, given the data so far."""
         weight = np.exp(self.log_weight - self.log_weight.max())
         return np.asarray(weight / weight.sum())
 
 
 class ForwardMessage(NamedTuple):
-    """What one tick adds, N states: where paths that pass its boundaries come from."""
+    """Backward probabilities at one tick, for N states."""
 
     origin_probability: Array
-    """(N, N) that what begins with the tick in state j was state i before; zero before the first tick."""
+    """(N, N) probability of state i before the tick, given a beginning in state j with it; zero at the
+    first."""
     onset: NDArray[np.int32]
-    """(E,) onsets, in order, of what is left at the end of the tick."""
+    """(E,) onsets of the beginnings at the end of the tick, in order."""
     state: NDArray[np.int8]
-    """(E,) and its states."""
+    """(E,) their states."""
     probability: Array
-    """(E,) that what is left in the state began at the onset."""
+    """(E,) probability of the onset, given that the state is left at the end of the tick."""
     best: NDArray[np.int32]
-    """(2, N) of the best path to each state, when that began and the state before it; -1 without any."""
+    """(2, N) best path to each state: its onset and the state before it; -1 without any."""
 
 
 class _Ended(NamedTuple):
-    """The end of a tick: of each ``onset`` (O,) and state the state before it, the ``weight`` against that of
-    the state's best, and the log weight of the ``best`` path, (O, N)."""
+    """Weights at the end of a tick by onset (O) and state (N)."""
 
     onset: Index
+    """(O,)"""
     origin: Array
+    """(O, N) state before the onset on the best path."""
     weight: Array
+    """(O, N) relative to the largest of the state."""
     best: Array
+    """(O, N) log weight of the best path."""
 
 
 class ForwardFilter:
-    """The forward pass over N states; grows with what is alive, not with what has been."""
+    """The forward pass over N states. Its size follows the number of active hypotheses, not the time."""
 
     def __init__(self, log_initial: Array) -> None:
         self.ticks = 0
         states = len(log_initial)
         self._initial, self._every = log_initial, np.arange(states)
         self._left = np.zeros((2, states))  # sum and maximum over the paths to each state
-        self._onset = np.zeros(0, np.int64)  # of all that is alive, each once, in order
-        self._entry = np.zeros((3, 0, states))  # at each: sum, maximum, and where that comes from
+        self._onset = np.zeros(0, np.int64)  # of the active hypotheses, each once, in order
+        self._entry = np.zeros((3, 0, states))  # per onset: sum, maximum, and state before on the best path
         self._ended: _Ended
 
     @property
     def living(self) -> FilterFrontier:
-        """After the last tick."""
+        """The active beginnings after the last tick."""
         onset, origin, weight, best = self._ended
         since, state = weight.nonzero()
         log_share = np.log(weight[since, state]) - np.log(weight.sum(axis=0)[state])
@@ -90,17 +97,21 @@ class ForwardFilter:
     def advance(
         self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array
     ) -> ForwardMessage:
-        """Take in a tick: state, onset and log-likelihood (A,), which is finite, of the hypotheses alive at
-        its end, and the log chances (N, N) of change at its beginning.
+        """Advance by a tick.
+
+        Parameters
+        ----------
+        state, onset, log_likelihood : (A,) of the active hypotheses at its end; log-likelihoods are finite.
+        log_transition : (N, N) log probabilities of change at its beginning.
 
         Raises
         ------
-        ValueError : no path leads to any of them, or nothing was alive at an onset.
+        ValueError : no path leads to any hypothesis, or an onset is unknown.
         """
         source = self._begin(log_transition)
         top, many = self._gathered(state, onset, log_likelihood)
         score = self._entry[:2] + top
-        norm = score[0].max()  # weights matter up to a factor; without it they would outgrow their digits
+        norm = score[0].max()  # only ratios of weights matter; unnormalised logs would lose digits
         if not np.isfinite(norm):
             raise ValueError("no path covers all ticks")
         score -= norm
@@ -127,7 +138,7 @@ class ForwardFilter:
         return step
 
     def _begin(self, log_transition: Array) -> Array:
-        """What begins now, and from where (N, N)."""
+        """Add the beginnings of a new tick; returns the probabilities (N, N) of the states before."""
         states = len(self._initial)
         if not self.ticks:
             source = np.zeros((states, states))
@@ -143,8 +154,8 @@ class ForwardFilter:
         return source
 
     def _gathered(self, state: Index, onset: Index, log_likelihood: Array) -> tuple[Array, Array]:
-        """Of the hypotheses of each onset and state the best log-likelihood (O, N), -inf without any, and as
-        how many of that they all count (O, N)."""
+        """By onset and state: the best log-likelihood (O, N), -inf without any, and the sum of likelihoods
+        relative to it (O, N)."""
         shape = len(self._onset), len(self._initial)
         row = self._onset.searchsorted(onset)
         if (self._onset.take(row, mode="clip") != onset).any():

@@ -20,5 +20,5 @@ def by_state(values: Array, state: Index, states: int, best: bool = False) -> Ar
 
 
 def birth_log_weights(log_left: Array, log_transition: Array) -> Array:
-    """Log weight (states,) with which new hypotheses begin, from the weights at which states are left."""
+    """Log birth weight (states,) of each state, from the log weights with which states are left."""
     return log_sum_exp(log_left[:, None] + log_transition, axis=0)

@@ -1,4 +1,4 @@
-"""Smoothing of what is past as soon as the future cannot change it any more."""
+"""Smoothing of past ticks as soon as later data cannot change their posterior any more."""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -12,20 +12,20 @@ from contact_tracker.hmm.log_space import Array
 _STEP_BYTES: Final = 1300
 _WAY_BYTES: Final = 13
 _CHECKED: Final = 16
-"""In every so many ticks it is looked whether futures still differ at all."""
+"""Interval in ticks at which the backward pass checks whether the futures still differ."""
 
 
 class OpenTicks:
-    """The ticks whose posterior is still open, from tick ``first`` on.
+    """The ticks whose posterior later data can still change, from tick ``first`` on.
 
-    Whatever comes later, the posterior of a past tick will be a mixture of what it is given each beginning
-    that is alive now. So the spread between these bounds by how much the future can still change it.
+    Whatever comes later, the posterior of a past tick will be a mixture of its posteriors given each active
+    beginning. So their spread bounds the change.
     """
 
     def __init__(self) -> None:
         self.first = 0
         self.size = 0
-        """Bytes that are held, about."""
+        """Approximate size in bytes."""
         self._steps: list[ForwardMessage] = []
 
     def __len__(self) -> int:
@@ -42,46 +42,46 @@ class OpenTicks:
         self.first += count
 
     def look_back(self, living: FilterFrontier, tolerance: float) -> tuple[Array, int]:
-        """Posterior (n, N) of the open ticks given the data so far; and how many of them, the oldest ones, no
-        future can change by more than ``tolerance``."""
+        """Posterior (n, N) of the open ticks given the data so far, and how many of the oldest are
+        decided."""
         return self.posterior(living), self.count_decided(living, tolerance)
 
     def posterior(self, living: FilterFrontier) -> Array:
-        """That of the open ticks (n, N), given the data so far."""
+        """Posterior (n, N) of the open ticks, given the data so far."""
         posterior = self._covered(living)
         return np.asarray(posterior / posterior.sum(axis=1, keepdims=True))
 
     def _covered(self, living: FilterFrontier) -> Array:
-        """Weights (n, N) of the states, given what is alive."""
+        """Weights (n, N) of the states at the open ticks, given the active beginnings."""
         posterior = np.zeros((len(self), len(self._steps[0].origin_probability)))
         for row, cover, _ in self._followed(living, living.probability[:, None]):
             posterior[row] = cover[:, 0]
         return posterior
 
     def count_decided(self, living: FilterFrontier, tolerance: float) -> int:
-        """How many of the open ticks, the oldest ones, no future can change by more than ``tolerance``."""
+        """How many of the oldest open ticks later data cannot change by more than ``tolerance``."""
         futures = np.eye(len(living.onset))
         if not self._common(living, futures[:, [0, -1]], tolerance):
-            return 0  # as at rest; all others would take long
+            return 0  # the usual case at rest; comparing all beginnings would take long
         return self._common(living, futures, tolerance)
 
     def _common(self, living: FilterFrontier, futures: Array, tolerance: float) -> int:
-        """How many of the oldest ticks ``futures`` have in common, up to the ``tolerance``."""
+        """How many of the oldest ticks have the same posterior in all ``futures``, up to ``tolerance``."""
         common = len(self)
         for row, cover, open_states in self._followed(living, futures):
             spread = np.max(cover.max(axis=1) - cover.min(axis=1))
             if spread > tolerance:
                 common = row
             elif row % _CHECKED == 0 and spread + 2.0 * open_states.apart <= tolerance:
-                break  # what is older than all that is held stays in its state
+                break  # older ticks differ by no more than this
         return common
 
     def _followed(self, living: FilterFrontier, futures: Array) -> Iterator[tuple[int, Array, "_Held"]]:
-        """Follow what is alive back through the open ticks, for C ``futures`` at once: given each, the
-        probability (L, C) of what is alive now.
+        """Backward pass through the open ticks for C ``futures`` at once, each a distribution (L, C) over the
+        active beginnings.
 
-        From the newest tick on, of each its row, the probability (N, C) of the states in it, and of the
-        beginnings that last through it.
+        Yields from the newest tick on: its row, the probabilities (N, C) of the states, and the beginnings
+        that last through it.
         """
         states, columns = len(self._steps[0].origin_probability), futures.shape[1]
         open_states = _Held(states, columns, self.first, self.first + len(self))
@@ -105,9 +105,10 @@ def _size(step: ForwardMessage) -> int:
 
 
 class _Held:
-    """Probability of the beginnings that last through the tick at hand, (N, C) by onset.
+    """Probabilities (N, C) by onset of the beginnings that last through the current tick of the backward
+    pass.
 
-    Those before ``first`` are not asked for; ``end`` is after all of them.
+    Onsets before ``first`` are left out; ``end`` is after all of them.
     """
 
     def __init__(self, states: int, columns: int, first: int, end: int) -> None:
@@ -117,7 +118,7 @@ class _Held:
         self._free = list(range(16))
 
     def add(self, onset: NDArray[Any], state: NDArray[Any], probability: Array) -> None:
-        """Each beginning at most once."""
+        """Add probabilities of beginnings, each at most once."""
         old = int(onset.searchsorted(self._first))  # they are in order
         since = onset[old:] - self._first
         rows = self._row[since]
@@ -129,7 +130,7 @@ class _Held:
         self._table[rows, state[old:]] += probability[old:]
 
     def take(self, onset: int) -> Array:
-        """What began then, and is not held before."""
+        """Remove and return the probabilities (N, C) of the beginnings at ``onset``."""
         row = int(self._row[onset - self._first])
         if row < 0:
             return np.zeros(self._table.shape[1:])
@@ -140,7 +141,7 @@ class _Held:
 
     @property
     def apart(self) -> float:
-        """How far the columns differ, over all that is held."""
+        """Sum over all beginnings of the spread between the futures."""
         return float((self._table.max(axis=2) - self._table.min(axis=2)).sum())
 
     def _make_room(self, count: int) -> None:

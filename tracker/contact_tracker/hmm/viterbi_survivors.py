@@ -1,4 +1,4 @@
-"""Viterbi while ticks come in: what all surviving paths have in common is decided."""
+"""Viterbi tick by tick: the prefix that all surviving paths share is decided."""
 
 from heapq import heapify, heappop, heappush
 
@@ -27,7 +27,7 @@ class Survivors:
         self._best.append(step.best)
 
     def decided_prefix(self, living: FilterFrontier) -> list[PathSegment]:
-        """The stretches that are decided whatever comes later; each is told once."""
+        """The segments that later data cannot change; each is returned once."""
         nodes = {(-a, i) for a, i in zip(living.onset.tolist(), living.origin.tolist(), strict=True)}
         latest = list(nodes)
         heapify(latest)
@@ -41,7 +41,7 @@ class Survivors:
         return self._tell(latest[0])
 
     def finish(self, living: FilterFrontier) -> list[PathSegment]:
-        """Nothing comes later: the rest of the best path."""
+        """The rest of the best path, at the end of the stream."""
         return self._tell((-(self.first + len(self)), int(living.state[living.best.argmax()])))
 
     def _before(self, node: Node) -> Node:
@@ -49,7 +49,7 @@ class Survivors:
         return -onset, origin
 
     def _tell(self, node: Node) -> list[PathSegment]:
-        """The stretches up to a node, which are forgotten."""
+        """The segments up to a node; they are dropped from memory."""
         path: list[PathSegment] = []
         end = -node[0]
         while -node[0] > self.first:

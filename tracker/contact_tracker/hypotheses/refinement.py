@@ -1,10 +1,9 @@
-"""Elements of a stretch at their greatest likelihood: the last steps, with the noise of every tick.
+"""Refine the fit of a finished segment: maximum a posteriori geometry with the noise of every tick.
 
-A running fit sees its ticks through moments: rows weighted by their mean noise, ticks by their motion
-(docs/theory.md, T13). That finds the minimum in microseconds, but neither quite the best estimate nor quite
-its accuracy. Here each tick counts as its own noise says (T16), rest as well, that noise follows the
-geometry, and how large each row's noise is, and how long it lasts, is told by its residuals (docs/theory.md,
-T26).
+The running fit uses moments: rows weighted by their mean noise, ticks by their motion (docs/theory.md, T13).
+It is fast, but its estimate and its covariance are approximate. Here every tick counts by its own noise
+(T16), ticks at rest as well; the noise depends on the geometry; and the variance and correlation of each
+row's errors are estimated from the residuals (T26).
 """
 
 from typing import Final, NamedTuple
@@ -23,42 +22,41 @@ from contact_tracker.motion.window import Window
 Array = NDArray[np.float64]
 
 ROUNDS: Final = 3
-"""Of fitting, and of learning the noise from what the fit leaves."""
+"""Alternations of fitting the geometry and estimating the noise from the residuals."""
 STEPS: Final = 20
 TOLERANCE_NATS: Final = 1e-4
 FIRST_ECHO: Final = 0.5
 FEW_TICKS: Final = 15
 STRANGE_SIGMAS: Final = 2.5
-"""A tick at an end of the stretch is left out if it is so far off, unless there are only ``FEW_TICKS``."""
+"""The first and the last tick are left out if they are this far off, unless there are fewer than
+``FEW_TICKS``."""
 LEAST_CURVATURE: Final = 1e-9
 FIRST_DAMPING: Final = 1e-6
 LEAST_DAMPING: Final = 1e-9
 LESS: Final = 0.1
 MORE: Final = 100.0
-"""Times the damping after a step that has lowered the cost, and after one that has not."""
+"""Factors of the damping after a step that has lowered the cost, and after one that has not."""
 STEP: Final = 1e-6
-"""Of finite differences, in radians and metres."""
+"""Step of finite differences, in radians and metres."""
 LEAST_SHOWN: Final = 1e-15
-"""A direction of which ticks tell less than this share of the most is not shown at all."""
+"""Directions with less than this share of the largest information count as unobserved."""
 
 
 class Refined(NamedTuple):
-    """A ``bank`` with x (1, S) of the greatest posterior density, and with ``moments`` and ``row_weight`` of
-    the weights that the ticks have there; and the ``information`` (P, P) of all ticks on x."""
+    """The refined fit of a segment."""
 
     bank: Bank
+    """One hypothesis with x (1, S) at the maximum a posteriori, and moments and row weights by the noise
+    there."""
     information: Array
+    """(P, P) of all ticks on x."""
 
 
 def refine(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Refined:
-    """Bring the one hypothesis of ``bank`` from near the minimum to it; ``window`` is its whole stretch.
+    """Refine the one hypothesis of ``bank``; ``window`` is the whole segment.
 
-    The first and the last tick are left out where they do not fit the others: they may hold frames of what
-    came before and after.
-
-    Returns
-    -------
-    Polished; its x is that of ``bank`` if no step improves on it.
+    The first and the last tick are left out if they do not fit the others: they may contain frames of the
+    neighbouring segments. If no step improves the cost, x stays that of ``bank``.
     """
     settled = _refine_once(bank, model, window, scales)
     if len(window) < FEW_TICKS or (settled.begins and settled.ends):
@@ -68,7 +66,7 @@ def refine(bank: Bank, model: ContactModel, window: Window, scales: EvidencePara
 
 
 class _RefinedOnce(NamedTuple):
-    """With all ticks of a window; whether the first and the last are where the others foretell them."""
+    """A fit to all ticks of a window, and whether the first and the last tick are inliers."""
 
     polished: Refined
     begins: bool
@@ -88,7 +86,7 @@ def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: Eviden
     new = whiten_ar1(jacobian, errors.correlation, window.index)
     information = np.einsum("ktp,k,ktq->pq", new, errors.weight, new)
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
-    # to what does not echo, the sensor's own noise, a tick beside its neighbours is worth more
+    # precision of an AR(1) error given both neighbours, relative to its marginal precision
     alone = (1.0 + errors.correlation**2) / (1.0 - errors.correlation**2)
     row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
@@ -107,8 +105,8 @@ def _polished(bank: Bank, x: Array, row_weight: Array, moments: Array, informati
 def _are_inlier_ticks(
     whitened: Array, jacobian: Array, weight: Array, information: Array
 ) -> NDArray[np.bool_]:
-    """Whether each tick (W,) is where the others foretell it: residuals over what the fit leaves of noise."""
-    # what the stretch has not shown at all has no leverage
+    """Whether each tick (W,) is an inlier: studentised residuals, noise reduced by leverage."""
+    # unobserved directions have no leverage
     covariance = np.linalg.pinv(information, LEAST_SHOWN, hermitian=True)
     leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, covariance, jacobian)
     square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
@@ -118,7 +116,7 @@ def _are_inlier_ticks(
 def _maximise(
     model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window, prior: Prior
 ) -> Array:
-    """Levenberg-Marquardt on the weighted squares of what is new in all residuals, from x (1, S)."""
+    """Minimise the weighted squares of the residuals' innovations from x (1, S), by Levenberg-Marquardt."""
     weight, echo = errors
 
     def new(x: Array) -> tuple[float, Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""Tables whose rows are words of eight bytes: one copy moves them, and kernels see them as they are."""
+"""Tables of rows of 8-byte words: selecting rows is one copy, and the kernels use the same memory."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,9 +17,9 @@ Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
 
 
 class Field(NamedTuple):
-    """Where in a row a column is: in words ``first`` to ``end``, with entries of a ``shape``.
+    """Place of a column in a row: words ``first`` to ``end``, with entries of a ``shape``.
 
-    Of symmetric matrices (``side``, ``side``) the upper triangle is kept, row after row.
+    Symmetric matrices (``side``, ``side``) are stored as their upper triangle, row by row.
     """
 
     first: int
@@ -29,7 +29,7 @@ class Field(NamedTuple):
     side: int = 0
 
     def kept(self, column: NDArray[Any] | float) -> NDArray[Any] | float:
-        """What is kept of a column."""
+        """The stored form of a column."""
         if not self.side or not isinstance(column, np.ndarray):
             return column
         rows, columns = _upper(self.side)
@@ -37,7 +37,7 @@ class Field(NamedTuple):
         return kept
 
     def column(self, kept: NDArray[Any]) -> NDArray[Any]:
-        """The column of which that is kept."""
+        """The column with this stored form."""
         return kept[..., entries(self.side)] if self.side else kept
 
 
@@ -50,7 +50,7 @@ def _upper(side: int) -> tuple[Index, Index]:
 
 @cache
 def entries(side: int) -> Index:
-    """Where in what is kept of a symmetric matrix its entries (side, side) are."""
+    """Index (side, side) of each entry of a symmetric matrix in its stored form."""
     where, kept = np.zeros((side, side), np.int64), _upper(side)
     where[kept] = np.arange(len(kept[0]))
     return np.maximum(where, where.T)
@@ -58,7 +58,7 @@ def entries(side: int) -> Index:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """What is where in a row: ``fields`` by the columns' names, so many ``words`` in all."""
+    """Layout of a row: ``fields`` by column name, and the number of ``words``."""
 
     fields: dict[str, Field]
     words: int
@@ -70,13 +70,13 @@ class Layout:
 
 
 class Column(Generic[Entry]):
-    """A column of a table, by the name it has in its class, and the shape of its entries."""
+    """A column of a table: a descriptor with the type and shape of its entries."""
 
     def __init__(self, kind: type[Entry], *shape: str | int) -> None:
         self._is_flag, self._whole, self._shape = kind is np.bool_, kind is not np.float64, shape
 
     def field(self, first: int, sizes: Mapping[str, int]) -> Field:
-        """With the ``sizes`` of C, S and K."""
+        """The field of this column, given the ``sizes`` of C, S and K."""
         shape = tuple(size if isinstance(size, int) else sizes[size] for size in self._shape)
         return Field(first, first + math.prod(shape), shape, self._whole)
 
@@ -87,7 +87,7 @@ class Column(Generic[Entry]):
         cells = table.layout.fields[self._name].column(table.raw_column(self._name))
         column: NDArray[Entry] = cells != 0 if self._is_flag else cells
         column.flags.writeable = False
-        vars(table)[self._name] = column  # which is found first from now on
+        vars(table)[self._name] = column  # cached: found before this descriptor from now on
         return column
 
 
@@ -106,7 +106,7 @@ class Symmetric(Column[np.float64]):
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """``words`` (N, words), a row each; ``layout`` tells what is where, flags are whole numbers there."""
+    """N rows as ``words`` (N, words) with their ``layout``; flags are stored as integers."""
 
     words: Array
     layout: Layout
@@ -115,7 +115,7 @@ class Table:
         return len(self.words)
 
     def raw_column(self, name: str) -> NDArray[Any]:
-        """What is kept of a column (N, ...), in the memory of the rows; flags as whole numbers."""
+        """A view (N, ...) of a column in its stored form; flags are integers."""
         first, end, shape, whole, _ = self.layout.fields[name]
         words: NDArray[Any] = self.words.view(np.int64) if whole else self.words
         return words[:, first:end].reshape(len(words), *shape) if shape else words[:, first]
@@ -129,20 +129,20 @@ class Table:
         return column.view(np.int64) if fields[0].whole else column
 
     def replace_columns(self, **columns: NDArray[Any] | float) -> Self:
-        """The same with other columns."""
+        """A copy with some columns replaced."""
         other = self.copy()
         for name, column in columns.items():
             other.raw_column(name)[...] = self.layout.fields[name].kept(column)
         return other
 
     def copy(self) -> Self:
-        """The same with rows of its own, which may be written to as long as no column has been read."""
+        """A copy with its own memory. It may be written to as long as no column has been read."""
         return replace(self, words=self.words.copy())
 
 
 @cache
 def layout(table: type[Table], model: ContactModel) -> Layout:
-    """Of the rows that the contact has in such a table."""
+    """Layout of the rows of a table of this contact."""
     family, fields, end = model.family, dict[str, Field](), 0
     sizes = {"C": len(family.COLUMNS), "S": family.SIZE, "K": family.ROWS}
     for name, column in vars(table).items():

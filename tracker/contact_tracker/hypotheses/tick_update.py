@@ -1,4 +1,4 @@
-"""What goes into the update of the hypothesis banks by a tick, and what comes of it."""
+"""Input and output of the update of the hypothesis banks by a tick."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
@@ -15,7 +15,7 @@ Index = NDArray[np.int64]
 
 
 class LiveHypotheses(NamedTuple):
-    """The hypotheses (A,) that are alive after a tick, free motion last."""
+    """The hypotheses (A,) of all banks after a tick, free motion last."""
 
     state: Index
     onset: Index
@@ -23,7 +23,7 @@ class LiveHypotheses(NamedTuple):
 
     @classmethod
     def of(cls, banks: Sequence[Bank], now: int) -> Self:
-        """Those of all banks, and free motion in the tick ``now``."""
+        """The hypotheses of ``banks``, and free motion in the tick ``now``."""
         return cls(
             np.arange(len(banks) + 1).repeat([*map(len, banks), 1]),
             np.append(Bank.of_all(banks, "onset"), now),
@@ -32,48 +32,49 @@ class LiveHypotheses(NamedTuple):
 
 
 class TickInput(NamedTuple):
-    """A tick, as the hypotheses of all contacts are updated by it."""
+    """Input of the update by one tick."""
 
     births: Births
-    """What begins with it."""
+    """Hypotheses that begin with the tick."""
     stamp_ns: int
-    """When it ends."""
+    """Time at which the tick ends."""
     window: Window
-    """The last ticks, this one included."""
+    """The latest ticks, this one included."""
     before: Window
-    """The window without it."""
+    """The window before this tick."""
     log_transition: Array
-    """(7, 7) log chances of a change of state at its beginning, from row to column."""
+    """(7, 7) log probabilities of a change of state at its beginning, from row to column."""
     log_survival: Array
-    """(7,) log chances of lasting through it."""
+    """(7,) log probabilities of staying in each state through it."""
 
 
 class TickWeights(NamedTuple):
-    """What a tick has made of the hypotheses."""
+    """Weights of states and hypotheses after a tick."""
 
     log_birth_weight: Array
-    """(7,) log weights with which states began."""
+    """(7,) log birth weight of each state."""
     log_state_weight: Array
-    """(7,) log weight of each state against the best hypothesis, -inf of an empty bank."""
+    """(7,) log weight of each state relative to the best hypothesis; -inf for an empty bank."""
     residual: Array
     """(6,) whitened residual of each contact."""
     best_rows: Index
-    """(6,) the best hypothesis in each bank, -1 of an empty one."""
+    """(6,) row of the best hypothesis of each bank; -1 for an empty one."""
     live_hypotheses: LiveHypotheses
 
 
 class StopCondition(NamedTuple):
-    """When the posterior has to be looked at: one contact is so probable, and its onset is not due later."""
+    """Condition on which an update of several ticks stops: a contact is this probable, and its onset is
+    due."""
 
     probability: float
     posterior_power: float
-    """The posterior counts to this power (T31)."""
+    """Power of the posterior (T31)."""
     due_ns: Mapping[int, int]
-    """By onset (ns), when it may be looked at again."""
+    """By onset (ns), the time from which it is due again."""
 
 
 class BankUpdate(NamedTuple):
-    """The hypotheses that are kept after one or several ticks."""
+    """The banks after one or several ticks."""
 
     banks: list[Bank]
     """Of each contact."""

@@ -1,4 +1,4 @@
-"""Hypotheses fitted from scratch to windows whose ends are known."""
+"""Fit hypotheses to windows whose ends are known."""
 
 from collections.abc import Sequence
 
@@ -35,12 +35,12 @@ def fit_windows(
     scales: EvidenceParameters,
     proposals: Sequence[BirthProposals],
 ) -> list[Bank]:
-    """As ``fit_window`` to each window, all in one batch.
+    """``fit_window`` for many windows in one batch.
 
     Parameters
     ----------
     windows : in order of time; no two begin with the same tick.
-    proposals : of each window, what may begin with it.
+    proposals : birth proposals of each window.
     """
     births = [_begun(model, *one, scales) for one in zip(windows, proposals, strict=True)]
     of = np.arange(len(windows)).repeat([len(bank) for bank in births])
@@ -66,7 +66,7 @@ def fit_windows(
 def _begun(
     model: ContactModel, window: Window, proposals: BirthProposals, scales: EvidenceParameters
 ) -> Bank:
-    """All that may begin with the window, its ticks taken in."""
+    """A bank of all proposals, with the ticks of the window accumulated."""
     nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
     birth = Birth(proposals, int(window.index[0]), 0, 0, 0.0, nothing.lag_history.sum(axis=0), turn)
     bank = add(nothing, model, birth)
@@ -74,7 +74,7 @@ def _begun(
 
 
 def _joined(banks: Sequence[Bank]) -> Bank:
-    """Of all windows."""
+    """One bank from those of all windows."""
     onsets = np.concatenate([bank.onsets.words for bank in banks])
     return Bank(
         np.concatenate([bank.words for bank in banks]),

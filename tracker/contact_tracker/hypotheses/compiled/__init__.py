@@ -1,7 +1,7 @@
 """The compiled update of the hypothesis bank: C++ (``tracker/core``), built as the package is installed.
 
-Its numpy reference, ``bank_update.reference``, does the work where there was no compiler: some 20 times
-slower, which is said once. It is imported when a tracker starts.
+Without a compiler its numpy reference, ``bank_update.update_reference``, does the work: some 20 times slower,
+with a warning. The kernels are imported when a tracker starts.
 """
 
 import os
@@ -19,12 +19,12 @@ SWITCH: Final = "CONTACT_TRACKER_COMPILED"
 """Environment variable; 0 means numpy."""
 NAME: Final = "contact_tracker.hypotheses.compiled.kernels"
 SOURCES: Final = Path(__file__).parents[3] / "core"
-"""In a work tree; an installed package has none, and may have another one's folder of that name beside it."""
+"""Sources in a work tree. An installed package has none; a folder of that name beside it may be another's."""
 
 
 @cache
 def in_use() -> bool:
-    """Whether kernels are used; what is so at first remains so."""
+    """Whether the kernels are used; decided once."""
     if os.environ.get(SWITCH) == "0":
         return False
     if not (why := fault()):
@@ -35,7 +35,7 @@ def in_use() -> bool:
 
 @cache
 def fault() -> str:
-    """Why there are no kernels, or why those that were built are of no use, and what to do."""
+    """Why kernels are missing or unusable, and what to do."""
     if find_spec(NAME) is None:
         return "no kernels were built; install a C++ compiler (g++, clang or MSVC), then the package again"
     try:
@@ -50,7 +50,7 @@ def fault() -> str:
 
 
 def described() -> str:
-    """Which of both is in use, in words."""
+    """Which of the two is in use, as text."""
     if os.environ.get(SWITCH) == "0":
         return f"numpy, {SWITCH}=0"
     return f"numpy: {fault()}" if fault() else "compiled kernels"

@@ -1,4 +1,4 @@
-"""From the arrays of the numpy code to those of the kernels, and back."""
+"""Convert arrays of the numpy code to those of the kernels, and back."""
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
@@ -22,21 +22,25 @@ Index = NDArray[np.int64]
 
 
 class UpdatedRows(NamedTuple):
-    """What the kernels make of the banks."""
+    """Result of the kernels' update."""
 
     words: list[tuple[Array, Array]]
-    """Of each contact, the rows that are kept and the rows of their onsets."""
+    """Per contact: the rows kept, and the rows of their onsets."""
     rows: list[Index]
-    """Of each contact, which rows these were among the old ones and those that began in the last tick."""
+    """Per contact: index of the rows kept, among the old ones followed by those that began in the last
+    tick."""
     weighed: list[tuple[Array, Array, Array, Index, tuple[Index, Index, Array]]]
-    """Of each tick the fields of ``TickWeights``."""
+    """Per tick: the fields of ``TickWeights``."""
 
 
 def tick_input(
     one: TickInput, assumed: Sequence[tuple[Array, NDArray[np.bool_]]], directions: Sequence[Array | None]
 ) -> kernels.TickInput:
-    """With what is ``assumed`` of each contact, rows and what is told (see ``BirthProposals``); with random
-    ``directions`` of the body's frame it searches from scratch as well."""
+    """The kernels' form of a tick.
+
+    ``assumed`` has the rows of each contact's births and which entries are given (see ``BirthProposals``). A
+    contact with random ``directions`` (body frame) searches in this tick.
+    """
     births = one.births
     window, before = ticks_of(one.window), ticks_of(one.before) if len(one.before.index) else None
     when = births.onset, births.onset_ns, one.stamp_ns
@@ -55,10 +59,10 @@ def update(
     margin: float,
     until: StopCondition | None,
 ) -> UpdatedRows:
-    """The rows of all banks and of their onsets through some inputs; what begins is numbered from ``number``
-    on, with the first by this ``entry`` (7,).
+    """Update the rows of all banks and of their onsets by some ticks.
 
-    The rest as in ``bank_update.stride``.
+    Births are numbered from ``number`` on; ``entry`` (7,) are the log birth weights of the first tick. The
+    other arguments are those of ``bank_update.update``.
     """
     limit = None
     if until is not None:
@@ -69,7 +73,7 @@ def update(
 
 @lru_cache(maxsize=64)
 def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
-    """What kernels know of a contact."""
+    """The kernels' form of a contact model."""
     family, bank, onsets = model.family, layout(Bank, model), layout(Onsets, model)
     columns = family.COLUMNS.tolist()
     return kernels.Model(
@@ -93,7 +97,7 @@ def _models(reach_m: float) -> list[kernels.Model]:
 
 @lru_cache(maxsize=2)  # of a tick and of the one before
 def ticks_of(window: Window) -> kernels.Ticks:
-    """What kernels see of a window."""
+    """The kernels' form of a window."""
     return kernels.Ticks(
         window.index,
         window.zeta,
@@ -108,7 +112,7 @@ def ticks_of(window: Window) -> kernels.Ticks:
 
 @cache
 def weights_of(scales: EvidenceParameters) -> kernels.EvidenceParameters:
-    """What kernels see of the evidence's parameters."""
+    """The kernels' form of the evidence parameters."""
     pull = 0.5 / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return kernels.EvidenceParameters(
         scales.body_radius_m**2,
@@ -120,7 +124,7 @@ def weights_of(scales: EvidenceParameters) -> kernels.EvidenceParameters:
 
 
 def _settings() -> dict[str, object]:
-    """Constants of the algorithm by the names that they have in C++ (``tracker/core/settings.hpp``)."""
+    """Constants of the algorithm by their names in C++ (``tracker/core/settings.hpp``)."""
     names = (
         *("FIRST_TICKS", "AT_REST", "WAIT_NATS", "FAR_NATS", "FALL_NATS", "LIFT", "AT_THE_NOISE"),
         *("LEAST_GAIN", "MET_PATIENCE", "GRACE_NATS", "GRACE_TICKS", "RESIDUAL_TICKS", "REFINE_STEPS"),

@@ -1,4 +1,5 @@
-"""What kernels were built from; imports nothing of ours, since it is needed while they are built."""
+"""Fingerprint of the kernels' sources. Imports nothing of the package, since it runs while the kernels are
+built."""
 
 import sys
 from hashlib import sha256
@@ -6,7 +7,7 @@ from pathlib import Path
 
 
 def fingerprint(folder: Path) -> str:
-    """Of the sources in a folder and those below it, and of how they are built."""
+    """Fingerprint of all sources below a folder, and of the build files."""
     paths = sorted(path for path in folder.rglob("*.?p*") if path.suffix in {".cpp", ".hpp"})
     paths.append(folder / "CMakeLists.txt")
     return sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:16]
