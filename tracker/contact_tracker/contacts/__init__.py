@@ -27,7 +27,7 @@ class ContactModel:
 
     @property
     def needed(self) -> float:
-        """So many poses tell the geometry: free directions of x over residuals of each."""
+        """Number of poses that determine the geometry: free directions of x over residuals per pose."""
         return self.family.PARAMETERS / self.family.ROWS
 
     @cached_property
@@ -57,16 +57,16 @@ class ContactModel:
         return out
 
     def faced(self, x: Array, given: NDArray[np.bool_], turn: Array) -> Array:
-        """x (..., S) of f-f with the normal that is not ``given`` (..., S) as the other one says, if it is:
-        they are parallel when the body has turned by ``turn`` (3, 3).
+        """x (..., S) of f-f, with a normal that is not ``given`` (..., S) derived from one that is: they are
+        parallel at the orientation ``turn`` (3, 3) of the body.
 
-        To the residuals either sign is the same, to what is known of the height it is not: a fit that begins
-        with the wrong one never gets across.
+        Residuals do not depend on the sign of a normal, but a prior on the height does, and a fit that starts
+        with the wrong sign does not recover.
         """
         if self.family is not face_face:
             return x
         m, n, out = face_face.M, face_face.N, np.array(x)
-        first, second = given[..., m][..., :1], given[..., n][..., :1]  # a direction is told as a whole
+        first, second = given[..., m][..., :1], given[..., n][..., :1]  # a direction is given as a whole
         out[..., m] = np.where(second & ~first, x[..., n] @ turn, x[..., m])
         out[..., n] = np.where(first & ~second, x[..., m] @ turn.T, x[..., n])
         return out

@@ -1,8 +1,8 @@
 """f-f: a face with normal m in frame 1 stays in a face (n, h) of frame 2.
 
 x = [m, n, h], residuals ``n . R b1``, ``n . R b2`` (b1, b2 span the face) and ``n . t - h`` (docs/theory.md,
-T5). They vanish together with the paper's eq. (5). Where along the normal the faces lie cannot be told: h is
-the height of the body's origin over the world's, the difference of the two offsets.
+T5). They vanish together with the paper's eq. (5). The offsets of the two faces are not observable, only
+their difference: h is the height of the body's origin over the world's.
 """
 
 from typing import Final
@@ -98,7 +98,7 @@ def measure(x: Array, frames: Frames) -> Measurement:
 
 
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
-    """The faces as they would be if they went through the body's origin; how far they do not is unknown."""
+    """The faces as if they went through the body's origin; their offsets from it are unknown."""
     unknown = np.zeros((4, 4))
     unknown[3, 3] = reach_m**2
     first = np.zeros((4, 4))

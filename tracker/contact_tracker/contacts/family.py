@@ -1,4 +1,4 @@
-"""The contract that every contact fulfils: the fit and the evidence know no contact by name.
+"""The contract of a contact family: fit and evidence treat all contacts alike.
 
 A contact pairs an element that is fixed in frame 1 with an element that is fixed in frame 2, for a pose that
 maps frame 1 to frame 2. For f-f, e-f, v-f and e-e frame 1 is the body and frame 2 the world. Its swapped form
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 class Measurement(NamedTuple):
-    """What hypotheses B say of ticks T.
+    """Residuals of B hypotheses in T ticks.
 
     ``residual`` (B, K, T): the K residuals, angles (rad) first and one distance (m) last.
     ``lever_sq`` (B, T): squared lever arm (m^2) with which an error of orientation enters the distance.
@@ -58,8 +58,8 @@ class Family(Protocol):
     """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
 
     FORM: Form
-    """Where in x things are: with it the residuals are those of T3-T6. Rows are affine in all of x that is no
-    direction, and the columns of ``tangent`` come in the order of ``form.turns`` and ``form.shifts``."""
+    """Layout of x. Rows are affine in all entries of x that are not directions; the columns of ``tangent``
+    are in the order of ``parameter_layout.turns`` and ``shifts``."""
     RANDOM_STARTS: int
     """How many random directions a search screens: more where minima are narrow."""
 
@@ -70,7 +70,7 @@ class Family(Protocol):
         """Derivative of ``rows`` by x, (..., K, S, C)."""
 
     def scale_sq(self, x: Array, moments: Array) -> Array:
-        """Mean square (...) of what the last row gives per metre of distance over moments (..., C, C)."""
+        """Mean square (...) of the last row's change per metre of distance, over moments (..., C, C)."""
 
     def log_scale_sq_derivative(self, x: Array, moments: Array) -> Array:
         """Derivative (..., S) of the logarithm of ``scale_sq`` by x."""

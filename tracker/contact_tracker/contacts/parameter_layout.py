@@ -1,4 +1,4 @@
-"""Where in its parameter vector a family keeps what, and which of its free directions turn or shift."""
+"""Layout of a family's parameter vector, and which of its free directions are turns and shifts."""
 
 from functools import cache
 from typing import NamedTuple
@@ -10,8 +10,8 @@ Index = NDArray[np.int64]
 
 
 class Form(NamedTuple):
-    """Where in x a family keeps what: the first entries of direction and point (or foot) of element 1, of
-    direction and foot of element 2, and the offset of element 2. What it does not have is negative."""
+    """Index of the first entry in x of: direction and point (or foot) of element 1, direction and foot of
+    element 2, and offset of element 2. Negative where a family has none."""
 
     d1: int = -1
     q1: int = -1
@@ -28,13 +28,13 @@ def directions(form: Form) -> Index:
 
 @cache
 def turns(form: Form) -> Index:
-    """Free directions (columns of ``Family.tangent``) that turn an element."""
+    """Free directions (columns of ``Family.tangent``) that rotate an element."""
     return np.flatnonzero(_turns(form))
 
 
 @cache
 def shifts(form: Form) -> Index:
-    """The other ones, that shift a point, a line across itself, or a face: in them rows are affine."""
+    """Free directions that translate a point, a line across itself, or a face; rows are affine in them."""
     return np.flatnonzero(~_turns(form))
 
 

@@ -1,1 +1,1 @@
-"""Elements that are known beforehand or were seen before, and which of them are the same."""
+"""The prior map, the memory of landmarks, and the association of elements."""

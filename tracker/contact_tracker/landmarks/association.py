@@ -1,4 +1,5 @@
-"""Whether two elements that were found are one and the same, and what is told of it (docs/theory.md, T28)."""
+"""Data association of two estimated elements, and the fusion of those that are the same (docs/theory.md,
+T28)."""
 
 from dataclasses import replace
 from typing import Final
@@ -13,18 +14,19 @@ from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
 Array = NDArray[np.float64]
 
 SAME: Final = 4.0
-"""Standard deviations by which what was found of one element may differ."""
+"""Gate in standard deviations within which two estimates may be of one element."""
 VAGUER: Final = 2.0
-"""What is known by more than so many times the standard deviation is hardly known."""
+"""The earlier estimate is kept in a direction if the later one's standard deviation is this many times
+larger."""
 _LOST: Final = 1e-12
-"""Of what is correlated, less than this share is rounding."""
+"""Eigenvalues below this share of the largest are rounding errors."""
 
 
 def is_same_element(first: Element, second: Element) -> bool:
     """Whether two elements of one kind differ by no more than their covariances allow.
 
-    Lines may be told by other points and by the opposite direction; normals point out of the bodies, so that
-    planes that look the other way are others.
+    Lines may have other points and opposite directions. Normals point out of the bodies, so planes with
+    opposite normals are different.
     """
     if isinstance(first, Plane) and isinstance(second, Plane) and first.normal @ second.normal < 0.0:
         return False
@@ -35,12 +37,12 @@ def is_same_element(first: Element, second: Element) -> bool:
 
 
 def fuse(later: Element, earlier: Element) -> Element:
-    """The later of two that are the same, and of the ways in which that is hardly known the earlier one.
+    """Fuse two estimates of one element whose correlation is unknown.
 
-    The two are not independent: what is met again may have been assumed then. So nothing is added up. Of the
-    ways that are correlated in neither of them each is told as it was last, unless it was known far better
-    before (as in ellipsoidal intersection: Sijs, Lazar and van den Bosch, ACC 2010). A line is told by the
-    point and the direction nearer to the later's. Nothing may be known exactly.
+    The later estimate may have assumed the earlier one, so information must not be added. Along each joint
+    eigenvector of the covariances the later one is kept, unless the earlier one is far more certain (as in
+    ellipsoidal intersection: Sijs, Lazar and van den Bosch, ACC 2010). The result has the point and the sense
+    of direction of the later line. Neither covariance may be zero in a free direction.
     """
     first, second = _better_first(later, earlier)
     free = _free(first)
@@ -67,13 +69,13 @@ def fuse(later: Element, earlier: Element) -> Element:
 
 
 def _turned(direction: Array, by: Array) -> Array:
-    """A unit vector with so much of it across what it was."""
+    """A unit vector turned such that its component perpendicular to ``direction`` is ``by`` (3,)."""
     return unit(direction * np.sqrt(max(1.0 - float(by @ by), 0.0)) + by)
 
 
 def _better_first(first: Element, second: Element) -> tuple[Element, Element]:
-    """The one whose direction, or place, is known better, and the other told like it: what turns little is
-    linear."""
+    """The one with the more certain direction (or place) first, the other aligned to it, so that the change
+    between them is nearly linear."""
     assert first.covariance is not None
     assert second.covariance is not None
     if second.covariance[:3, :3].trace() < first.covariance[:3, :3].trace():
@@ -82,7 +84,7 @@ def _better_first(first: Element, second: Element) -> tuple[Element, Element]:
 
 
 def _free(element: Element) -> Array:
-    """(S, P) the ways in which the numbers of an element can change; of a line's point those across it."""
+    """(S, P) free directions of an element's parameters; a line's point moves only across the line."""
     match element:
         case Point():
             return EYE
@@ -101,7 +103,7 @@ def _along(free: Array, element: Element) -> Array:
 
 
 def _inverse(covariance: Array) -> Array:
-    """The information; nothing of what is lost in rounding."""
+    """Information matrix; zero along directions lost in rounding."""
     sd = np.sqrt(covariance.diagonal())
     eigenvalues, eigenvectors = linalg.eigenvectors(covariance / (sd[:, None] * sd))
     eigenvectors = (eigenvectors / sd[:, None])[:, eigenvalues > _LOST * eigenvalues[-1]]
@@ -109,7 +111,7 @@ def _inverse(covariance: Array) -> Array:
 
 
 def _aligned(element: Element, like: Element) -> Element:
-    """A line by its point nearest to that of another, and by the direction nearer to the other's."""
+    """A line with its point nearest to that of ``like``, and with the same sense of direction."""
     if not isinstance(like, Line):
         return element
     near = by_foot(element, like.point_m)

@@ -1,4 +1,4 @@
-"""Which known elements a hypothesis may assume: all pairs that a contact allows, and their shares."""
+"""Pairs of known elements that a hypothesis of a contact may assume, with their prior shares."""
 
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -10,15 +10,16 @@ from contact_tracker.geometry.elements import Element, Pair, Plane, by_foot, shi
 from contact_tracker.landmarks.prior_map import NamedElement, PriorMap, Up
 
 UNLISTED: Final = 0.5
-"""Prior probability that what touches is not on a list of known elements, where that is not complete."""
+"""Prior probability that the touching element is not listed, where the list is not complete."""
 _ANYWHERE_M: Final = 1e3
-"""Spread of the offset of a face of which only the direction is known."""
+"""Standard deviation of the offset of a face of which only the direction is known."""
 
 
 class ElementPair(NamedTuple):
-    """A pair of elements of one contact: known ones, or None for any.
+    """A pair of elements of one contact; None stands for an unknown one.
 
-    ``log_share`` of the contact's weight; those of all pairs of a contact add up to one.
+    ``log_share`` is its log share of the contact's weight; the shares of all pairs of a contact add up to
+    one.
     """
 
     object: NamedElement | None
@@ -28,17 +29,20 @@ class ElementPair(NamedTuple):
 
     @property
     def touching(self) -> tuple[str | None, str | None]:
-        """What is known to touch: names of the object's and of the environment's element."""
+        """Names of the object's and of the environment's element; None for an unknown one."""
         return _name(self.object), _name(self.environment)
 
     @property
     def certain(self) -> bool:
-        """Whether nothing of the geometry is left to be found."""
+        """Whether both elements are known completely."""
         return self.object is not None and self.environment is not None
 
     def pair(self, origin_m: tuple[float, ...]) -> Pair:
-        """The elements as they are seen from the world's origin ``origin_m`` in which x is, a line of the
-        object by its point nearest to the body's origin, lest that hang on its direction."""
+        """The elements in the frames of x, whose world has its origin at ``origin_m``.
+
+        A line of the object gets the point nearest to the body's origin, which is least correlated with its
+        direction.
+        """
         ours = None if self.object is None else _of_body(self.object.element)
         theirs = None if self.up is None else _facing(self.up)
         return ours, theirs if self.environment is None else _seen(self.environment.element, origin_m)
@@ -51,13 +55,14 @@ def _of_body(element: Element) -> Element:
 
 @lru_cache(maxsize=512)
 def _seen(element: Element, origin_m: tuple[float, ...]) -> Element:
-    """The same object for the same element, of which ``given`` has told the prior before."""
+    """The element from another origin; cached, so that equal elements are one object and their priors are
+    found."""
     return shifted(element, -np.array(origin_m))
 
 
 @lru_cache(maxsize=64)
 def element_pairs(knowledge: PriorMap, model: ContactModel) -> tuple[ElementPair, ...]:
-    """All that one contact may assume; none where it is impossible."""
+    """All pairs that a contact may assume; empty if the prior map rules the contact out."""
     object_kind, environment_kind = model.contact.value[0], model.contact.value[2]
     up = knowledge.up if environment_kind == "f" else None
     return tuple(

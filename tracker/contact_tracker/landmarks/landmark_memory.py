@@ -1,8 +1,8 @@
-"""Elements met before: the desk is recognised at the second touch (docs/theory.md, T28).
+"""The landmark memory: a desk is recognised at the second touch (docs/theory.md, T28).
 
-What was found with confidence, of the surroundings in the world's frame and of the object in the body's, is
-offered to the hypotheses that begin later, with the accuracy at which it is known. Who recognises an element
-has fewer unknowns to pay for.
+Elements estimated with confidence are stored, those of the surroundings in the world's frame and those of the
+object in the body's. Later hypotheses may assume them, with their covariance as a prior; they have fewer
+unknowns and so a lower complexity.
 """
 
 import math
@@ -22,22 +22,22 @@ from contact_tracker.landmarks.element_pairs import ElementPair
 from contact_tracker.landmarks.prior_map import NamedElement
 
 MAP_INSERTION_PROBABILITY: Final = 0.9
-"""An element is kept that belongs to a contact of so much probability."""
+"""Elements are stored if the probability of their contact is at least this."""
 LONGER: Final = 1.5
-"""Elements are looked at again when their contact has lasted so many times as long."""
+"""Elements are stored again when their contact has lasted this many times as long."""
 KEPT: Final = 2
-"""So many elements of each kind and side are remembered, the latest."""
+"""How many elements of each kind and side are remembered: the latest."""
 LAST: Final = 3.0
-"""An element of the last contact is so many times as likely to touch again as another one."""
+"""How many times as likely an element of the last contact is to touch as another landmark."""
 LOOSE_M: Final = 0.3e-3
 LOOSE_RAD: Final = 2e-3
-"""Real elements are not quite the same at the second touch."""
+"""Inflation of landmarks' covariances: real elements are not exactly the same at the second touch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Landmark:
-    """An element, the onset of the contact in which it was met, when it was looked at, and where the body was
-    then (3,)."""
+    """An element with the onset of its contact, the time of its estimate, and the body's position (3,)
+    then."""
 
     onset_ns: int
     stamp_ns: int
@@ -47,7 +47,7 @@ class Landmark:
 
 @dataclass(frozen=True, eq=False)
 class LandmarkMemory:
-    """Elements of the object and of the surroundings, each in its own frame, the latest last."""
+    """Landmarks of the object (body frame) and of the surroundings (world frame), the latest last."""
 
     object: tuple[Landmark, ...] = ()
     environment: tuple[Landmark, ...] = ()
@@ -55,10 +55,10 @@ class LandmarkMemory:
     def insert(
         self, geometry: ContactGeometry, onset_ns: int, stamp_ns: int, position_m: Array
     ) -> "LandmarkMemory":
-        """Remember the elements of a contact as they are told at ``stamp_ns``; what it has taught before is
-        replaced.
+        """Store the elements of a contact, as estimated at ``stamp_ns``; earlier estimates of the same
+        contact are replaced.
 
-        ``position_m`` (3,) of the body's origin in the world tells on which side of a face it is.
+        ``position_m`` (3,) of the body's origin in the world gives the outward side of a face.
         """
         here = np.zeros(3)
         ours = _inflated(_outward(geometry.object, here, inside=True))
@@ -70,7 +70,7 @@ class LandmarkMemory:
 
     @cached_property
     def due_ns(self) -> dict[int, int]:
-        """When each onset that has taught something can teach more."""
+        """Time from which the elements of each stored contact are due again, by onset."""
         looked_ns = dict[int, int]()
         for landmark in (*self.object, *self.environment):
             looked_ns[landmark.onset_ns] = max(
@@ -79,11 +79,11 @@ class LandmarkMemory:
         return {onset: onset + math.ceil(LONGER * (stamp - onset)) for onset, stamp in looked_ns.items()}
 
     def is_due(self, onset_ns: int, stamp_ns: int) -> bool:
-        """Whether what began then can teach more at ``stamp_ns`` than it has, whatever contact it is."""
+        """Whether elements of a contact with this onset are due at ``stamp_ns``."""
         return stamp_ns >= self.due_ns.get(onset_ns, stamp_ns)
 
     def assumptions(self, model: ContactModel) -> tuple[ElementPair, ...]:
-        """Pairs of elements met before, or of one and an unknown one, where ``_is_plausible_pair``."""
+        """Plausible pairs of landmarks, or of a landmark and an unknown element."""
         ours, theirs = model.contact.value[0], model.contact.value[2]
         last_ns = max((landmark.onset_ns for landmark in (*self.object, *self.environment)), default=0)
         offers = product(
@@ -104,7 +104,7 @@ EMPTY_MEMORY: Final = LandmarkMemory()
 def _kept(
     landmarks: Sequence[Landmark], onset_ns: int, stamp_ns: int, element: Element, body_m: Array
 ) -> tuple[Landmark, ...]:
-    if element.name is not None:  # the user knows it anyway
+    if element.name is not None:  # it is in the prior map
         return tuple(landmarks)
     new = Landmark(onset_ns, stamp_ns, NamedElement("met before", element), body_m)
     others = [old for old in landmarks if old.onset_ns != onset_ns]
@@ -115,7 +115,7 @@ def _kept(
 
 @lru_cache(maxsize=16)  # the same for all contacts
 def _distinct(landmarks: tuple[Landmark, ...]) -> tuple[Landmark, ...]:
-    """Those that are one and the same as one, of the latest contact, told by that as far as that tells."""
+    """Landmarks with those fused that are the same element; the result belongs to the latest contact."""
     latest = (one for one in landmarks if not any(_is_same_landmark(one, later) for later in landmarks))
     return tuple(
         _as_before(one, *[old for old in landmarks if _is_same_landmark(old, one)][-1:]) for one in latest
@@ -138,9 +138,10 @@ def _as_before(one: Landmark, before: Landmark | None = None) -> Landmark:
 
 
 class _Candidate(NamedTuple):
-    """What an element of a contact may be: ``element``, or None for an unknown one.
+    """A candidate for an element of a new contact: ``element``, or None for an unknown one.
 
-    Whether it is of the last contact, whether it was met itself, and whether none of its kind was met later.
+    With it: whether it is of the last contact, whether it touched itself (else it is incident with one that
+    did), and whether it is the latest of its kind.
     """
 
     known: NamedElement | None
@@ -150,16 +151,17 @@ class _Candidate(NamedTuple):
 
     @property
     def weight(self) -> float:
-        """So many times as likely as another one."""
+        """Prior weight relative to other candidates."""
         return LAST if self.is_last and self.known is not None else 1.0
 
 
 @lru_cache(maxsize=64)  # the same for all contacts
 def _candidates(landmarks: tuple[Landmark, ...], kind: str, last_ns: int) -> tuple[_Candidate, ...]:
-    """What an element of a kind may be, where the last contact is that of ``last_ns``.
+    """Candidates for an element of a kind, after a last contact with onset ``last_ns``.
 
-    An unknown one is of the last contact, too, where the user knows what touched. An end of the edge met last
-    counts as met; what else is next to the last contact does not: an edge through that vertex ...
+    The unknown candidate counts as of the last contact where the prior map has the element that touched. An
+    end of the last edge counts as having touched; other elements incident with the last contact do not, such
+    as an unknown edge through the last vertex.
     """
     offers = [_Candidate(None, all(beside.onset_ns != last_ns for beside in landmarks), True)]
     edges = [beside for beside in landmarks if beside.element.kind == "e"][-1:] if kind == "v" else []
@@ -175,11 +177,11 @@ def _candidates(landmarks: tuple[Landmark, ...], kind: str, last_ns: int) -> tup
 
 
 def _is_plausible_pair(ours: _Candidate, theirs: _Candidate) -> bool:
-    """Whether a contact may be of two elements, of which one at least is known.
+    """Whether a new contact may be between two candidates, at least one of them a landmark.
 
-    What is next to the last contact goes with what is of that as well. Two that were met go together if one
-    of them is of the last contact; what is new on one side goes with the latest of a kind on the other, what
-    the user knows and touched last with all.
+    Elements incident with the last contact pair with elements of the last contact. Two landmarks pair if one
+    of them is of the last contact. An unknown element pairs with the latest landmark of its kind on the other
+    side, and known elements of the last contact pair with all.
     """
     if not ((ours.was_met and theirs.was_met) or (ours.is_last and theirs.is_last)):
         return False
@@ -195,7 +197,8 @@ def _incident_landmark(landmark: Landmark, kind: str) -> NamedElement:
 
 
 def _outward(element: Element, position_m: Array, inside: bool) -> Element:
-    """A plane with its normal out of the body that it bounds; the object's origin is taken to be in it."""
+    """A plane with its normal out of the body that it bounds; the object's origin is assumed inside the
+    object."""
     if not isinstance(element, Plane):
         return element
     height = float(element.normal @ position_m) - element.offset_m

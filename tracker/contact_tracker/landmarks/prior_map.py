@@ -1,6 +1,6 @@
-"""What the user knows of the object and of its surroundings before the first pose (docs/knowledge.md).
+"""The prior map: known elements of the object and of its surroundings (docs/knowledge.md).
 
-A known element replaces an unknown one in the hypotheses: a prior with the covariance with which it is known.
+In the hypotheses a known element replaces an unknown one by a Gaussian prior with its covariance.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ _KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How exactly an element is known: standard deviations per axis of its place (m) and direction (rad)."""
+    """Accuracy of a known element: standard deviations per axis of its place (m) and direction (rad)."""
 
     position_m: float = 1e-3
     rotation_rad: float = float(np.radians(0.5))
@@ -40,7 +40,7 @@ class NamedElement:
 
 @dataclass(frozen=True, eq=False)
 class Up:
-    """Faces of the surroundings look along the unit vector ``direction`` (3,), world frame, give or take."""
+    """Faces of the surroundings have normals near the unit vector ``direction`` (3,), world frame."""
 
     direction: Array
     spread_rad: float
@@ -50,7 +50,7 @@ class Up:
 class PriorMap:
     """Known elements: ``object`` in the body frame, ``environment`` in the world frame.
 
-    Where one is complete, nothing else of it can touch: no hypothesis assumes an element that is not listed.
+    Where a side is complete, hypotheses assume no element of it that is not listed.
     """
 
     environment: tuple[NamedElement, ...] = ()
@@ -60,7 +60,7 @@ class PriorMap:
     object_complete: bool = False
 
     def __bool__(self) -> bool:
-        """Whether anything is known at all."""
+        """Whether it has any knowledge."""
         given = (self.environment, self.object, self.up, self.environment_complete, self.object_complete)
         return any(map(bool, given))
 
@@ -77,10 +77,10 @@ EMPTY_MAP: Final = PriorMap()
 
 
 def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -> Element:
-    """``element`` with the covariance that ``accuracy`` at ``place`` (3,) gives it.
+    """``element`` with the covariance that follows from ``accuracy`` at ``place`` (3,).
 
-    Away from there an error of direction is an error of place as well. ``place`` is projected onto the
-    element; without one it is the point nearest to the origin of a plane, and the given point of a line.
+    Away from that place an error of direction is also an error of place. ``place`` is projected onto the
+    element; by default it is the point of a plane nearest to the origin, and the given point of a line.
     """
     turn, shift = accuracy.rotation_rad**2, accuracy.position_m**2
     match element:
@@ -109,10 +109,10 @@ def elements_of(
     position_m: Array,
     prefix: str = "",
 ) -> tuple[NamedElement, ...]:
-    """Faces, edges and vertices of a convex body that is turned by ``rotation`` (3, 3) and moved.
+    """Faces, edges and vertices of a convex body, rotated by ``rotation`` (3, 3) and moved.
 
-    ``face_name`` (number, outward normal before the turn) calls the faces; an edge is called after the two
-    faces that meet in it, a vertex after all of its faces.
+    ``face_name`` (number, outward normal before the rotation) names the faces. An edge is named after its two
+    faces, a vertex after all of its faces.
     """
     faces = {face.indices: face_name(i, face.normals[0]) for i, face in enumerate(body.of_kind("f"), start=1)}
 
@@ -127,7 +127,7 @@ def elements_of(
 
 
 def axis_name(_: int, normal: Array) -> str:
-    """``+x``, ``-x`` ... for a face of a box, by the axis along which it looks."""
+    """``+x``, ``-x`` ... for a face of a box, by the axis of its normal."""
     axis = int(np.argmax(np.abs(normal)))
     return f"{'+' if normal[axis] > 0 else '-'}{'xyz'[axis]}"
 
