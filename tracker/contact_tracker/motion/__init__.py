@@ -1,1 +1,1 @@
-"""Poses, how they become ticks, and what is learned of their noise and of free motion."""
+"""From poses to ticks: validation, averaging, estimation of the noise, and the free-motion filter."""

@@ -1,12 +1,12 @@
-"""Default poses: what trackers report while they do not see the object.
+"""Filter of default poses, which trackers report while they do not see the object.
 
-That is the origin, unturned; the origin with some orientation; or some other pose, always exactly the same.
-Such poses are dropped where they lie away from the motion: farther from the last poses than a step of the
-motion can be. The origin is dropped at once, any other pose when it comes back, bit for bit. Objects that
-rest at the origin, begin or pass there come from nearby and lose nothing.
+A default pose is the identity, the origin with some orientation, or another pose that is always exactly the
+same. Such poses are dropped if they are away from the motion: farther from the last poses than a step of the
+motion can be. The origin is dropped at once, any other pose when it repeats bit for bit. An object that rests
+at the origin, or starts or passes there, comes from nearby and loses nothing.
 
-At the start, and after a gap, it is not known yet where the motion is. What may be a default pose is held
-then until some other poses have come.
+At the start and after a gap it is not known where the motion is. Candidates are then held until other poses
+have come.
 """
 
 from collections import Counter, deque
@@ -21,7 +21,7 @@ from contact_tracker.motion.pose_steps import STEPS_KEPT, Step, Steps, reach, st
 from contact_tracker.motion.poses import Pose, Poses
 
 STEPS: Final = 10.0
-"""Farther than so many steps of the motion is away from it, where it is not near."""
+"""A pose is away from the motion if it is farther than this many usual steps, and not near."""
 QUANTILE: Final = 0.95
 NEIGHBOURS: Final = 5
 HELD: Final = 2000
@@ -36,7 +36,7 @@ class DefaultPoseFilter:
 
     Parameters
     ----------
-    counts : what is dropped is added here as ``default_pose``.
+    counts : dropped poses are counted here as ``default_pose``.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
@@ -55,7 +55,7 @@ class DefaultPoseFilter:
         ----------
         continues : whether it follows closely on the pose before.
         """
-        if not continues and not self._held:  # what is held waits for motion on either side of a gap
+        if not continues and not self._held:  # held poses wait for motion on either side of a gap
             self._kept.clear()
             self._steps.clear()
             self._dropped = 0
@@ -73,7 +73,7 @@ class DefaultPoseFilter:
         return self.finish() if len(self._held) == HELD else ()
 
     def finish(self) -> Sequence[Pose]:
-        """What is held still: nothing has come that would tell the motion from it."""
+        """The poses still held: no motion has come that would show them to be default poses."""
         waiting = [pose for pose, _ in self._held]
         self._held, self._motion = [], 0
         for pose in waiting:
@@ -81,17 +81,17 @@ class DefaultPoseFilter:
         return waiting
 
     def passes_all(self, steps: Steps) -> bool:
-        """Whether poses that go on from the last one by these steps pass without a closer look."""
+        """Whether poses that continue from the last one by these steps pass without further checks."""
         known = len(self._kept) == NEIGHBOURS and not self._dropped
         return known and steps.are_near
 
     def pass_all(self, joined: Poses, steps: Steps, repeats: NDArray[np.bool_]) -> None:
-        """Pass on poses that need no closer look.
+        """Pass on poses that need no further checks.
 
         Parameters
         ----------
         joined : the last pose that was passed on, and these.
-        steps, repeats : between them, and whether they are none at all.
+        steps, repeats : steps between them, and whether a pose repeats the one before.
         """
         x, y, z = joined.position_m.T
         at_origin = (x == 0.0) & (y == 0.0) & (z == 0.0)
@@ -119,14 +119,14 @@ class DefaultPoseFilter:
         return True
 
     def _note_step(self, before: Pose, pose: Pose, step: Step) -> None:
-        """Learn from a step how far the motion goes from pose to pose; how far the origin is says nothing."""
+        """Add a step to the usual steps of the motion; steps from or to the origin do not count."""
         if (pose.position_m == _ORIGIN) == (before.position_m == _ORIGIN):
             frames = 1 + self._dropped
             self._steps.append(Step(step.distance_m / frames, step.turn / frames))
 
     def _is_default(self, pose: Pose) -> bool:
-        """Whether a pose away from the motion is a default pose; remembers where it was away."""
-        # What came by a jump itself is no motion that the same pose could be near to.
+        """Whether a pose away from the motion is a default pose; it is remembered."""
+        # a pose that itself came by a jump does not count as motion near this one
         motion = [kept for kept in self._kept if kept[1:] != pose[1:] or kept[1:] not in self._arrivals]
         away = _Away.of(pose, motion, self._steps)
         if not away.at_all:
@@ -139,7 +139,7 @@ class DefaultPoseFilter:
         return known or _is_origin(pose, away)
 
     def _is_suspect(self, pose: Pose) -> bool:
-        """Whether it may be a default pose, where nothing is known of the motion yet."""
+        """Whether it may be a default pose, while the motion is not known yet."""
         if pose.position_m != _ORIGIN:
             return False
         before = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose
@@ -147,7 +147,7 @@ class DefaultPoseFilter:
         return _is_unturned(pose) or not turns_there
 
     def _judge_held(self) -> None:
-        """Drop the default poses among those held, by the motion that has come before or since."""
+        """Drop the default poses among those held, given the motion before and after them."""
         motion = [*self._kept, *(pose for pose, suspect in self._held if not suspect)]
         steps = [step_between(a, b) for a, b in pairwise(motion) if a[1:] != b[1:]]
         waiting = [
@@ -161,7 +161,7 @@ class DefaultPoseFilter:
 
 
 class _Away(NamedTuple):
-    """Whether a pose is away from all poses of the motion: at all, or even by its position alone."""
+    """Whether a pose is away from all poses of the motion: at all, and by its position alone."""
 
     at_all: bool
     in_position: bool

@@ -1,8 +1,8 @@
-"""Excursions: poses that jump away from the motion and back, as when markers are swapped for a moment.
+"""Filter of excursions: poses that jump away from the motion and back, for example by swapped markers.
 
-A jump is a step much longer than the usual ones. The poses after it are held until the jumps since add up to
-nothing, which tells that they were wrong, or until that has not happened for half a second, or the steps stay
-long: then the object has moved, and nothing is lost.
+A jump is a step much longer than usual. The poses after it are held. If the jumps since add up to no more
+than a step, the held poses were wrong and are dropped. If that has not happened for half a second, or the
+steps stay long, the object has moved, and all are passed on.
 """
 
 from collections import Counter, deque
@@ -16,13 +16,13 @@ from contact_tracker.motion.pose_steps import STEPS_KEPT, Step, Steps, reach, st
 from contact_tracker.motion.poses import Array, Pose
 
 JUMP: Final = 3.0
-"""A jump is longer than so many usual steps."""
+"""A jump is longer than this many usual steps."""
 USUAL_QUANTILE: Final = 0.9
 KNOWN_STEPS: Final = 10
-"""So few steps do not tell yet what is usual."""
+"""Fewer steps do not show yet what is usual."""
 LONGEST_NS: Final = 500_000_000
 MOST_JUMPS: Final = 3
-"""So many jumps in a row are motion, unless they lead back."""
+"""This many jumps in a row are motion, unless they lead back."""
 _UNTURNED: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -31,7 +31,7 @@ class ExcursionFilter:
 
     Parameters
     ----------
-    counts : what is dropped is added here as ``excursion``.
+    counts : dropped poses are counted here as ``excursion``.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
@@ -80,7 +80,7 @@ class ExcursionFilter:
         return self.finish() if too_long or self._in_a_row == MOST_JUMPS else ()
 
     def finish(self) -> Sequence[Pose]:
-        """What is held still: it has not come back."""
+        """The poses still held: they have not come back."""
         released, self._held = self._held, []
         for pose in released:
             assert self._last is not None
@@ -88,11 +88,11 @@ class ExcursionFilter:
         return released
 
     def passes_all(self, steps: Steps) -> bool:
-        """Whether poses that go on from the last one by these steps pass without a closer look."""
+        """Whether poses that continue from the last one by these steps pass without further checks."""
         return not self._held and self._last is not None and steps.are_near
 
     def pass_all(self, last: Pose, steps: Steps) -> None:
-        """Pass on poses that need no closer look, up to ``last``."""
+        """Pass on poses that need no further checks, up to ``last``."""
         newest = slice(-STEPS_KEPT, None)
         self._steps.extend(map(Step, steps.distance_m[newest].tolist(), steps.turn[newest].tolist()))
         self._last = last
@@ -103,7 +103,7 @@ class ExcursionFilter:
         return (pose,)
 
     def _furthest(self) -> Step:
-        """How far a step is no jump."""
+        """The longest step that is no jump."""
         if len(self._steps) < KNOWN_STEPS:
             return Step(np.inf, np.inf)
         return reach(self._steps, JUMP, USUAL_QUANTILE)

@@ -1,9 +1,9 @@
-"""Free motion as a Kalman filter: how surprising would it be that a direction stays put?
+"""The free-motion model: a constant-acceleration Kalman filter and the statistics of its innovations.
 
-Position and orientation of an unconstrained object move smoothly: constant acceleration, disturbed by
-white jerk whose strength follows the innovations. What the filter cannot predict, beyond the noise, is the
-*excess* (docs/theory.md, T18): the variance with which a freely moving object would have left the
-constraint in this tick.
+Position and orientation of an unconstrained object move smoothly: constant acceleration, disturbed by white
+jerk whose strength follows the innovations. The variance of the innovations beyond the noise is the *excess*
+(docs/theory.md, T18): the variance with which a freely moving object would have left a constraint in this
+tick.
 """
 
 from functools import lru_cache
@@ -23,34 +23,34 @@ from contact_tracker.geometry.rotation import (
 
 Array = NDArray[np.float64]
 
-# White jerk is this share of what would explain the innovations alone; it minimises the prediction error of
-# hand and robot motion alike, between 0.03 and 0.3 it hardly matters.
+# Share of the innovations that is attributed to white jerk. It minimises the prediction error of hand and
+# robot motion alike; between 0.03 and 0.3 it hardly matters.
 JERK_SHARE: Final = 0.1
 SETTLING_TICKS: Final = 4
 LONGEST_COAST_S: Final = 2.0
-"""After a longer gap the filter begins anew."""
+"""After a longer gap the filter starts again."""
 LONGEST_PREDICTION: Final = 1.5
-"""Errors of predictions over more ticks than this do not tell the strength of the motion."""
+"""Errors of predictions over more ticks than this do not count for the strength of the motion."""
 SAME_S: Final = 1e-4
-"""Ticks that are off by less are as far apart as they should be."""
+"""Deviation from the tick's duration below which an interval counts as one tick."""
 NOW_TICKS: Final = 3
-"""Over this many ticks an object that has stopped is known to have stopped."""
+"""Number of ticks after which an object that has stopped is recognised to rest."""
 SHAPE_MEMORY_S: Final = 1.5
 STILL: Final = 3.0
-"""Innovations up to this many noise variances are those of an object at rest."""
+"""Innovations of up to this many noise variances count as rest."""
 LOG_BIAS: Final = 1.446
 """exp(-E log(chi^2_3 / 3)): from the geometric to the arithmetic mean of squares in three axes."""
 TINY: Final = 1e-20
 PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
-"""Deviations of value, rate and acceleration at first."""
+"""Initial standard deviations of value, rate and acceleration."""
 _EYE: Final = np.eye(3)
 _VALUE: Final = np.kron(np.eye(2), np.eye(1, 3))
-"""(2, 6): what of the states is measured."""
+"""(2, 6) measurement matrix: the two values."""
 _POWERS: Final = np.arange(3.0)
 _SHARES: Final = np.array([1.0, 1.0, 0.5])
-"""Of value, rate and acceleration in what is ahead, with the powers of time."""
+"""Coefficients of value, rate and acceleration in a prediction, with the powers of time."""
 _POWERS_OF_JERK: Final = 5.0 - np.add.outer(np.arange(3), np.arange(3))
-"""Of time, in the covariance of the states that white jerk has moved: its integral is divided by them."""
+"""Divisors of the powers of time in the covariance due to white jerk, from its integral."""
 _UNIT: Final = np.ones(2)
 _WHOLE: Final = np.ones((2, 2))
 
@@ -58,21 +58,22 @@ _WHOLE: Final = np.ones((2, 2))
 class FreeMotion(NamedTuple):
     """Filters of two smooth vectors in R^3, the position (m) and the integrated rotation (rad).
 
-    Two predictions compete: that a vector moves on as the filter says, and that it stays at ``last``. Sums
-    over ticks fade with time; of errors the logs are added, so that a jolt does not outshine seconds of rest.
+    Two predictions compete: that a vector moves on as the filter predicts, and that it stays at ``last``.
+    Sums over ticks are exponentially weighted. Errors are averaged in the log, so that one jolt does not
+    dominate seconds of rest.
 
     Parameters
     ----------
     x : (2, 3, 3) value, rate and acceleration of each vector, by axis.
-    covariance : (6, 6) of the states of both for any one axis: all axes are measured alike.
+    covariance : (6, 6) of both vectors' states along any one axis; all axes have the same noise.
     last : (2, 3) values of the last tick, at ``orientation`` (4,) ``xyzw``.
-    log_squared_error : (2, 2) sum, of each vector and each prediction, of the log squared error per axis.
-    weight : sum of the weights of those.
+    log_squared_error : (2, 2) weighted sum of the log squared error per axis, by vector and prediction.
+    weight : sum of the weights.
     latest : (n, 2, 2) log squared errors of the last few ticks.
-    shape : (2, 3, 3) mean of the directions of the filter's errors, with trace 1.
-    direction : (2, 3) those of the last tick.
-    autocorrelation : (2,) mean cosine from one error to the next: how much of it was to be expected.
-    ticks : so many were taken in.
+    shape : (2, 3, 3) mean of the outer products of the filter's error directions, with trace 1.
+    direction : (2, 3) error directions of the last tick.
+    autocorrelation : (2,) mean cosine between consecutive errors.
+    ticks : number of ticks so far.
     stamp_ns : mean time of the frames of the last tick.
     """
 
@@ -91,7 +92,7 @@ class FreeMotion(NamedTuple):
 
     @property
     def is_settled(self) -> bool:
-        """Whether its predictions have been compared with poses, and there was no gap since."""
+        """Whether its predictions have been compared with poses, without a gap since."""
         return self.weight > 0.0 and self.ticks >= SETTLING_TICKS
 
     @property
@@ -102,12 +103,11 @@ class FreeMotion(NamedTuple):
         return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_squared_error.T) / self.weight))
 
     def excess(self, variance: Array, rest: Array, share: Array | float = 1.0) -> Array:
-        """Variance per axis (2,), beyond the noise ``variance`` (2,), of the motion in the last tick.
+        """Variance per axis (2,) of the last tick's unpredictable motion beyond the noise ``variance`` (2,).
 
-        There was a ``share`` (2,) of that in a whole tick.
-
-        In the log it is the mean over the axes of the motion, less the echo: a constraint is worth what a
-        typical axis would be worth, and only what each tick says anew (T18).
+        ``share`` (2,) is that of a whole tick which the tick covers. The variance is the geometric mean over
+        the axes of the motion, reduced by the autocorrelation of the errors: a constraint counts as much as a
+        typical axis, and only by its innovation (T18).
         """
         if not self.weight:
             return np.zeros(2)
@@ -131,10 +131,8 @@ NO_EXCESS: Final = InnovationExcess(0.0, 0.0)
 
 
 def begin(rotation: Array, position_m: Array, stamp_ns: int) -> FreeMotion:
-    """Start at a first tick with rotation (3, 3), which may be a mean of rotations, and position (3,).
-
-    At rest, as far as is known.
-    """
+    """Start at rest, at a first tick with rotation (3, 3), possibly a mean of rotations, and position
+    (3,)."""
     x = np.zeros((2, 3, 3))
     x[0, 0] = position_m
     return FreeMotion(
@@ -154,14 +152,13 @@ def begin(rotation: Array, position_m: Array, stamp_ns: int) -> FreeMotion:
 
 
 def can_go_on(state: FreeMotion, stamp_ns: int) -> bool:
-    """Whether the filter may be continued with a tick of this mean time, or too little is known of the motion
-    for the gap before it."""
+    """Whether the filter can continue with a tick of this mean time, or the gap before it is too long."""
     gap_s = (stamp_ns - state.stamp_ns) * 1e-9
     return 0.0 < gap_s <= LONGEST_COAST_S
 
 
 def is_predictable(state: FreeMotion, stamp_ns: int, tick_s: float) -> bool:
-    """Whether errors of predictions from so long ago are known."""
+    """Whether prediction errors over the time since the last tick are known."""
     return state.is_settled and (stamp_ns - state.stamp_ns) * 1e-9 <= LONGEST_PREDICTION * tick_s
 
 
@@ -172,9 +169,9 @@ def predicted(state: FreeMotion, ahead_s: Array) -> tuple[Array, Array]:
 
 
 def moves_on(state: FreeMotion, stamp_ns: int, variance: Array) -> bool:
-    """Whether by then the object should have left where it was, by more than noise of ``variance`` (2,).
+    """Whether the predicted motion until then exceeds the noise ``variance`` (2,).
 
-    Not after a time over which nothing is predicted.
+    False after a time over which nothing is predicted.
     """
     ahead_s = (stamp_ns - state.stamp_ns) * 1e-9
     if ahead_s > LONGEST_COAST_S:
@@ -184,19 +181,19 @@ def moves_on(state: FreeMotion, stamp_ns: int, variance: Array) -> bool:
 
 
 class Transition(NamedTuple):
-    """What some time does to the states of the filter."""
+    """Transition of the filter's states over some time."""
 
     matrix: Array
     """(6, 6)"""
     jerk_covariance: Array
-    """(6, 6) by a unit of white jerk."""
+    """(6, 6) process noise per unit of white jerk."""
 
 
 @lru_cache(maxsize=64)
 def transition(elapsed_s: float) -> Transition:
-    """Of so much time between two ticks."""
+    """The transition over ``elapsed_s``."""
     rate = np.array([[1.0, elapsed_s, elapsed_s**2 / 2], [0.0, 1.0, elapsed_s], [0.0, 0.0, 1.0]])
-    grown = np.array([elapsed_s**2 / 2, elapsed_s, 1.0])  # what a unit of jerk has made of the states by then
+    grown = np.array([elapsed_s**2 / 2, elapsed_s, 1.0])  # effect of a unit impulse of jerk on the states
     jerk = np.asarray(np.outer(grown, grown) * elapsed_s / _POWERS_OF_JERK, float)
     both = np.eye(2)
     return Transition(np.kron(both, rate), np.kron(both, jerk))
@@ -212,11 +209,11 @@ def advance(
     tick_s: float,
     memory_s: float,
 ) -> tuple[FreeMotion, InnovationExcess]:
-    """One tick on: the mean pose of its frames, its noise ``variance`` (2,) per axis (m^2, rad^2), and the
-    mean time of its frames.
+    """Advance by a tick: the mean pose of its frames, its noise ``variance`` (2,) per axis (m^2, rad^2), and
+    the mean time of its frames.
 
-    Ticks need not be ``tick_s`` apart: frames may be missing. Errors are those that a prediction over
-    ``tick_s`` would have made, and the excess is that of the time that has passed.
+    Ticks need not be ``tick_s`` apart, since frames may be missing. Errors are scaled to a prediction over
+    ``tick_s``; the excess is that of the time that has passed.
     """
     elapsed_s = round((stamp_ns - state.stamp_ns) * 1e-9, 4)
     orientation = nearest(rotation)
@@ -240,7 +237,7 @@ def advance(
         of_tick = squares * prediction.per_tick
         state = _with_errors(state, of_tick, innovation / (np.sqrt(squares[:, :1]) + TINY), tick_s, memory_s)
         share = prediction.share
-    else:  # all that is known is whether it has moved
+    else:  # no prediction: only the displacement is known
         share = np.where(squares[:, 1] > 3.0 * STILL * rest, prediction.share, 0.0)
     excess = state.excess(variance, rest, share)
     return state, InnovationExcess(float(excess[0]), float(excess[1]))
@@ -249,8 +246,8 @@ def advance(
 def _with_errors(
     state: FreeMotion, squares: Array, direction: Array, tick_s: float, memory_s: float
 ) -> FreeMotion:
-    """What the squared errors (2, 2) of both predictions, and the directions (2, 3) of the filter's, tell of
-    the strength of the motion."""
+    """Update the statistics by the squared errors (2, 2) of both predictions and the directions (2, 3) of the
+    filter's errors."""
     fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
     log_square = np.log(squares / 3.0 + TINY)
     return state._replace(
@@ -265,10 +262,10 @@ def _with_errors(
 
 
 class _Prediction(NamedTuple):
-    """States ``x`` (2, 3, 3) and ``covariance`` (6, 6) after some time.
+    """Predicted states ``x`` (2, 3, 3) and ``covariance`` (6, 6).
 
-    ``per_tick`` (2, 2) is what squared errors of both predictions are to be multiplied with to be those of a
-    whole tick, and ``share`` (2,) how much unpredictable motion there was, compared with a whole tick.
+    ``per_tick`` (2, 2) are factors that scale squared errors of both predictions to those of a whole tick;
+    ``share`` (2,) is the unpredictable motion of the time that has passed, relative to a whole tick.
     """
 
     x: Array
@@ -278,11 +275,12 @@ class _Prediction(NamedTuple):
 
 
 def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float) -> _Prediction:
-    from filterpy.kalman import predict  # it takes longer to load than all else
+    from filterpy.kalman import predict  # slow to import
 
     tick = transition(tick_s)
     x, carried = predict(state.x.reshape(6, 3), state.covariance, F=tick.matrix)
-    # what the filter's own uncertainty explains of its errors is no jerk: it would feed itself
+    # errors that the filter's own uncertainty explains are no jerk, else the estimate would feed back on
+    # itself
     known = carried.diagonal()[::3]
     unexplained = np.maximum(state.spread - variance - known, 0.0) if state.weight else variance
     jerk = unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])
@@ -293,13 +291,13 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
     x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=passed.matrix)
     covariance = covariance + passed.jerk_covariance * jerk.repeat(3)
     of_tick, of_time = whole.diagonal()[::3], covariance.diagonal()[::3]
-    stays = min(tick_s / elapsed_s, 1.0) ** 2  # errors of rest grow with the way
+    stays = min(tick_s / elapsed_s, 1.0) ** 2  # the error of "it stays" grows with the distance moved
     per_tick = np.array([(of_tick + variance) / (of_time + variance), [stays, stays]]).T
     return _Prediction(x.reshape(2, 3, 3), covariance, per_tick, of_time / of_tick)
 
 
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
-    """States (2, 3, 3) and covariance after values that were off by so much (2, 3)."""
+    """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3)."""
     from filterpy.kalman import (
         KalmanFilter,
     )  # its function `update` takes any exception for a value without axes

@@ -1,4 +1,4 @@
-"""How far it is from one pose to the next."""
+"""Steps between consecutive poses."""
 
 from collections.abc import Collection
 from math import radians, sin, sqrt
@@ -14,7 +14,7 @@ NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
 
 
 STEPS_KEPT: Final = 25
-"""So many steps tell what is usual."""
+"""Number of steps that show what is usual."""
 
 
 class Step(NamedTuple):
@@ -29,7 +29,7 @@ class Step(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """From each pose to the next: the distance, the turn as in ``Step``, and the cosine of half its angle."""
+    """Steps from each pose to the next: distance, turn as in ``Step``, and cosine of half its angle."""
 
     distance_m: Array
     turn: Array
@@ -37,7 +37,7 @@ class Steps(NamedTuple):
 
     @classmethod
     def between(cls, poses: Poses) -> "Steps":
-        """Rounded as one by one."""
+        """Steps between ``poses``, with the same rounding as ``step_between``."""
         x, y, z = (poses.position_m[1:] - poses.position_m[:-1]).T
         a, b, c, d = (poses.quat_xyzw[1:] * poses.quat_xyzw[:-1]).T
         cosine = a + b + c + d
@@ -51,7 +51,7 @@ class Steps(NamedTuple):
 
 
 def reach(steps: Collection[Step], times: float, quantile: float) -> Step:
-    """How far a pose may be from the last one: so many ``times`` the usual step, or near."""
+    """How far a pose may be from the last one: ``times`` the usual step, at least near."""
     if not steps:
         return Step(NEAR_M, NEAR_TURN)
     rank = int(quantile * (len(steps) - 1))
@@ -61,7 +61,7 @@ def reach(steps: Collection[Step], times: float, quantile: float) -> Step:
 
 
 def step_between(a: Pose, b: Pose) -> Step:
-    """From one pose to another."""
+    """The step from pose ``a`` to pose ``b``."""
     (ax, ay, az), (bx, by, bz) = a.position_m, b.position_m
     x, y, z = bx - ax, by - ay, bz - az
     (ax, ay, az, aw), (bx, by, bz, bw) = a.quat_xyzw, b.quat_xyzw

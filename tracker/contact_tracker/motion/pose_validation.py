@@ -1,4 +1,4 @@
-"""The gate: what poses have to pass before anything is computed from them.
+"""Validation of poses: all poses pass this gate before anything is computed from them.
 
 Every pose that is dropped or repaired is counted by kind:
 
@@ -54,7 +54,7 @@ _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validat
 
 
 def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
-    """What the gate passes on of a whole recording; ``counts`` is told what it dropped or repaired."""
+    """The poses of a whole recording that pass the gate; ``counts`` counts those dropped or repaired."""
     passed, parts = PoseGate(counts), list[Poses]()
     for some in poses.batches() if isinstance(poses, Poses) else [poses]:
         admitted = passed.admit_all(some) if isinstance(some, Poses) else None
@@ -65,7 +65,7 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
 
 
 def is_valid(pose: Pose, after_ns: int | None) -> bool:
-    """Whether a pose may have come from the gate, after the stamp of the one before; as ``require_valid``."""
+    """Whether a pose is valid after the stamp of the one before, by the rules of ``require_valid``."""
     stamp_ns, (px, py, pz), (x, y, z, w) = pose
     return (
         isinstance(stamp_ns, int)
@@ -121,7 +121,7 @@ class PoseGate:
 
     Parameters
     ----------
-    counts : what is dropped or repaired is added here by kind; kinds that do not occur stay absent.
+    counts : dropped and repaired poses are counted here by kind; kinds that do not occur stay absent.
     """
 
     def __init__(self, counts: Counter[str] | None = None) -> None:
@@ -139,7 +139,7 @@ class PoseGate:
 
     @property
     def own_counts(self) -> Counter[str]:
-        """The same, to be added to."""
+        """The same, for adding to."""
         return self._counts
 
     def admit(self, pose: Pose) -> Sequence[Pose]:
@@ -159,13 +159,13 @@ class PoseGate:
         return self._pass_on(self._order.admit(Pose(pose.stamp_ns, pose.position_m, quat_xyzw)))
 
     def finish(self) -> Sequence[Pose]:
-        """Those that are held still, once nothing more comes."""
+        """The poses still held, at the end of the stream."""
         passed = self._pass_on(self._order.finish())
         waiting = [kept for pose in self._defaults.finish() for kept in self._excursions.admit(pose, True)]
         return (*passed, *map(self._continuous, (*waiting, *self._excursions.finish())))
 
     def admit_all(self, poses: Poses) -> Poses | None:
-        """The same of poses that need no closer look; None, and nothing has happened, if one of them does."""
+        """``admit`` for poses that need no further checks; None, without any effect, if one of them does."""
         before, last, steps_ns = self._unit, self._last, self._order.steps_of_all(poses.stamp_ns)
         if before is None or last is None or steps_ns is None:
             return None
@@ -194,7 +194,7 @@ class PoseGate:
         return admitted
 
     def _unit_quaternion(self, pose: Pose) -> tuple[float, float, float, float] | None:
-        """The unit quaternion of a pose whose numbers are sound."""
+        """The unit quaternion of a pose with valid numbers; None otherwise."""
         (px, py, pz), (x, y, z, w) = pose.position_m, pose.quat_xyzw
         # A sum is finite only if its terms are; it may overflow, which is out of range anyway.
         if not isfinite(px + py + pz + x + y + z + w) and not all(map(isfinite, (px, py, pz, x, y, z, w))):
@@ -221,7 +221,7 @@ class PoseGate:
         ]
 
     def _continuous(self, pose: Pose) -> Pose:
-        """A pose that is passed on, with the sign of its quaternion as that of the last."""
+        """The pose with the sign of its quaternion that is nearer to the last."""
         before, last = self._unit, self._last
         self._unit = self._last = pose
         if before is not None and last is not None:

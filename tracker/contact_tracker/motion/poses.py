@@ -17,7 +17,7 @@ from contact_tracker.geometry.rotation import matrices
 Array = NDArray[np.float64]
 
 BATCH: Final = 500
-"""Poses that are handed on at once, where nobody waits for each."""
+"""Number of poses per batch, where no single one is waited for."""
 
 
 class Pose(NamedTuple):
@@ -50,7 +50,7 @@ class Poses:
 
     @classmethod
     def join(cls, parts: Sequence["Poses | Pose"]) -> "Poses":
-        """Poses one after the other; single ones may be among them."""
+        """Concatenate parts, among which may be single poses."""
         if len(parts) == 1 and isinstance(parts[0], Poses):
             return parts[0]
         columns, single = list[Poses](), list[Pose]()
@@ -70,7 +70,7 @@ class Poses:
 
     @property
     def columns(self) -> tuple[NDArray[np.int64], Array, Array]:
-        """All three."""
+        """The three columns."""
         return self.stamp_ns, self.position_m, self.quat_xyzw
 
     def __len__(self) -> int:
@@ -85,12 +85,12 @@ class Poses:
         return Poses(self.stamp_ns[rows], self.position_m[rows], self.quat_xyzw[rows])
 
     def batches(self) -> Iterator["Poses"]:
-        """A few seconds at a time."""
+        """Batches of a few seconds."""
         return (self[first : first + BATCH] for first in range(0, len(self), BATCH))
 
     @property
     def repeats(self) -> NDArray[np.bool_]:
-        """Whether each but the first is the one before, bit for bit (N - 1)."""
+        """(N - 1,) whether each pose but the first repeats the one before, bit for bit."""
         same = (self.position_m[1:] == self.position_m[:-1]).all(axis=1)
         if same.any():
             same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
@@ -98,7 +98,7 @@ class Poses:
 
     @property
     def fresh(self) -> "Poses":
-        """Those that differ from the one before; one that is held says nothing new."""
+        """The poses that do not repeat the one before."""
         repeats = self.repeats
         return self[np.append(True, ~repeats)] if repeats.any() else self
 
@@ -119,7 +119,7 @@ class Batched(Protocol):
 
 
 def batches(poses: Iterable[Pose]) -> Iterator[Poses]:
-    """A stream of poses in columns of many at once, in its order."""
+    """A stream of poses in batches, in its order."""
     if isinstance(poses, Batched):
         yield from poses.batches()
         return

@@ -1,9 +1,9 @@
-"""Sensor noise from the stream itself: what third differences of the poses leave of the motion.
+"""Online estimate of the sensor noise from third differences of the poses (docs/theory.md, T27).
 
-Motion is smooth from frame to frame and noise is not. Positions have noise in the world's axes (a camera
-sees depth badly), orientations in the body's. What is measured of the position need not be independent of the
-orientation: that is so for one point of the body, the *centre*, wherever the body's frame was put.
-Outliers and jolts are made harmless by weights and medians (docs/theory.md, T27).
+Third differences nearly cancel the motion, which is smooth from frame to frame, but not the noise. The noise
+of positions is modelled in the world's axes (cameras measure depth less well), that of orientations in the
+body's. Errors of position and orientation are independent only for one point of the body, the *centre*, which
+need not be the origin of its frame. Weights and medians make the estimate robust against outliers and jolts.
 """
 
 from dataclasses import dataclass
@@ -21,35 +21,36 @@ Array = NDArray[np.float64]
 
 ORDER: Final = 3
 STRIDE: Final = 2
-"""Neighbouring differences say nearly the same: every second one tells the noise as well as all of them."""
+"""Stride of the differences: neighbours are strongly correlated, so that half of them carry the
+information."""
 MEMORY: Final = 1000
-"""So many differences are remembered."""
+"""Number of differences in memory."""
 PRIOR: Final = 5
-"""Weight, in differences, of the model's noise against the stream's own."""
+"""Weight of the model's noise, as a number of differences."""
 BALL: Final = 15
-"""Weight of the same noise in all axes against the shape that the stream shows."""
+"""Weight of isotropic noise, as a number of differences."""
 REGULAR: Final = 1.5
 """Differences are only taken where the interval is within this factor of the usual one."""
 THOROUGH: Final = 15
-"""Steps of Tyler's iteration that start from a ball; one is enough from where the last one has led."""
+"""Steps of Tyler's iteration from a sphere; from the last estimate one is enough."""
 UNTOLD: Final = 0.05
-"""The noise is told again once this share of the differences is new: they move it by a quarter of what
-so many differences leave unknown."""
+"""The noise is estimated again once this share of the differences is new; that moves it by a quarter of its
+standard error."""
 SPREAD_M: Final = 0.3
 """How far the centre of the noise usually lies from the body's origin."""
 SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
-"""With three degrees of freedom."""
+"""Median of the chi-squared distribution with three degrees of freedom."""
 TINY: Final = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """Noise of one pose, as the last frames show it.
+    """Estimated noise of one pose.
 
-    It is that of the *centre*'s position ``position_m2`` (3, 3) in the world's axes, of the orientation
-    ``rotation_rad2`` (3, 3) in the body's, and ``centre_m`` (3,) in the body. ``shape`` (6, 6) is that of the
-    origin's position and the orientation in the body's axes, each in units of its deviation.
+    Covariances of the *centre*'s position ``position_m2`` (3, 3) in the world's axes and of the orientation
+    ``rotation_rad2`` (3, 3) in the body's; ``centre_m`` (3,) in the body. ``shape`` (6, 6) is the normalised
+    covariance of the origin's position and the orientation in the body's axes.
     """
 
     position_m2: Array
@@ -71,12 +72,11 @@ class NoiseEstimate:
 
 
 class NoiseBuffer(NamedTuple):
-    """What the noise is told from.
+    """Data of the estimate.
 
-    ``differences`` (15, n) are every second third difference of the last frames, scaled to the noise's
-    deviation: of the origin's position in the body's axes at the time (m), of the orientation in the body's
-    axes (rad), and the rotation ``R`` then. ``frames`` have come since the noise was last told, or wait for
-    the next.
+    ``differences`` (15, n) are every second third difference of the last frames, scaled to the noise of a
+    frame: of the origin's position in the body's axes at the time (m), of the orientation in the body's axes
+    (rad), and the rotation ``R`` then. ``frames`` are those since the last estimate.
     """
 
     differences: Array
@@ -95,9 +95,9 @@ def begin(sigma_position_m: float, sigma_rotation_rad: float) -> NoiseEstimate:
 def advance(
     buffer: NoiseBuffer, estimate: NoiseEstimate, frames: Poses, prior: tuple[float, float]
 ) -> tuple[NoiseBuffer, NoiseEstimate]:
-    """Take in the frames of one tick; ``prior`` are the model's deviations (m, rad).
+    """Advance by the frames of one tick; ``prior`` are the model's standard deviations (m, rad).
 
-    A pose that is held says nothing new of the noise, in the next tick neither.
+    Repeated poses carry no information on the noise, and are left out.
     """
     frames_left, known = Poses.join([buffer.frames, frames]).fresh, buffer.differences.shape[1]
     new = (len(frames_left) - ORDER + 1) // STRIDE
@@ -110,7 +110,7 @@ def advance(
 
 
 def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
-    """The noise that the differences (15, n) tell; near the last one."""
+    """The noise estimated from the differences (15, n), starting from the last estimate."""
     if differences.shape[1] < 2 * ORDER:
         return begin(*prior)
     deviation = np.array([estimate.sigma_position_m, estimate.sigma_rotation_rad])
@@ -124,7 +124,7 @@ def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, f
 
 
 def estimate_noise(poses: Poses) -> tuple[float, float]:
-    """Standard deviations per axis (m, rad) of a whole recording, nan where it is too short to tell."""
+    """Standard deviations per axis (m, rad) of a whole recording; nan where it is too short."""
     differences = _third_differences(poses.fresh)
     if not differences.shape[1]:
         return float("nan"), float("nan")
@@ -135,7 +135,7 @@ def estimate_noise(poses: Poses) -> tuple[float, float]:
 
 
 def _third_differences(frames: Poses) -> Array:
-    """Columns (15, n) of what is ``NoiseBuffer``."""
+    """Columns (15, n) of ``NoiseBuffer.differences``."""
     if len(frames) <= ORDER:
         return EMPTY_BUFFER.differences
     quat, position, interval = frames.quat_xyzw, frames.position_m, np.diff(frames.stamp_ns)
@@ -150,10 +150,11 @@ def _third_differences(frames: Poses) -> Array:
 
 
 def _centre(shape: Array, lever_m: float, count: int) -> Array:
-    """The point of the body (3,) of which the noise is independent of that of the orientation.
+    """The point of the body (3,) whose position error is independent of the orientation's.
 
-    An error of orientation swings the origin about it: the position's share of it is ``centre x rotation``.
-    ``shape`` is that of both in units of deviations whose ratio is ``lever_m``, from ``count`` differences.
+    An error of orientation rotates the origin about it, so the origin's error contains ``centre x rotation``.
+    ``shape`` is the normalised covariance of both, with standard deviations whose ratio is ``lever_m``, from
+    ``count`` differences.
     """
     swing = shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:])
     left = np.trace(shape[:3, :3] - swing @ shape[3:, :3])
@@ -163,7 +164,7 @@ def _centre(shape: Array, lever_m: float, count: int) -> Array:
 
 
 def _covariance(rows: Array, prior: Array, start: Array) -> Array:
-    """Covariances (..., 3, 3) of the columns of ``rows`` (..., 3, n), drawn to ``prior`` and to a ball."""
+    """Covariances (..., 3, 3) of the columns of ``rows`` (..., 3, n), shrunk to ``prior`` and to isotropy."""
     shape = _shape(rows, start)
     measured = np.maximum(_size_sq(rows, shape), np.square(1e-3 * prior))
     share = PRIOR / (rows.shape[-1] + PRIOR)
@@ -171,9 +172,9 @@ def _covariance(rows: Array, prior: Array, start: Array) -> Array:
 
 
 def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
-    """Tyler's scatter (..., d, d), with the trace d, of the columns of ``rows`` (..., d, n).
+    """Tyler's scatter (..., d, d), with trace d, of the columns of ``rows`` (..., d, n).
 
-    No column counts by its length.
+    It depends on the directions of the columns only.
     """
     size, count = rows.shape[-2:]
     ball = BALL * np.eye(size)
@@ -187,7 +188,7 @@ def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
 
 
 def _size_sq(rows: Array, shape: Array) -> Array:
-    """By what ``shape`` is to be multiplied, from the median column (...)."""
+    """Scale (...) of ``shape``, from the median squared length of the columns."""
     distance_sq, middle = _distance_sq(rows, shape), rows.shape[-1] // 2
     return np.asarray(np.partition(distance_sq, middle)[..., middle] / MEDIAN_OF_CHI_SQ)
 

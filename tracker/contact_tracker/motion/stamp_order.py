@@ -1,8 +1,8 @@
-"""The order of stamps: which of them run forward, which lead, and when the clock was set back.
+"""The order of stamps: leading and backward stamps, gaps, and resets of the clock.
 
-A stamp far ahead of the last one may be wrong, or a gap may lie between. The pose is held until others have
-followed it. Of the poses that are held the longest run with increasing stamps is right, and of two equally
-long ones that which ends sooner: one wrong stamp costs its own pose and no other.
+A stamp far ahead of the last one is wrong, or it follows a gap. The pose is held until others have followed.
+Among the held poses the longest run with increasing stamps is taken as right, and of two equally long ones
+the one that ends sooner. So one wrong stamp costs only its own pose.
 """
 
 from bisect import bisect_left, insort
@@ -26,13 +26,14 @@ FOLLOWERS: Final = 20
 SLOW_RUN_NS: Final = 500_000_000
 SLOW_FOLLOWERS: Final = 2
 HELD: Final = 64
-"""So many poses are held at most; of stamps without any order no run ever gets long."""
+"""Most poses that are held; random stamps never form a long run."""
 RESET_RUN: Final = 20
 PERIODS_KEPT: Final = 25
 
 
 class Ordered(NamedTuple):
-    """A pose whose stamp is after all before it; ``continues`` unless a gap, a reset or nothing is before."""
+    """A pose with a stamp after all before it; ``continues`` is False at the start, after a gap and a
+    reset."""
 
     pose: Pose
     continues: bool
@@ -43,7 +44,7 @@ class StampOrder:
 
     Parameters
     ----------
-    counts : what is dropped or noted is added here by kind.
+    counts : dropped poses and events are counted here by kind.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
@@ -75,11 +76,12 @@ class StampOrder:
         return self._release(ended=False)
 
     def finish(self) -> Sequence[Ordered]:
-        """What is held and was followed by something, or is all there is; nothing more can follow."""
+        """The held poses that others have followed, or all if there are no others, at the end of the
+        stream."""
         return self._release(ended=True)
 
     def steps_of_all(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64] | None:
-        """The times between poses, from the last one on; None if one of them needs a closer look."""
+        """Intervals (ns) between poses, from the last one on; None if one of them needs further checks."""
         if self._last_ns is None or self._held or self._offset_ns or stamp_ns[-1] > RANGE_NS:
             return None
         steps_ns = np.empty_like(stamp_ns)
@@ -90,7 +92,7 @@ class StampOrder:
         return steps_ns
 
     def pass_all(self, stamp_ns: NDArray[np.int64], steps_ns: NDArray[np.int64]) -> None:
-        """Pass on poses that need no closer look."""
+        """Pass on poses that need no further checks."""
         self._periods.extend(steps_ns[-PERIODS_KEPT:].tolist())
         self._backward = None
         self._last_ns = int(stamp_ns[-1])
@@ -104,7 +106,7 @@ class StampOrder:
             if len(self._held) < HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
                 if not ended:
                     break
-                # One stamp against all before it; where nothing is known, there is nothing against it.
+                # one stamp contradicts all before it; at the start there is nothing to contradict
                 if len(run) == 1 and self._last_ns is not None and self._periods.known:
                     self._counts["leading_stamp"] += len(self._held)
                     self._held = []
@@ -112,7 +114,7 @@ class StampOrder:
             first = run[0]
             accepted_ns = stamps_ns[first]
             released.append(self._accept(self._held[first]))
-            # What came before it and is no part of the run is ahead of it.
+            # poses before it that are not in the run lead it
             if first:
                 self._counts["leading_stamp"] += first
             self._held = self._held[first + 1 :]
@@ -136,7 +138,8 @@ class StampOrder:
         return slow or followers >= min(1 + lead_ns // LEAD_PER_FOLLOWER_NS, FOLLOWERS)
 
     def _consider_reset(self, pose: Pose) -> Sequence[Ordered]:
-        """Drop a pose from the past, unless so many came in order that the clock must have been reset."""
+        """Drop a pose from the past, unless so many have come in order that the clock must have been
+        reset."""
         stamp_ns = pose.stamp_ns
         first_ns, last_ns, length = self._backward or (stamp_ns, stamp_ns - 1, 0)
         if stamp_ns <= last_ns:
@@ -170,16 +173,16 @@ class StampOrder:
 
 
 def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
-    """Indices of the longest run of increasing stamps; of equally long ones the one that takes least time.
+    """Indices of the longest run of increasing stamps; of equally long ones the shortest in time.
 
     Parameters
     ----------
-    after : the stamp from which a run goes on; None if it begins with its own first.
+    after : the stamp that a run has to follow; None if there is none.
     """
     if all(a < b for a, b in pairwise(stamps)):
         return list(range(len(stamps)))
-    runs = list[tuple[int, int, int]]()  # of those that end with each stamp: length, first stamp, predecessor
-    for i, stamp in enumerate(stamps):
+    runs = list[tuple[int, int, int]]()  # best run that ends with each stamp: length, first stamp,
+    predecessor for i, stamp in enumerate(stamps):
         before = [j for j in range(i) if stamps[j] < stamp]
         j = max(before, key=lambda j: runs[j][:2], default=-1)
         runs.append((runs[j][0] + 1, runs[j][1], j) if before else (1, stamp, -1))
@@ -215,7 +218,7 @@ class Periods:
         self._note_median()
 
     def extend(self, periods_ns: Sequence[int]) -> None:
-        """The same for several."""
+        """``append`` for several."""
         self._recent.extend(periods_ns)
         self._sorted = sorted(self._recent)
         self._note_median()
@@ -225,7 +228,7 @@ class Periods:
         self.lead_ns = LEAD_PERIODS * self.median_ns
 
     def lead_among(self, periods_ns: NDArray[np.int64]) -> bool:
-        """Whether one of these, which come next, leads; also where too little is known yet to say so."""
+        """Whether one of the next intervals is of a leading stamp; also True while the period is unknown."""
         if len(self._recent) < PERIODS_KEPT:
             return True
         if periods_ns.max() <= LEAD_PERIODS * min(self._sorted[0], int(periods_ns.min())):

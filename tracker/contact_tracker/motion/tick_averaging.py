@@ -1,5 +1,5 @@
-"""From frames to ticks: they are averaged in the lift, outliers left out, and teach the noise and how the
-object moves."""
+"""From frames to ticks: outliers are gated, the others averaged as lifted poses, and the sensor noise and the
+free-motion filter updated."""
 
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -20,7 +20,7 @@ Index = NDArray[np.int64]
 
 NEIGHBOURS: Final = 5
 NOISY_M: Final = 2e-5
-"""Poses with more noise than this do not repeat by chance, nor because they are rounded."""
+"""Poses with more noise than this do not repeat by chance or by rounding."""
 _EYE: Final = np.eye(3)
 
 
@@ -37,44 +37,44 @@ class Tick:
     zeta: Array
     """(25,) mean lifted pose; the world's origin is at the first pose."""
     count: int
-    """Of frames used; 0 in a gap."""
+    """Number of frames used; 0 in a gap."""
     outliers: int
-    """Frames left out."""
+    """Number of frames left out."""
     innovation_excess: InnovationExcess
-    """Of free motion beyond the noise."""
+    """Innovation excess of free motion."""
     noise: NoiseEstimate
-    """Of one frame, as it is known after the tick."""
+    """Noise of one frame, as estimated after the tick."""
 
 
 class StreamState(NamedTuple):
-    """What the ticks so far have taught of the stream."""
+    """Estimates of the stream after the ticks so far."""
 
     noise: NoiseEstimate
     noise_buffer: NoiseBuffer
-    """What the noise is estimated from."""
+    """Data of the noise estimate."""
     free_motion: FreeMotion | None
-    """None where the next tick does not follow on the last."""
+    """None if the next tick does not follow the last one."""
     last_frame: Poses
-    """The last frame, if there was one."""
+    """The last frame, if there is one."""
 
 
 class TickRun(NamedTuple):
-    """Ticks that follow each other, none of them empty."""
+    """Consecutive ticks, none of them empty."""
 
     frames: Poses
-    """Of all of them."""
+    """Frames of all of them."""
     ends: Index
-    """(n,) where the frames of each end."""
+    """(n,) index of the frame after the last one of each tick."""
     origin_m: Array
-    """(3,) the origin of the lifted poses."""
+    """(3,) origin of the lifted poses in the world."""
     is_rest: bool
-    """The first is the rest of a tick that has been closed before."""
+    """Whether the first is the rest of a tick that was closed early."""
     last: Tick | None
-    """The tick before them."""
+    """Number of the tick before them."""
 
 
 def average_run(learnt: StreamState, run: TickRun, model: Model) -> tuple[StreamState, list[Tick]]:
-    """The ticks of a run, and what is learnt after it."""
+    """The ticks of a run, and the estimates after it."""
     if run.is_rest:
         learnt = learnt._replace(free_motion=None)
     closed, first, last = list[Tick](), 0, run.last
@@ -101,9 +101,10 @@ def empty_tick(last: Tick, start_ns: int, stamp_ns: int) -> Tick:
 def _average_tick(
     learnt: StreamState, frames: Poses, new: Poses, origin_m: Array, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
-    """One tick, of the ``new`` frames; where there is none, the pose that is held is what there is.
+    """One tick from its ``new`` frames; without any, from the repeated pose.
 
-    A rest tells nothing of the motion: it is not a tick's time from its neighbours.
+    The rest of a tick closed early (``is_rest``) does not count for the strength of motion, since it is not a
+    whole tick away from its neighbours.
     """
     start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), learnt.noise
     frames = new if len(new) else frames[:1]
@@ -113,8 +114,8 @@ def _average_tick(
     buffer, estimate = learnt.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
-        typical = some if 2 * len(some) > len(frames) else frames  # outliers are no noise, unless most are
-        buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
+        typical = some if 2 * len(some) > len(frames) else frames  # outliers do not count as noise, unless
+        most are buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
     tick = Tick(start_ns, stamp_ns, mean_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
@@ -123,13 +124,13 @@ def _average_tick(
 
 
 def _new_frames(last_frame: Poses, frames: Poses) -> Poses:
-    """Those that are not the one before, bit for bit: held poses say nothing new."""
+    """The frames that do not repeat the one before, bit for bit."""
     return Poses.join([last_frame, frames]).fresh[len(last_frame) :]
 
 
 def _is_stuck(held: Poses, learnt: StreamState, model: Model) -> bool:
-    """Whether a pose that is held for a tick is no measurement: a noisy sensor never measures the same twice,
-    and without noise the object moved on, by its motion before."""
+    """Whether a pose that repeats through a tick is stuck, not measured: the sensor is too noisy to measure
+    the same twice, or the object was moving."""
     if learnt.noise_buffer.differences.shape[1] and learnt.noise.sigma_position_m > NOISY_M:
         return True
     motion = learnt.free_motion
@@ -142,7 +143,8 @@ def _is_stuck(held: Poses, learnt: StreamState, model: Model) -> bool:
 def with_excess(
     motion: FreeMotion | None, tick: Tick, model: Model, is_rest: bool
 ) -> tuple[FreeMotion | None, Tick]:
-    """The filter of free motion after a tick with frames, and the tick with the innovation excess by it."""
+    """Advance the free-motion filter by a tick with frames; returns it and the tick with its innovation
+    excess."""
     turn, position_m = tick.zeta[R].reshape(3, 3), tick.zeta[T]
     if motion is None or not free_motion.can_go_on(motion, tick.mean_ns):
         return None if is_rest else free_motion.begin(turn, position_m, tick.mean_ns), tick
@@ -155,7 +157,8 @@ def with_excess(
 
 
 def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Noise per axis (m^2, rad^2) of one frame, which averaging lowers, and the floor, which it does not."""
+    """Noise per axis (m^2, rad^2): of one frame, which averaging reduces, and the floor, which it does
+    not."""
     share = model.noise.estimate_share
     sensor = (share * estimate.sigma_position_m) ** 2, (share * estimate.sigma_rotation_rad) ** 2
     return sensor, (model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2)
@@ -164,7 +167,8 @@ def variances(estimate: NoiseEstimate, model: Model) -> tuple[tuple[float, float
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
     """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames.
 
-    Where errors wander it is that of what is new in a tick, less ``correlation`` times the tick before.
+    With errors that are correlated between ticks it is the variance of their innovation, ``correlation``
+    times the tick before subtracted.
     """
     white, rho = white_variances(estimate, count, model), model.correlation
     if not rho:
@@ -174,10 +178,10 @@ def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array
 
 
 def white_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
-    """As ``tick_variances``, without the errors that wander."""
+    """``tick_variances`` without the correlated errors."""
     parts = np.empty((*count.shape, 2))
     parts[..., 0], parts[..., 1] = 1.0 / np.maximum(count, 1.0), 1.0
-    # for so few columns this takes less than sums of arrays, and than ``@``
+    # for so few columns faster than sums of arrays, and than ``@``
     return np.asarray(np.dot(parts, np.array(variances(estimate, model))))
 
 
@@ -188,8 +192,8 @@ def rest_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array
 
 
 def tick_anisotropy(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
-    """What the covariance (W, 3, 3) of the mean position of ticks with ``count`` (W,) frames, in the world's
-    axes, is beyond its mean over the axes (m^2)."""
+    """Anisotropic part (W, 3, 3), in m^2 and the world's axes, of the covariance of the mean position of
+    ticks with ``count`` (W,) frames: the covariance minus its mean over the axes."""
     covariance = estimate.position_m2
     beyond = covariance - _EYE * (covariance.trace() / 3.0)
     share = model.noise.estimate_share**2 / np.maximum(count, 1.0)
@@ -203,17 +207,17 @@ def _plausible(
     sigma_sq: Array,
     model: Model,
 ) -> NDArray[np.bool_]:
-    """Frames that neither leave the others of their tick, seen from free motion, nor the motion by far, with
-    noise ``sigma_sq`` (2,).
+    """Gate the frames of a tick: those near the other frames, relative to free motion, and not far from the
+    predicted motion, with noise ``sigma_sq`` (2,).
 
-    While nothing is known of the motion, and just after a gap: no farther out than by their steps. With
-    all frames implausible the object has jumped: they are taken, and the filter follows.
+    Without a prediction, at the start and just after a gap, frames are compared by their steps. If all frames
+    are implausible, the object has jumped: all are taken.
     """
     count, everything = len(frames), np.ones(len(frames), bool)
     if motion is not None and free_motion.is_predictable(motion, int(frames.stamp_ns[0]), model.tick_s):
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
         off, spread = _off(frames, at + origin_m, facing), motion.spread
-        if count >= 3:  # frames stand beside their neighbours: little motion lies between them
+        if count >= 3:  # frames are compared with their neighbours, between which there is little motion
             off = off - _local_median(off)
             spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
         allowed_sq = sigma_sq + spread
@@ -228,7 +232,7 @@ def _plausible(
 
 
 def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
-    """How far (N, 6) frames are from one or N poses: by position, and by the turn in the body's axes."""
+    """Differences (N, 6) of frames from one or N poses: position, and rotation vector in the body's axes."""
     turn = rotation_vectors(between(quat_xyzw, frames.quat_xyzw))
     return np.concatenate([frames.position_m - position_m, turn], axis=1)
 

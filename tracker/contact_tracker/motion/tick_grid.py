@@ -1,4 +1,4 @@
-"""From poses to ticks: short spans of time on a grid that begins with the first pose."""
+"""The grid of ticks: short spans of time, counted from the first pose."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -20,12 +20,12 @@ from contact_tracker.motion.tick_averaging import (
 )
 
 LONGEST_GAP_S: Final = 5.0
-"""A gap in the stream is followed tick by tick up to this time; what is longer passes as one."""
+"""A gap in the stream is filled with empty ticks up to this time; a longer rest is skipped."""
 
 
 class TickState(NamedTuple):
-    """Where the averaging stands: frames of the tick under way, which has this ``number`` on the grid, the
-    ``last`` one before that, and what those before have taught."""
+    """State of the averaging: frames of the current tick, its ``number`` on the grid, the ``last`` tick
+    before it, and the estimates of the stream."""
 
     origin_ns: int
     origin_m: Array
@@ -36,29 +36,30 @@ class TickState(NamedTuple):
 
 
 def begin(model: Model, poses: Poses) -> TickState:
-    """The grid of ticks and the world's origin start at the first of the poses; none is taken in yet."""
+    """Start the grid of ticks and the world's origin at the first of the poses, which are not used
+    otherwise."""
     estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
     learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
     return TickState(int(poses.stamp_ns[0]), poses.position_m[0].copy(), 0, (), None, learnt)
 
 
 def goes_on(state: TickState, stamp_ns: int, model: Model) -> bool:
-    """Whether a pose that follows closes no tick: it may wait to be taken in with the ``frames``."""
+    """Whether a pose belongs to the current tick."""
     return stamp_ns < state.origin_ns + (state.number + 1) * model.tick_ns
 
 
 def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, list[Tick]]:
-    """Take in poses, of which there are some; returns the ticks that they close."""
+    """Advance by one pose or more; returns the ticks that they close."""
     left, closed = Poses.join((*state.frames, poses)), list[Tick]()
     while True:
         first_ns, last_ns = int(left.stamp_ns[0]), int(left.stamp_ns.max())
         if not goes_on(state, first_ns, model):
             state, empty = _missed(state, first_ns, model)
             closed += empty
-        if goes_on(state, last_ns, model):  # as mostly, online
+        if goes_on(state, last_ns, model):  # the usual case online
             return state._replace(frames=(left,)), closed
         number = (left.stamp_ns - state.origin_ns) // model.tick_ns
-        number = np.maximum.accumulate(np.maximum(number, state.number))  # no tick is taken up again
+        number = np.maximum.accumulate(np.maximum(number, state.number))  # closed ticks stay closed
         ends = np.flatnonzero(number[1:] > number[:-1]) + 1
         follows = number[ends - 1] == state.number + np.arange(len(ends))
         many = len(ends) if follows.all() else int(follows.argmin())
@@ -70,10 +71,10 @@ def advance(state: TickState, poses: Poses, model: Model) -> tuple[TickState, li
 def follow(
     state: TickState, leader: TickState, advanced: TickState, closed: Sequence[Tick], model: Model
 ) -> tuple[TickState, list[Tick]]:
-    """As ``advance``, by poses that a ``leader`` has averaged, whose model differs in a tick's noise only.
+    """``advance`` with the averages of a ``leader`` whose model differs in the noise of a tick only.
 
     ``advanced`` is the leader after the poses, and ``closed`` are the ticks that they closed. Means, outliers
-    and the noise of a frame are the leader's; how far a tick surprises free motion is not.
+    and the noise of a frame are the leader's; the innovation excess is not.
     """
     motion, ticks = state.stream.free_motion, list[Tick]()
     is_rest = bool(closed) and _has_closed_early(leader, model) and goes_on(leader, closed[0].start_ns, model)
@@ -88,7 +89,7 @@ def follow(
 
 
 def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
-    """Finish the tick under way; the rest of its time, should more come in that, is another tick."""
+    """Close the current tick early; later poses in its time will form another tick."""
     frames = Poses.join(state.frames)
     state, (tick,) = _run(state, frames, np.array([len(frames)]), model)
     return state._replace(frames=()), tick
@@ -97,19 +98,19 @@ def close(state: TickState, model: Model) -> tuple[TickState, Tick]:
 def _run(
     state: TickState, frames: Poses, ends: NDArray[np.int64], model: Model
 ) -> tuple[TickState, list[Tick]]:
-    """Finish the tick under way and those that follow without a gap, see ``TickRun``."""
+    """Close the current tick and those that follow without a gap, see ``TickRun``."""
     run = TickRun(frames, ends, state.origin_m, _has_closed_early(state, model), state.last)
     learnt, closed = average_run(state.stream, run, model)
     return state._replace(number=state.number + len(ends) - 1, last=closed[-1], stream=learnt), closed
 
 
 def _has_closed_early(state: TickState, model: Model) -> bool:
-    """Whether the tick under way is the rest of one that has been closed before its end."""
+    """Whether the current tick is the rest of one that was closed early."""
     return state.last is not None and state.last.stamp_ns >= state.origin_ns + state.number * model.tick_ns
 
 
 def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, list[Tick]]:
-    """On to the tick of the next pose; empty ones where the stream has a gap."""
+    """Go to the tick of the next pose, with empty ticks for a gap of the stream."""
     step_ns = model.tick_ns
     number = (stamp_ns - state.origin_ns) // step_ns
     missed = max(min(number - state.number, int(LONGEST_GAP_S / model.tick_s)) - 1, 0)
@@ -118,7 +119,7 @@ def _missed(state: TickState, stamp_ns: int, model: Model) -> tuple[TickState, l
         assert state.last is not None
         stamps = [state.last.stamp_ns + (i + 1) * step_ns for i in range(missed)]
         empty = [empty_tick(state.last, stamp, stamp) for stamp in stamps]
-    if number - state.number - 1 > missed:  # the grid jumps over the rest of a long gap
+    if number - state.number - 1 > missed:  # skip the rest of a long gap
         number = state.number + 1 + missed
         state = state._replace(origin_ns=stamp_ns - number * step_ns)
     return state._replace(number=number), empty

@@ -1,4 +1,4 @@
-"""In how many of its six directions an object moves (docs/theory.md, T24)."""
+"""The number of directions in which an object moves: the rank of its twists (docs/theory.md, T24)."""
 
 from typing import Final
 
@@ -10,29 +10,29 @@ from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
 
 DIRECTIONS: Final = 6
-"""In which a rigid object can move."""
+"""Degrees of freedom of a rigid object."""
 STRIDE_TICKS: Final = 5
-"""Motion is looked at in steps so long that slow motion rises above the noise."""
+"""Steps in ticks between which twists are taken, long enough for slow motion to exceed the noise."""
 USED: Final = 10.0
-"""The motion uses a direction if it moves there by so many times the variance of the noise."""
+"""A direction is used if its mean squared motion is this many times the variance of the noise."""
 LEVER_M: Final = 0.1
 ONE_AXIS: Final = 0.14
-"""Where the second largest part of the motion is less than this share of the largest (turns count with the
-lever above), it has one degree of freedom: hinges, slides and screws, and their errors."""
+"""Motion has one degree of freedom if its second largest component is below this share of the largest (turns
+scaled by the lever above): hinges, sliders and screws with their errors."""
 TINY: Final = 1e-9
 _AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
-"""(3, 9): of a matrix, row by row, what is odd in it: of a rotation its axis by twice the sine of its angle;
-of ``a b^T`` it is ``b x a``."""
+"""(3, 9): maps a row-major matrix to its antisymmetric part as a vector: of a rotation twice the sine of its
+angle times its axis; of ``a b^T`` it is ``b x a``."""
 _TRACE: Final = EYE.ravel()
 _LEVER: Final = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
 
 
 def used_directions(window: Window) -> int:
-    """How many of its six directions the object moves in, beyond the noise: the rank of its twists (T24).
+    """Number of directions in which the object moves beyond the noise: the rank of its twists (T24).
 
-    Each step of ``STRIDE_TICKS`` has a twist in the world's frame, which stays the same as long as the object
-    turns about one axis: that is one direction, however far it goes. Translation in a plane is two. Motion
-    that is nearly all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
+    Each step of ``STRIDE_TICKS`` has a twist in the world's frame. Rotation about one axis has a constant
+    twist, so it is one direction, however far it goes; translation in a plane is two. Motion that is nearly
+    all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
     """
     if len(window) <= STRIDE_TICKS:
         return 0

@@ -1,4 +1,4 @@
-"""The ticks that evidence is computed on."""
+"""The window of the latest ticks, on which evidence is evaluated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,20 +23,21 @@ _PER_AXIS[T, 0], _PER_AXIS[R, 1] = 1.0 / 3.0, 1.0 / 6.0
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The last W ticks, oldest first: what evidence is computed on."""
+    """The latest W ticks, oldest first."""
 
     index: Index
-    """(W,) numbers of the ticks."""
+    """(W,) numbers of the ticks on the grid."""
     zeta: Array
     """(W, 25) mean lifted poses."""
     variance: Array
-    """(W, 2) noise of position (m^2) and rotation (rad^2), mean over the axes."""
+    """(W, 2) noise variance of position (m^2) and rotation (rad^2), mean over the axes."""
     innovation_excess: Array
-    """(W, 2) of free motion beyond the noise (m^2, rad^2), zero where a tick has no frames."""
+    """(W, 2) variance of free motion's innovations beyond the noise (m^2, rad^2); zero for ticks without
+    frames."""
     position_anisotropy: Array | None = None
-    """(W, 3, 3) covariance of the position beyond its mean over the axes (m^2); None if isotropic."""
+    """(W, 3, 3) covariance of the position minus its mean over the axes (m^2); None if isotropic."""
     before: Array | None = None
-    """(25,) zeta of the tick before the first; None where nothing came before."""
+    """(25,) zeta of the tick before the first; None if there is none."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -48,13 +49,13 @@ class Window:
 
     @cached_property
     def displacement_variance(self) -> Array:
-        """Variances (W, 2), as ``innovation_excess``, of what nothing but touching would keep from moving:
-        where elements are known, free motion is more than what is unpredictable in it."""
+        """Variances (W, 2) like ``innovation_excess``, of the whole displacement instead of its unpredictable
+        part: the free-motion variance for known elements, which cannot follow smooth motion."""
         return np.maximum(self.innovation_excess, self.travel)
 
     @property
     def travel(self) -> Array:
-        """How far the object moved since the tick before: variances (W, 2) per axis (m^2, rad^2).
+        """Mean squared displacement (W, 2) since the tick before, per axis (m^2, rad^2).
 
         Zero where the tick before is not in the window.
         """
@@ -67,38 +68,39 @@ class Window:
 
     @property
     def before_newest(self) -> Array | None:
-        """zeta (25,) of the tick before the newest; None where nothing came before."""
+        """zeta (25,) of the tick before the newest; None if there is none."""
         return self.zeta[-2] if len(self) > 1 else self.before
 
     @property
     def usual_variance(self) -> Array:
-        """Median (2,) over the ticks; ``np.median`` takes several times as long for few of them."""
+        """Median (2,) of the noise over the ticks; for few of them several times faster than
+        ``np.median``."""
         rising, half = np.sort(self.variance, axis=0), len(self) // 2
         return np.asarray(0.5 * (rising[len(self) - 1 - half] + rising[half]))
 
     @property
     def displacement_ratio(self) -> float:
-        """As ``motion_ratio``, of how far the object moved in the newest tick, however smoothly."""
+        """``motion_ratio`` of the newest tick by the whole displacement instead of the innovations."""
         moved = self.cut(-1, None).travel[-1]
         return float(np.max(moved / (moved + self.variance[-1])))
 
     @cached_property
     def motion_ratio(self) -> Array:
-        """How far the motion in each tick (W,) rises above the noise: 0 at rest, towards 1 in motion."""
+        """Motion relative to noise in each tick (W,): 0 at rest, near 1 in motion."""
         return np.asarray(
             np.max(self.innovation_excess / (self.innovation_excess + self.variance), axis=1, initial=0.0)
         )
 
     @cached_property
     def latest_motion_ratio(self) -> float:
-        """That of the newest tick; the others' may not be asked for."""
+        """``motion_ratio`` of the newest tick, without computing the others."""
         excess, variance = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
         return float(max(e / (e + v) for e, v in zip(excess, variance, strict=True)))
 
     def then(self, index: int, zeta: Array, excess: Array, variance: Array, uneven: Array) -> "Window":
-        """One tick on: the newest ticks and the one right after, as many as ``variance`` (W, 2) has rows.
+        """The window after one more tick, with as many ticks as ``variance`` (W, 2) has rows.
 
-        What does not change with the noise is carried along: it is worked out of the new tick alone.
+        Values that do not depend on the noise are carried over, and computed for the new tick only.
         """
         first = len(self) + 1 - len(variance)
         displaced = np.maximum(excess, travel_to(zeta, self.zeta[-1] if len(self) else None))
@@ -116,12 +118,12 @@ class Window:
         )
 
     def with_cached(self, inverse: Array, displacement_variance: Array) -> "Window":
-        """The same window, told what is ``inverse`` and ``displacement_variance``."""
+        """The same window with ``inverse`` and ``displacement_variance`` computed already."""
         vars(self).update(inverse=inverse, displacement_variance=displacement_variance)
         return self
 
     def expired_by(self, after: "Window") -> "Window":
-        """The oldest ticks, which the window ``after`` the next tick has no more."""
+        """The oldest ticks, which are not in the next window ``after`` any more."""
         return self.cut(0, max(len(self) + 1 - len(after), 0))
 
     def cut(self, first: int, end: int | None) -> "Window":
@@ -130,7 +132,7 @@ class Window:
         return self.pick(rows, self.zeta[rows.start - 1] if rows.start else self.before)
 
     def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
-        """Some ticks by themselves, whatever came before if it is not said."""
+        """A window of some ticks, with ``before`` as the tick before the first."""
         uneven = None if self.position_anisotropy is None else self.position_anisotropy[rows]
         return Window(
             self.index[rows],
@@ -142,7 +144,7 @@ class Window:
         )
 
     def with_error(self, beyond: tuple[float, float]) -> "Window":
-        """The window with noise variances (m^2, rad^2) larger by ``beyond`` in all ticks."""
+        """The window with noise variances (m^2, rad^2) increased by ``beyond`` in all ticks."""
         if not any(beyond):
             return self
         return replace(self, variance=self.variance + beyond).with_cached(
@@ -151,7 +153,7 @@ class Window:
 
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":
-        """Windows one after the other."""
+        """Concatenate windows."""
         known = any(p.position_anisotropy is not None for p in parts)
         uneven = [
             np.zeros((len(p), 3, 3)) if p.position_anisotropy is None else p.position_anisotropy
@@ -180,7 +182,7 @@ EMPTY_WINDOW = SlidingWindow(
 
 
 def advance_window(sliding: SlidingWindow, number: int, tick: Tick, model: Model) -> SlidingWindow:
-    """On to a ``tick`` of this ``number``; the window stays as short as the model says."""
+    """Append a ``tick`` with this ``number``; the window keeps the length that the model prescribes."""
     window, noise, most = sliding.window, tick.noise, round(model.search.window_s / model.tick_s)
     frames = np.concatenate([sliding.frames, [tick.count]])[-most:]
     variance, uneven = tick_variances(noise, frames, model), tick_anisotropy(noise, frames, model)
@@ -190,10 +192,10 @@ def advance_window(sliding: SlidingWindow, number: int, tick: Tick, model: Model
 
 
 def travel_of(zeta: Array, index: NDArray[np.int64], before: Array | None) -> Array:
-    """Variances (W, 2) per axis, of position (m^2) and rotation (rad^2), of the ways to ticks of ``zeta``
-    (W, 25) from those that came right before by ``index`` (W,).
+    """Mean squared displacements (W, 2) per axis, of position (m^2) and rotation (rad^2), to ticks of
+    ``zeta`` (W, 25) from the tick before by ``index`` (W,).
 
-    Zero where that is not known: it is ``before`` (25,) of the first.
+    Zero where the tick before is missing; of the first it is ``before`` (25,).
     """
     pose = zeta[:, _POSE]
     apart = np.empty_like(pose)
@@ -204,7 +206,7 @@ def travel_of(zeta: Array, index: NDArray[np.int64], before: Array | None) -> Ar
 
 
 def travel_to(zeta: Array, before: Array | None) -> Array:
-    """That (2,) of the way to one tick of ``zeta`` (25,), zero without any ``before``."""
+    """Mean squared displacement (2,) to one tick of ``zeta`` (25,); zero without ``before``."""
     return np.zeros(2) if before is None else _per_axis(zeta[_POSE] - before[_POSE])
 
 
