@@ -181,8 +181,8 @@ def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
     """
     if all(a < b for a, b in pairwise(stamps)):
         return list(range(len(stamps)))
-    runs = list[tuple[int, int, int]]()  # best run that ends with each stamp: length, first stamp,
-    predecessor for i, stamp in enumerate(stamps):
+    runs = list[tuple[int, int, int]]()  # best run ending with each: length, first stamp, predecessor
+    for i, stamp in enumerate(stamps):
         before = [j for j in range(i) if stamps[j] < stamp]
         j = max(before, key=lambda j: runs[j][:2], default=-1)
         runs.append((runs[j][0] + 1, runs[j][1], j) if before else (1, stamp, -1))

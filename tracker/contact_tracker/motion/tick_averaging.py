@@ -114,8 +114,10 @@ def _average_tick(
     buffer, estimate = learnt.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
-        typical = some if 2 * len(some) > len(frames) else frames  # outliers do not count as noise, unless
-        most are buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
+        typical = (
+            some if 2 * len(some) > len(frames) else frames
+        )  # unless most are outliers, these are no noise
+        buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
     tick = Tick(start_ns, stamp_ns, mean_ns, zeta, len(some), len(frames) - len(some), NO_EXCESS, estimate)
