@@ -1,4 +1,4 @@
-"""All parameters of the tracker, by what they are about (docs/models.md)."""
+"""All parameters of the tracker (docs/models.md)."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,31 +16,31 @@ ByChange = tuple[ByState, ...]
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of one pose, and how the noise of a tick is found."""
+    """Noise of one pose (standard deviations per axis), and of a tick."""
 
     sigma_position_m: float
     sigma_rotation_rad: float
     floor_position_m: float
-    """Deviation of real contacts from ideal geometry, which no averaging removes."""
+    """Deviation of real contacts from ideal geometry, which averaging does not reduce."""
     floor_rotation_rad: float
     outlier_sigmas: float
     contact_position_m: ByState = ZERO
-    """Of each contact, beyond the floor of all."""
+    """Floor of each contact beyond the common one, in quadrature."""
     contact_rotation_rad: ByState = ZERO
     estimated: bool = True
-    """Whether the deviations of a pose only start an estimate, which then follows the stream, and the floors
-    of a tick are chosen by the evidence; if not, both are what the user knows."""
+    """Whether the noise of a pose is estimated from the stream (with the deviations above as a prior), and
+    the noise of a tick chosen by the evidence; else both are given."""
     wander_position_m: float = 0.0
     wander_rotation_rad: float = 0.0
-    """Of errors that last for a while, as of calibration, beyond those that are new in each pose."""
+    """Errors that are correlated over seconds, such as those of calibration, beyond white noise."""
     wander_s: float = 2.0
-    """For how long they last: their autocorrelation falls by e."""
+    """Correlation time of these errors (autocorrelation 1/e)."""
     estimate_share: float = 1.0
-    """Share of the estimated deviations that is noise: of slow streams the rest is motion."""
+    """Share of the estimated deviations that is noise; in slow streams the rest is motion."""
 
     @cached_property
     def wander_variance(self) -> tuple[float, float]:
-        """Variances (m^2, rad^2) of the errors that last."""
+        """Variances (m^2, rad^2) of the correlated errors."""
         return self.wander_position_m**2, self.wander_rotation_rad**2
 
     @cached_property
@@ -52,31 +52,32 @@ class Noise:
 
 @dataclass(frozen=True)
 class Motion:
-    """Yardstick of free motion."""
+    """The model of free motion."""
 
     error_memory_s: float
     """Time over which the strength of the motion is averaged."""
     body_radius_m: float
     """Lever with which free rotation moves a point of the object."""
     prior_predictive_share: float
-    """How much of the geometry free motion, continued, is taken to foretell (share of T19's last term)."""
+    """Share of the information on the geometry that the free-motion prediction provides (last term of
+    T19)."""
     likelihood_exponent: float
-    """Share of what a tick says that the ticks before have not said: the power to which likelihoods count."""
+    """Power of the likelihood: share of a tick's information that is independent of the ticks before."""
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What is expected of elements before they are found."""
+    """Priors of the elements."""
 
     reach_m: float
     """Distance of touching points from the body's origin."""
     revisit_prior: float
-    """Prior probability that an element has been met before in the recording, where one of its kind was."""
+    """Prior probability that an element has touched before in the recording, if one of its kind has."""
 
 
 @dataclass(frozen=True)
 class TransitionCounts:
-    """What calibration has counted: how states began, lasted and ended in recordings; zeros without."""
+    """Counts from calibration: how states began, lasted and ended in recordings; zeros without."""
 
     begins: ByState
     """Recordings that began in each state."""
@@ -88,35 +89,35 @@ class TransitionCounts:
 
 @dataclass(frozen=True)
 class Transitions:
-    """How states follow each other: a prior from the containment lattice, and what was seen."""
+    """Changes between states: a prior from the containment lattice, and counts."""
 
     leave_per_s: float
-    """How often a state of a moving object ends; at rest it hardly ever does."""
+    """Hazard: how often a state of a moving object ends; at rest it hardly ever does."""
     skip: float
-    """Weight of a change that skips constraints, relative to one that gains or loses one."""
+    """Relative rate of a change that skips a step of the lattice."""
     initial_f_f: float
-    """Probability that the recording starts in f-f: things lie on faces."""
+    """Probability that the recording starts in f-f: objects lie on faces."""
     prior_changes: float
-    """What the three above weigh against what was seen: as much as so many changes out of each state."""
+    """Weight of the three above against the counts, as a number of changes out of each state."""
     counts: TransitionCounts
 
 
 @dataclass(frozen=True)
 class Certainty:
-    """How far the probabilities are trusted."""
+    """Calibration of the probabilities."""
 
     posterior_power: float
-    """Power of the posterior that is told: what the model does not know of its own faults."""
+    """Power of the reported posterior; below one for errors that the model does not have."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """What is kept of the hypotheses."""
+    """Bounds of memory and work."""
 
     window_s: float
-    """Poses older than this are summed up, not looked at again."""
+    """Length of the window that is evaluated in full; older ticks are summed."""
     margin_nats: float
-    """Hypotheses this much worse than the best are dropped, once they have been weighed anew."""
+    """Hypotheses this far behind the best are pruned after a refit."""
 
 
 @dataclass(frozen=True)
@@ -132,10 +133,10 @@ class Model:
     certainty: Certainty
     search: Search
     poses_per_tick: float = 1.5
-    """A tick holds so many poses of the stream at least: of a slow one it is longer than ``tick_s``."""
+    """Least mean number of poses per tick: for a slow stream ticks are longer than ``tick_s``."""
 
     def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":
-        """A copy for poses of which the noise is known: nothing of it is estimated."""
+        """A copy with known noise of the poses, which is not estimated."""
         noise = replace(
             self.noise,
             sigma_position_m=sigma_position_m,
