@@ -1,4 +1,4 @@
-"""The online pass over a whole recording, and what it met."""
+"""The forward pass over a whole recording, and a record of it."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ Index = NDArray[np.int64]
 
 
 class FilteredTick(NamedTuple):
-    """One tick of the pass: the ``state`` that it led to, the ``tick``, and the ``belief`` right after it."""
+    """One tick of the pass: the ``state`` after it, the ``tick``, and the ``belief``."""
 
     state: TrackerState
     tick: Tick
@@ -35,12 +35,12 @@ class FilteredTick(NamedTuple):
 
     @property
     def glimpse(self) -> TickResult:
-        """What hypotheses weighed."""
+        """The weights of the hypotheses."""
         return TickResult.of(self.state, self.tick)
 
     @property
     def numbers(self) -> Index:
-        """By which hypotheses are told apart over the whole recording (A,)."""
+        """Numbers (A,) that identify the active hypotheses in the whole recording."""
         return np.append(Bank.of_all(self.state.banks, "number"), self.state.next_hypothesis_id - 1)
 
 
@@ -57,8 +57,8 @@ def forward(
     ----------
     poses : validated poses in order of time.
     progress : called after each batch of poses with the number of those read so far.
-    knowledge : what is known of the object and its surroundings.
-    detail : how much the beliefs tell.
+    knowledge : known elements of the object and its surroundings.
+    detail : of the beliefs.
     """
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
@@ -81,7 +81,7 @@ def filter_batches(
     progress: Callable[[int], None] | None = None,
     knowledge: PriorMap = EMPTY_MAP,
 ) -> Iterator[tuple[TrackerState, list[TickResult]]]:
-    """``forward`` for who asks for no beliefs: some ticks at a time, and the state that they have led to.
+    """``forward`` without beliefs: several ticks at a time, with the state after them.
 
     Parameters as there.
     """
@@ -100,7 +100,7 @@ def filter_batches(
 
 @dataclass
 class RecordedPass:
-    """All that a forward pass met, tick by tick: for recordings that are looked at as a whole."""
+    """The ticks, hypotheses and weights of a forward pass, for recordings that are evaluated as a whole."""
 
     beliefs: list[Belief] = field(default_factory=list)
     start_ns: list[int] = field(default_factory=list)
@@ -114,14 +114,14 @@ class RecordedPass:
 
     @classmethod
     def over(cls, results: Iterable[FilteredTick]) -> "RecordedPass":
-        """Of all these ticks."""
+        """The record of all these ticks."""
         whole = cls()
         for result in results:
             whole.note(result)
         return whole
 
     def note(self, result: FilteredTick) -> None:
-        """Remember a tick."""
+        """Append a tick."""
         self.beliefs.append(result.belief)
         self.start_ns.append(result.tick.start_ns)
         self.newest.append(result.state.window.cut(-1, None))
@@ -134,15 +134,15 @@ class RecordedPass:
 
     @property
     def exposure(self) -> Array:
-        """To change at the boundary before each tick (T,), see ``transition_model.exposure``.
+        """Exposure to change at the boundary before each tick (T,), see ``transition_model.hazard_exposure``.
 
-        What is withheld when the recording ends is in none of them. It would be without effect: no data come
-        after it, so neither the evidence nor what is believed of the ticks before depends on it.
+        Exposure that is deferred at the end of the recording is missing. It has no effect, since no data
+        follow.
         """
         return np.array(self.exposures)
 
     def window(self, state: TrackerState) -> Window:
-        """All ticks, with the variances that the final estimate of the noise gives them."""
+        """All ticks, with variances from the final noise estimate."""
         assert state.averaging is not None
         counts, noise = np.array(self.frames, float), state.averaging.stream.noise
         variance = tick_averaging.tick_variances(noise, counts, state.model)
@@ -151,7 +151,7 @@ class RecordedPass:
 
     @property
     def trellis(self) -> hmm.Trellis:
-        """All hypotheses that were met."""
+        """All hypotheses of the pass."""
         count = 1 + int(self.numbers[-1].max())
         states, onsets = np.full(count, FREE), np.zeros(count, np.int64)
         for number, alive in zip(self.numbers, self.alive, strict=True):

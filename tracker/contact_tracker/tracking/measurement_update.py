@@ -1,4 +1,4 @@
-"""How the tracker takes in a tick: the window moves on; hypotheses begin, grow and are weighed, or wait."""
+"""The update of the tracker by a tick: window, births, and weights of the hypotheses."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,19 +29,19 @@ FREE: Final = Contact.FREE.column
 
 
 class Prediction(NamedTuple):
-    """A tick that is about to be weighed."""
+    """The prediction for a tick, before its evidence is evaluated."""
 
     sliding_window: SlidingWindow
-    """With it."""
+    """The window including the tick."""
     transitions: TransitionPrediction
     tick_input: TickInput
-    """What the hypotheses are updated by."""
+    """Input of the update of the hypothesis banks."""
 
 
 def is_uninformative(state: TrackerState, tick: Tick) -> bool:
-    """Whether neither this tick nor the one before says anything: at rest, while nothing is known yet of how
-    the object moves, in a gap. What could begin with it could as well begin with the first that does. (Of
-    known elements every tick says whether they touch.)"""
+    """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
+    strength of motion is known. Births at such a tick can wait for the next informative one without changing
+    the posterior. With known elements every tick is informative, since it shows whether they touch."""
     before = state.window.innovation_excess[-1:]
     return (
         not state.knowledge and bool(len(before)) and not before.any() and tick.innovation_excess == NO_EXCESS
@@ -49,7 +49,7 @@ def is_uninformative(state: TrackerState, tick: Tick) -> bool:
 
 
 def propagate_without_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> TrackerState:
-    """The window moves on, and nothing else; what may have changed meanwhile is made up for later."""
+    """Append the tick to the window only; its exposure to change is deferred to the next informative tick."""
     oldest, scales = state.window.expired_by(sliding.window), scales_of(state.model)
     errors = state.model.noise.extra_contact_variance
     settled = [
@@ -73,7 +73,7 @@ def propagate_without_update(state: TrackerState, tick: Tick, sliding: SlidingWi
 
 
 def update_hypotheses(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> TrackerState:
-    """The window moves on, hypotheses begin, grow and are weighed."""
+    """Update by an informative tick: window, births, and weights of the hypotheses."""
     model, ahead = state.model, predict(state, tick, sliding)
     beyond, margin = model.noise.extra_contact_variance, model.search.margin_nats
     living = bank_update.update(state.banks, [ahead.tick_input], beyond, scales_of(model), margin)
@@ -81,7 +81,7 @@ def update_hypotheses(state: TrackerState, tick: Tick, sliding: SlidingWindow) -
 
 
 def predict(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> Prediction:
-    """The tick on to which the window is ``sliding_window``."""
+    """The prediction for the newest tick of the window ``sliding``."""
     window = sliding.window
     ahead = predict_transitions(state, window)
     past = fixed_lag.inherited(state.lag_history, state.log_state_weight, ahead.log_transition)
@@ -102,7 +102,7 @@ def predict(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> Predicti
 def with_weights(
     state: TrackerState, tick: Tick, ahead: Prediction, banks: Sequence[Bank], weighed: TickWeights
 ) -> TrackerState:
-    """The state that a tick has led to."""
+    """The state after a tick, with the updated banks and weights."""
     births = ahead.tick_input.births
     kept = tuple(_with_longer_history(bank, column) for column, bank in enumerate(banks))
     was_free = state.label is Contact.FREE
@@ -126,8 +126,7 @@ def with_weights(
 
 
 def advanced(state: TrackerState, ahead: Prediction) -> TrackerState:
-    """The state once a tick is over, but for what hypotheses make of it: that is all that one needs for the
-    outlook of the next."""
+    """The state after a tick without the update of the hypotheses: enough for predicting the next tick."""
     return state._replace(
         sliding_window=ahead.sliding_window,
         cached_proposals=ahead.transitions.cached_proposals,
@@ -138,12 +137,12 @@ def advanced(state: TrackerState, ahead: Prediction) -> TrackerState:
 
 
 def advanced_window(state: TrackerState, tick: Tick) -> SlidingWindow:
-    """The window with the tick."""
+    """The window including the tick."""
     return advance_window(state.sliding_window, state.ticks, tick, state.model)
 
 
 def _with_longer_history(living: Bank, column: int) -> Bank:
-    """With pasts that are one tick longer."""
+    """The bank with its lag histories extended by a tick in the state of ``column``."""
     return (
         replace(living, lag_history=fixed_lag.grown(living.lag_history, column))
         if living.lag_history.shape[1]
@@ -152,8 +151,9 @@ def _with_longer_history(living: Bank, column: int) -> Bank:
 
 
 def _lag_histories(banks: Sequence[Bank], free: Array) -> Array:
-    """Past (7, L, 7) of each state: that of its hypotheses, and what ``free`` motion (L, 7) has inherited."""
-    if not free.size:  # answers do not lag
+    """Lag history (7, L, 7) of each state: the weighted mean over its hypotheses, and that of ``free`` (L,
+    7)."""
+    if not free.size:  # no lag
         return np.zeros((len(STATES), *free.shape))
     return np.array(
         [*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), fixed_lag.grown(free, FREE)]

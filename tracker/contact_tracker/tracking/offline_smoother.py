@@ -1,7 +1,7 @@
-"""The tracker, offline: the online pass once forward, then Viterbi and smoothing over what it met.
+"""The offline tracker: one forward pass, then Viterbi and smoothing over its hypotheses.
 
-That is concluded piece by piece, as soon as what comes later cannot change it any more: memory does not grow
-with the recording.
+Segments are concluded piece by piece, as soon as later data cannot change them any more, so memory does not
+grow with the recording.
 """
 
 from collections import deque
@@ -34,16 +34,15 @@ from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 Array = NDArray[np.float64]
 
 PIECE_TICKS: Final = 1200
-"""A recording is concluded in pieces of about so many ticks; a shorter one at once, at its end."""
+"""Ticks per piece, about; a shorter recording is one piece."""
 TOLERANCE: Final = 1e-6
-"""By so much, at most, may later data still change a posterior that is told."""
+"""Most by which later data may still change a posterior that is reported."""
 ROOM_BYTES: Final = 60_000_000
-"""Where later data may change everything for hours (an object at rest), so much of it is kept open. Then the
-older half is told as it is known."""
+"""Longest open part, if later data may change everything for hours (an object at rest). Then the older half
+is reported with the posterior so far."""
 _FEW: Final = 256
 _TOGETHER: Final = 32
-"""So many ticks go through the trellis at once: one by one, between all that a tick does, they take twice as
-long."""
+"""Ticks that go through the trellis at once; one by one they would take twice as long."""
 
 _TICK: Final = np.dtype(
     [
@@ -72,8 +71,8 @@ def segment(
     ----------
     poses : validated poses in order of time.
     progress : called now and then with the number of poses read so far.
-    knowledge : what is known of the object and its surroundings.
-    executor : of processes that fit elements to segments while the recording is read on; without, this one.
+    knowledge : known elements of the object and its surroundings.
+    executor : processes that fit elements to segments while reading goes on; by default this process does.
     watch : called with each tick of the forward pass.
 
     Returns
@@ -95,11 +94,11 @@ def pieces(
     online: Detail = Detail.SHARED,
     wrenches: WrenchEvidence | None = None,
 ) -> Iterator[Segmentation]:
-    """What ``segment`` finds, piece by piece and in bounded memory.
+    """``segment`` piece by piece and in bounded memory.
 
-    Each piece holds the segments that were concluded since the one before with their beliefs, and what was
-    filtered since then: that is ahead of the beliefs, tells as much as ``online`` asks for, and nothing with
-    mere ``Detail.WEIGHTS``. ``wrenches`` decide between contacts that motion does not tell apart.
+    Each piece holds the segments concluded since the piece before with their smoothed beliefs, and the online
+    beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
+    left out with ``Detail.WEIGHTS``. ``wrenches`` decide between contacts that motion does not distinguish.
     """
     segmenter = Segmenter(executor, wrenches)
     if watch is None and online < Detail.SHARED:
@@ -119,7 +118,7 @@ def pieces(
 
 
 class Segmenter:
-    """Takes in the ticks of a forward pass and tells segments as they become certain."""
+    """Turns the ticks of a forward pass into segments, as soon as later data cannot change them."""
 
     def __init__(self, executor: Executor | None = None, wrenches: WrenchEvidence | None = None) -> None:
         self._executor = executor
@@ -130,17 +129,17 @@ class Segmenter:
         self._due = PIECE_TICKS
         self._state: TrackerState
         self._newest: TickResult
-        self._outliers = 0  # that were told
-        self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet told
+        self._outliers = 0  # reported so far
+        self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet reported
         self._first, self._before = 0, np.zeros(0)  # number of the oldest of these, zeta of the one before
         self._path: deque[hmm.PathSegment] = deque()
         self._finished: deque[FinishedSegment] = deque()
-        self._fits: deque[Future[list[SegmentFit]]] = deque()  # where others do it
+        self._fits: deque[Future[list[SegmentFit]]] = deque()  # in other processes
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
     def note(self, state: TrackerState, result: TickResult, belief: Belief | None = None) -> None:
-        """Take in the next tick of those that have led to the ``state``, and what was said of it."""
+        """Append the next tick of those that lead to ``state``, with its online belief."""
         tick = result.tick
         if self._forward is None:
             self._forward = hmm.ForwardFilter(result.log_birth_weight)
@@ -157,16 +156,16 @@ class Segmenter:
 
     @property
     def open_ticks(self) -> int:
-        """How many ticks have no posterior yet that stays."""
+        """Number of ticks whose posterior may still change."""
         return len(self._past) + len(self._waiting)
 
     @property
     def due(self) -> bool:
-        """Whether it is worth while to look for what is certain by now."""
+        """Whether enough ticks are open to look for decided ones."""
         return self.open_ticks >= self._due or self._past.size > ROOM_BYTES
 
     def conclude(self) -> Segmentation:
-        """What has become certain since the last time."""
+        """The segments decided since the last call."""
         living = self._followed()
         posterior, certain = self._past.look_back(living, TOLERANCE)
         if self._past.size > ROOM_BYTES:
@@ -179,7 +178,7 @@ class Segmenter:
         return self._tell(len(self._finished) if self._executor is None else waiting)
 
     def finish(self) -> Segmentation:
-        """The recording has ended: all the rest."""
+        """The rest, at the end of the recording."""
         if self._forward is None:
             return Segmentation()
         living = self._followed()
@@ -190,7 +189,7 @@ class Segmenter:
         return self._tell(len(self._finished))
 
     def _followed(self) -> hmm.FilterFrontier:
-        """What is alive after the last tick, the trellis being grown up to it."""
+        """The frontier after the last tick; the trellis is extended up to it."""
         assert self._forward is not None
         for alive, change, row in self._waiting:
             step = self._forward.advance(*alive, change)
@@ -206,14 +205,15 @@ class Segmenter:
             self._posterior.append((row,))
 
     def _decided(self, stretches: Iterable[hmm.PathSegment]) -> None:
-        """Free motion is remembered tick by tick; a run of free ticks is one stretch."""
+        """Append decided path segments. The path has free motion tick by tick; consecutive ones are
+        joined."""
         for state, onset, end in stretches:
             if self._path and state == self._path[-1][0] == FREE:
                 onset = self._path.pop()[1]
             self._path.append((state, onset, end))
 
     def _begin(self, final: bool) -> None:
-        """Fit the stretches of which all is known; free motion at the end may go on."""
+        """Fit the segments whose posterior is decided; free motion at the end may go on unless ``final``."""
         while self._path and self._path[0][2] - self._first <= len(self._posterior):
             state, onset, end = self._path[0]
             if state == FREE and len(self._path) == 1 and not final:
@@ -231,7 +231,7 @@ class Segmenter:
             self._first, self._before = end, rows["zeta"][-1]
 
     def _segment_ticks(self, column: int, rows: NDArray[np.void]) -> SegmentTicks:
-        """What contacts are fitted to, with today's estimate of the noise."""
+        """The ticks that contacts are fitted to, with the present noise estimate."""
         state, noise = self._state, self._newest.tick.noise
         assert state.averaging is not None
         window = Window(
@@ -250,7 +250,7 @@ class Segmenter:
         )
 
     def _tell(self, count: int) -> Segmentation:
-        """The oldest ``count`` segments that are being fitted, and what was filtered meanwhile."""
+        """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""
         finished = [self._finished.popleft() for _ in range(count)]
         if self._executor is None:
             fits = fit_segments([one.ticks for one in finished])

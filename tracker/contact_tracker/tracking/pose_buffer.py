@@ -1,4 +1,4 @@
-"""Poses that are looked at while they pass: beside their segmentation, and in bounded memory."""
+"""A bounded buffer of the poses that a segmentation reads, for drawing them beside its segments."""
 
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
@@ -7,14 +7,15 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.tracking.segmentation import Segmentation
 
 Pieces = Callable[[Iterable[Pose]], Iterable[Segmentation]]
-"""Reads all poses and gives what was found piece by piece, as ``offline_smoother.pieces`` does."""
+"""Reads all poses and yields segmentations piece by piece, as ``offline_smoother.pieces`` does."""
 
 BLOCK: Final = 1000
 LIMIT: Final = 200_000
 
 
 def watched(poses: Iterable[Pose], pieces: Pieces, note: Callable[[Poses], None]) -> Iterator[Segmentation]:
-    """The ``pieces`` of ``poses``; all that were read for one are noted before it, block by block."""
+    """Yield the ``pieces`` of ``poses``; ``note`` gets the poses read for each piece before it, block by
+    block."""
     rows: list[Pose] = []
 
     def flush() -> None:
@@ -35,18 +36,19 @@ def watched(poses: Iterable[Pose], pieces: Pieces, note: Callable[[Poses], None]
 
 
 class Waiting:
-    """Poses from the oldest that is still needed on; where more than ``limit`` wait, evenly thinned."""
+    """Buffered poses since the oldest that is still needed; thinned evenly if there are more than
+    ``limit``."""
 
     def __init__(self, limit: int = LIMIT) -> None:
         self._limit = limit
         self._blocks: list[Poses] = []
         self._size = 0
         self._every = 1
-        self._next = 0  # so many poses are passed over before the next is kept
+        self._next = 0  # number of poses to skip before the next one is kept
 
     def extend(self, poses: Poses) -> None:
-        """Later poses."""
-        kept = Poses.join([poses[self._next :: self._every]])  # a copy: the others are let go
+        """Append later poses."""
+        kept = Poses.join([poses[self._next :: self._every]])  # a copy, so that the others are freed
         self._next = (self._next - len(poses)) % self._every
         self._blocks.append(kept)
         self._size += len(kept)
@@ -55,21 +57,21 @@ class Waiting:
 
     @property
     def poses(self) -> Poses:
-        """All that wait."""
+        """The buffered poses."""
         if len(self._blocks) != 1:
             self._blocks = [Poses.join(self._blocks)]
         return self._blocks[0]
 
     def drop(self, count: int) -> None:
-        """Forget the oldest; where few are left, the next are kept one and all."""
+        """Drop the oldest; if few are left, thinning ends for the next ones."""
         self._blocks = [Poses.join([self.poses[count:]])]
         self._size = len(self._blocks[0])
         if self._size <= self._limit // 16:
             self._every, self._next = 1, 0
 
     def _thin(self) -> None:
-        """Keep every other one, the oldest first."""
-        if self._size % 2:  # the newest is kept, so that one more is passed over
+        """Keep every other pose, the oldest included."""
+        if self._size % 2:  # the newest is kept, so one more is skipped
             self._next += self._every
         self._every *= 2
         self._blocks = [Poses.join([self.poses[::2]])]

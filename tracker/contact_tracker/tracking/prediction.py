@@ -1,4 +1,4 @@
-"""What may come with a new tick: which hypotheses may begin, and how likely states change or last."""
+"""The prediction for a tick: birth proposals, and probabilities of changing and staying."""
 
 from typing import NamedTuple
 
@@ -18,29 +18,29 @@ from contact_tracker.tracking.transition_model import hazard_exposure, tick_tran
 
 
 class TransitionPrediction(NamedTuple):
-    """What may come with a tick, before its evidence is known."""
+    """Prediction for a tick, before its evidence."""
 
     proposals: tuple[BirthProposals, ...]
-    """Which hypotheses of each contact may begin."""
+    """Birth proposals of each contact."""
     cached_proposals: tuple[CachedProposals, ...]
-    """The same, with what they follow from."""
+    """The same with their keys, for reuse at the next tick."""
     hazard_exposure: float
-    """To a change of state, in ticks of motion."""
+    """Exposure to a change of state, in ticks of motion."""
     log_transition: Array
-    """(7, 7) log chances of a change before the tick, from row to column."""
+    """(7, 7) log probabilities of a change before the tick, from row to column."""
     log_survival: Array
-    """(7,) log chances of lasting through it."""
+    """(7,) log probabilities of staying through it."""
     log_birth_weight: Array
-    """(7,) log weights with which states begin."""
+    """(7,) log birth weights."""
 
 
 def predict_transitions(state: TrackerState, window: Window) -> TransitionPrediction:
-    """The outlook at the newest tick of ``window``, which ``state`` has not taken in."""
+    """The prediction for the newest tick of ``window``, by which ``state`` has not been updated."""
     assert state.averaging is not None
     model = state.model
     first, frame = state.ticks == 0, Frame.around(state.averaging.origin_m, window.zeta[-1, T])
     cached = tuple(
-        _reminded(contact, earlier, state, frame)
+        _proposals_of(contact, earlier, state, frame)
         for contact, earlier in zip(CONTACT_MODELS, state.cached_proposals, strict=True)
     )
     proposals = tuple(now.proposals for now in cached)
@@ -51,7 +51,7 @@ def predict_transitions(state: TrackerState, window: Window) -> TransitionPredic
             state.log_state_weight if first else hmm.birth_log_weights(state.log_state_weight, transition)
         )
         return TransitionPrediction(proposals, cached, exposed, transition, survival, birth_weight)
-    # what is known is met by moving, however smoothly
+    # known elements come into contact by any displacement, however smooth
     exposed = max(exposed, window.displacement_ratio)
     scales, newest = scales_of(model), window.cut(-1, None)
     proximity = [
@@ -77,10 +77,11 @@ def predict_transitions(state: TrackerState, window: Window) -> TransitionPredic
     )
 
 
-def _reminded(
+def _proposals_of(
     contact: ContactModel, earlier: CachedProposals, state: TrackerState, frame: Frame
 ) -> CachedProposals:
-    """Contacts take turns: what one tick has taught is not told to all of them in the next."""
+    """Birth proposals of a contact; a changed memory is used from the next tick in which the contact
+    searches."""
     memory = state.memory if is_due(contact, state.ticks) else earlier.memory
     if memory is earlier.memory and frame == earlier.frame:
         return earlier

@@ -1,4 +1,4 @@
-"""Tables that grow at the end and are forgotten from the start, without ever being copied as a whole."""
+"""Queues of rows in blocks: appended at the end, dropped from the start, never copied as a whole."""
 
 from typing import Any, Final
 
@@ -9,7 +9,7 @@ _BLOCK: Final = 1024
 
 
 class Columns:
-    """Rows of a structured ``dtype``, counted from the oldest that is held."""
+    """Rows of a structured ``dtype``, indexed from the oldest."""
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self._dtype = dtype
@@ -38,7 +38,7 @@ class Columns:
         return copy
 
     def drop(self, count: int) -> None:
-        """Forget the oldest rows."""
+        """Drop the oldest rows."""
         self._start += count
         blocks = self._start // _BLOCK
         del self._blocks[:blocks]
@@ -46,9 +46,9 @@ class Columns:
         self._end -= blocks * _BLOCK
 
     def take(self, count: int) -> NDArray[Any]:
-        """The oldest rows, which are forgotten."""
+        """Remove and return the oldest rows."""
         taken = np.empty(count, self._dtype)
-        for first in range(0, count, _BLOCK):  # never all of them twice
+        for first in range(0, count, _BLOCK):  # in blocks, so that memory never doubles
             some = min(_BLOCK, count - first)
             taken[first : first + some] = self.rows(0, some)
             self.drop(some)

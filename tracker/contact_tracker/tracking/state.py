@@ -1,4 +1,4 @@
-"""Everything the tracker knows between two poses."""
+"""The state of the tracker between two poses."""
 
 from typing import NamedTuple
 
@@ -27,61 +27,61 @@ Array = NDArray[np.float64]
 
 
 class TrackerState(NamedTuple):
-    """Everything the tracker knows; bounded in size however long the stream.
+    """The state of the tracker; its size is bounded, however long the stream.
 
     7 states: the six contacts and free motion; L lagged ticks.
     """
 
     model: Model
     knowledge: PriorMap
-    """What the user knows."""
+    """Known elements."""
     averaging: TickState | None
-    """Poses on their way into ticks; it may be ahead of the hypotheses."""
+    """State of the averaging of poses into ticks; it may be ahead of the hypotheses."""
     sliding_window: SlidingWindow
-    """The last ticks that hypotheses have taken in."""
+    """The latest ticks by which the hypotheses have been updated."""
     banks: tuple[Bank, ...]
-    """The hypotheses of each contact."""
+    """The hypothesis bank of each contact."""
     memory: LandmarkMemory
-    """Elements met before, which contacts may meet again."""
+    """Landmarks: elements that have touched before."""
     cached_proposals: tuple[CachedProposals, ...]
-    """What each contact may begin with, as last worked out."""
+    """Birth proposals of each contact, as last computed."""
     log_state_weight: Array
-    """(7,) weight of each state at the last boundary, up to a constant."""
+    """(7,) log weight of each state at the last boundary, up to a constant."""
     residual: Array
     """(6,) whitened residual of each contact, see ``Belief``."""
     best_rows: NDArray[np.int64]
-    """(6,) the best hypothesis in each bank, -1 of an empty one."""
+    """(6,) row of the best hypothesis in each bank; -1 for an empty one."""
     live_hypotheses: LiveHypotheses
-    """Those of all banks, and free motion."""
+    """The active hypotheses of all banks, and free motion."""
     ticks: int
-    """So many have been taken in."""
+    """Number of ticks so far."""
     next_hypothesis_id: int
-    """The number that the next hypothesis gets."""
+    """Number of the next hypothesis."""
     outliers: int
-    """Among the poses so far."""
+    """Number of outliers among the poses so far."""
     label: Contact | None
     """The most probable state; None before the first tick."""
     free_since: int
-    """The tick since which the label is free."""
+    """Number of the tick since which the label is free."""
     free_since_ns: int
     curved: CurvedMotion
     """What free motion was judged to be."""
     hazard_exposure: float
-    """To a change of state at the last boundary, in ticks of motion."""
+    """Exposure to a change of state at the last boundary, in ticks of motion."""
     log_transition: Array
-    """(7, 7) log chances of change at that boundary, from row to column."""
+    """(7, 7) log probabilities of change at that boundary, from row to column."""
     log_birth_weight: Array
-    """(7,) log weights with which states began at it."""
+    """(7,) log birth weights at that boundary."""
     log_normaliser: float
-    """What was taken from the weights so far to keep them near zero (nats)."""
+    """Sum of the normalisation constants of the weights (nats)."""
     deferred_exposure: float
-    """Of ticks that said nothing: it counts at the next that does."""
+    """Exposure of uninformative ticks, which counts at the next informative one."""
     lag_history: Array
-    """(7, L, 7) of each state, the states that it came from in the last L ticks."""
+    """(7, L, 7) per state: probabilities of the states in the last L ticks."""
     recent: tuple[Belief, ...]
-    """Beliefs of the last L ticks, where answers lag."""
+    """Beliefs of the last L ticks, with a lag."""
     belief: Belief | None
-    """The last one."""
+    """The latest belief."""
     beside: Beside = NOTHING_BESIDE
     """Contacts beside the label."""
 
@@ -92,14 +92,14 @@ class TrackerState(NamedTuple):
 
     @property
     def window(self) -> Window:
-        """The last ticks."""
+        """The latest ticks."""
         return self.sliding_window.window
 
 
 def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> TrackerState:
-    """A tracker that has seen nothing, but may know something.
+    """The state before the first pose.
 
-    With ``lag_s`` it speaks of that long ago, and knows better.
+    With ``lag_s``, beliefs are of that long ago, and use the data since then.
     """
     lag = round(lag_s / model.tick_s)
     length = lag + 1 if lag else 0
@@ -139,7 +139,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
 
 
 def scales_of(model: Model) -> EvidenceParameters:
-    """What evidence needs of the model."""
+    """The evidence parameters of a model."""
     motion = model.motion
     return EvidenceParameters(
         model.geometry.reach_m,

@@ -1,4 +1,4 @@
-"""The tracker, online: ``step(state, pose) -> (state, belief)``. It reads like the figure in docs/theory.md.
+"""The online tracker: ``step(state, pose) -> (state, belief)``, as in the figure of docs/theory.md.
 
 pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states -> belief
 """
@@ -42,10 +42,10 @@ __all__ = [
 
 
 def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
-    """Take in one pose; a belief comes out when the pose closes a tick, from data up to that tick only.
+    """Advance by one pose; returns a belief if the pose closes a tick, from data up to that tick only.
 
-    After a gap in the stream one pose closes several ticks, of which the last is told; who wants them all
-    calls what this is made of: ``accumulate_pose``, ``update`` and ``answer``.
+    After a gap one pose closes several ticks, and the belief is that of the last. ``accumulate_pose`` and
+    ``update``, of which this consists, give them all.
     """
     state, closed = accumulate_pose(state, pose)
     belief = None
@@ -56,10 +56,9 @@ def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
 
 
 def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
-    """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
+    """At the end of the stream: beliefs of the last, partial tick and of the ticks within the lag.
 
-    Should it go on after all, it has paused: ``step`` takes the next pose as it does after a gap, and says
-    nothing twice.
+    The stream may be continued: ``step`` then treats the time since as a gap, and no tick is reported twice.
     """
     state, closed = close_tick(state)
     beliefs = []
@@ -73,7 +72,7 @@ def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
 def accumulate_pose(state: TrackerState, pose: Pose) -> tuple[TrackerState, list[Tick]]:
     """Average poses into ticks; returns the ticks that this pose closes (several after a gap).
 
-    The pose is kept as it is until its tick is over.
+    The pose is stored until its tick is closed.
     """
     averaging = state.averaging
     if averaging is None or not tick_grid.goes_on(averaging, pose.stamp_ns, state.model):
@@ -82,7 +81,7 @@ def accumulate_pose(state: TrackerState, pose: Pose) -> tuple[TrackerState, list
 
 
 def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, list[Tick]]:
-    """The same of many poses at once, of which there are some."""
+    """``accumulate_pose`` for one pose or more."""
     averaging = tick_grid.begin(state.model, poses) if state.averaging is None else state.averaging
     averaging, closed = tick_grid.advance(averaging, poses, state.model)
     return state._replace(averaging=averaging), closed
@@ -91,7 +90,7 @@ def accumulate_poses(state: TrackerState, poses: Poses) -> tuple[TrackerState, l
 def follow_ticks(
     state: TrackerState, leader: TrackerState, advanced: TrackerState, closed: Sequence[Tick]
 ) -> tuple[TrackerState, list[Tick]]:
-    """The same by poses that a ``leader`` has averaged, see ``tick_grid.follow``."""
+    """``accumulate_poses`` with the averages of a ``leader``, see ``tick_grid.follow``."""
     assert state.averaging is not None
     assert leader.averaging is not None
     assert advanced.averaging is not None
@@ -102,7 +101,7 @@ def follow_ticks(
 
 
 def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
-    """Close the tick under way."""
+    """Close the current tick early."""
     if state.averaging is None or not state.averaging.frames:
         return state, []
     averaging, tick = tick_grid.close(state.averaging, state.model)
@@ -112,9 +111,10 @@ def close_tick(state: TrackerState) -> tuple[TrackerState, list[Tick]]:
 def update(
     state: TrackerState, tick: Tick, detail: Detail = Detail.FORMATION, judges: bool = True
 ) -> tuple[TrackerState, Belief]:
-    """Take in one tick, and tell of it in ``detail``.
+    """Update by one tick; the belief has this ``detail``.
 
-    It ``judges`` whether free motion keeps to a curved surface, unless another one does that for it.
+    A tracker that ``judges`` tests free motion for curved surfaces; of trackers side by side one does so for
+    all.
     """
     sliding = measurement_update.advanced_window(state, tick)
     if measurement_update.is_uninformative(state, tick):
@@ -123,7 +123,7 @@ def update(
 
 
 def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tuple[TrackerState, Belief]:
-    """Wait through a tick that says nothing: what was believed is believed on."""
+    """Pass an uninformative tick: the belief stays as it was."""
     assert state.belief is not None
     return _record_belief(
         measurement_update.propagate_without_update(state, tick, sliding),
@@ -134,10 +134,10 @@ def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tupl
 def read_posterior(
     state: TrackerState, tick: Tick, detail: Detail, judges: bool = True
 ) -> tuple[TrackerState, Belief]:
-    """See what is believed after the tick, which has just been weighed, and learn from it."""
+    """The belief after a tick, whose evidence is in ``state``; certain elements are added to the memory."""
     belief = state_posterior(state, tick.stamp_ns)
     shared, learns = belief, _should_update_map(state, belief)
-    if learns or detail >= Detail.SHARED:  # which leaves the label no more than it has
+    if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
         state = with_curved_motion(state, belief.contact, judges)
         shared = share_among_indistinguishable(state, belief)
         learns = learns and _should_update_map(state, shared)
@@ -162,7 +162,7 @@ def _record_belief(state: TrackerState, belief: Belief) -> tuple[TrackerState, B
 
 
 def _should_update_map(state: TrackerState, belief: Belief) -> bool:
-    """Elements that are certain enough are remembered, and looked at again now and then."""
+    """Whether the labelled contact is certain enough for the landmark memory, and due."""
     if belief.contact is Contact.FREE or belief.probability.max() < MAP_INSERTION_PROBABILITY:
         return False
     return state.memory.is_due(belief.onset_ns, belief.stamp_ns)

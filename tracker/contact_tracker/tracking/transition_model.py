@@ -1,7 +1,7 @@
-"""Start and change of the states: the hidden Markov model's arrays from the lattice and from what was seen.
+"""Initial and transition probabilities of the HMM, from the containment lattice and from counts.
 
-The containment lattice gives a prior of a known weight, ``prior_changes``; counts of calibration add to it
-(docs/models.md). So nothing is impossible, and few data leave the lattice as it is.
+The lattice is a prior with the weight ``prior_changes``, to which the counts of calibration add
+(docs/models.md). So no change is impossible, and few counts change little.
 """
 
 from functools import lru_cache
@@ -37,10 +37,11 @@ def leave_per_s(transitions: Transitions) -> Array:
 
 
 def destinations(transitions: Transitions) -> Array:
-    """Where one goes (7, 7) from a state (row) that is left: rows are means of Dirichlet posteriors.
+    """Distribution (7, 7) of the next state (column) given the state that is left: means of Dirichlet
+    posteriors.
 
-    The prior is the lattice: gaining or losing one step of it, and leaving the surface or meeting it, are
-    likely; what skips a step is rarer by ``skip``; the same contact with other elements is rarer still.
+    The prior follows the lattice: steps to a neighbour, and between free and contact, are likely; changes
+    that skip a step are rarer by ``skip``; the same contact with other elements is rarer still.
     """
     lattice = np.full((len(STATES), len(STATES)), transitions.skip)
     for i, a in enumerate(STATES):
@@ -59,29 +60,29 @@ def log_initial(model: Model) -> Array:
 
 
 def hazard_exposure(activity: float) -> float:
-    """As how much of a tick in motion one of this ``activity`` (0 at rest, 1 in motion) counts.
+    """Exposure to change of a tick with this ``activity`` (0 at rest, 1 in motion), in ticks of motion.
 
-    Contacts change by moving: at rest what was believed hardly loosens.
+    Contacts change by moving, so at rest the exposure is small.
     """
     return max(activity, AT_REST)
 
 
 class TickTransitions(NamedTuple):
-    """Chances of a tick, in logs.
+    """Log probabilities of one tick.
 
-    Free motion has no onset to remember: it stays free by ``log_transition``.
+    Free motion needs no onset, so its stay is in ``log_transition``.
     """
 
     log_transition: Array
     """(7, 7) of a change at the boundary before it, from row to column."""
     log_survival: Array
-    """(7,) that a state lasts through it."""
+    """(7,) of staying through it."""
 
 
 def tick_transitions(model: Model, exposure: float) -> TickTransitions:
-    """Those of a tick of this ``hazard_exposure``.
+    """The log probabilities of a tick with this ``hazard_exposure``.
 
-    A state changes no more than once, unless the exposure is that of many ticks.
+    A state changes at most once, unless the exposure is that of many ticks.
     """
     rate, log_split = _rates(model.transitions)
     stay = -rate * (model.tick_s * exposure)
@@ -94,7 +95,7 @@ def tick_transitions(model: Model, exposure: float) -> TickTransitions:
 
 
 def _often(model: Model, exposure: float, stay: Array) -> Array:
-    """Log chances (7, 7) of being elsewhere, or there again, however often it has changed meanwhile."""
+    """Log probabilities (7, 7) of the state after any number of changes."""
     rate, log_split = _rates(model.transitions)
     generator = rate[:, None] * (np.exp(log_split) - np.eye(len(STATES)))
     chance = expm(generator * (model.tick_s * exposure))
@@ -105,7 +106,7 @@ def _often(model: Model, exposure: float, stay: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _rates(transitions: Transitions) -> tuple[Array, Array]:
-    """Rate of leaving (7,) and log of the split (7, 7), read-only."""
+    """Rates of leaving (7,) and log distribution of the next state (7, 7), read-only."""
     with np.errstate(divide="ignore"):
         rate, log_split = leave_per_s(transitions), np.log(destinations(transitions))
     for values in (rate, log_split):
@@ -114,7 +115,8 @@ def _rates(transitions: Transitions) -> tuple[Array, Array]:
 
 
 def _mixed(prior: Array, counts: Array, weight: float) -> Array:
-    """Probabilities along the last axis from ``counts`` and a ``prior`` that weighs as much as so many."""
+    """Probabilities along the last axis from ``counts`` and a ``prior`` with the ``weight`` of this many
+    counts."""
     return np.asarray((weight * prior + counts) / (weight + counts.sum(axis=-1, keepdims=True)))
 
 
