@@ -2,8 +2,8 @@
 
 ::
 
-    recording -> Study   (looking: ticks, true or believed states, fitted stretches; one process each)
+    recording -> Study   (ticks, true or estimated states, fitted segments; one process each)
     studies -> Model     (learn: the stream's noise, floors from residuals, transitions by EM, direct search)
-    folds -> Report      (each recording judged by a model that has not seen it)
+    folds -> Report      (cross-validation: each recording judged by a model learned from others)
     Model -> TOML        (writing)
 """

@@ -1,5 +1,4 @@
-"""The whole of calibration: look at all recordings, learn from them, and judge each by a model that has not
-seen it."""
+"""Calibration: study all recordings, learn from them, and cross-validate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,12 +13,12 @@ from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.evaluate import Evaluation
 
 DOUBTFUL: Final = (How.RESIDUALS, How.CONTACTS)
-"""What is learned from residuals of contacts that are only believed is left out first."""
+"""Parameters learned from residuals of estimated contacts are left out first."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to learn from what; without ``folds`` (0) nothing is held out."""
+    """Settings of a calibration; with ``folds`` 0 nothing is held out."""
 
     sources: tuple[Source, ...]
     start: Model
@@ -32,9 +31,9 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A recording judged by the model at the start and by one learned from other recordings.
+    """A recording judged by the initial model and by one learned from other recordings.
 
-    ``chain`` is the log probability of its true states by the transitions of either, where they are known.
+    ``chain`` is the log probability of its true states under the transitions of either, where they are known.
     """
 
     before: Judged
@@ -44,18 +43,18 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What was learned from all, from what, and what that is worth on each recording held out, if any was."""
+    """The model learned from all recordings, its data, and the results on held-out recordings, if any."""
 
     plan: Plan
     studies: tuple[Study, ...]
     lesson: Lesson
     held_out: tuple[HeldOut, ...]
     left_out: tuple[str, ...]
-    """Keys that were not learned, because without truth they make recordings held out less probable."""
+    """Keys that were not learned, because without truth they make held-out recordings less probable."""
 
     @property
     def log_loss(self) -> tuple[float, float] | None:
-        """Before and after, on the held out recordings with truth, of filtered and smoothed beliefs alike."""
+        """Tallies before and after, on held-out recordings with truth, of filtered and smoothed beliefs."""
         before = [h.before.evaluation for h in self.held_out if h.before.evaluation is not None]
         after = [h.after.evaluation for h in self.held_out if h.after.evaluation is not None]
         return (mean_log_loss(before), mean_log_loss(after)) if before else None
@@ -88,12 +87,12 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
 
 
 def _is_worse(held_out: Sequence[HeldOut]) -> bool:
-    """Whether recordings held out are less probable than before."""
+    """Whether held-out recordings are less probable than before."""
     return sum(one.after.log_evidence - one.before.log_evidence for one in held_out) < 0.0
 
 
 def mean_log_loss(evaluations: Sequence[Evaluation]) -> float:
-    """Nats, over filtered and smoothed beliefs of all scored time; nan where there is none."""
+    """Log-loss in nats over filtered and smoothed beliefs of all scored time; nan without any."""
     tallies = [tally for e in evaluations for tally in (e.online, e.offline)]
     seconds = sum(tally.seconds() for tally in tallies)
     return sum(tally.log_loss_s for tally in tallies) / seconds if seconds else float("nan")

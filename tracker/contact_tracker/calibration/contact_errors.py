@@ -1,4 +1,4 @@
-"""How far each contact is from an ideal one beyond the floor of all."""
+"""Deviation of each contact from an ideal one beyond the common floor."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -12,13 +12,13 @@ from contact_tracker.states import CONTACTS
 
 FLOOR_OF: Final = {"noise.contact_position_m": POSITION, "noise.contact_rotation_rad": ROTATION}
 SHOWN: Final = 5.0
-"""Standard errors by which residuals must be larger than the floor of all says: neighbours are alike."""
+"""Standard errors by which residuals must exceed the common floor; neighbours are correlated."""
 
 
 def learn_contact_errors(model: Model, stretches: Sequence[Stretch], keys: Sequence[str]) -> Model:
-    """The errors ``keys`` of each contact: what the floor that it would have alone has beyond that of all.
+    """The errors ``keys`` of each contact: its own floor beyond the common one, in quadrature.
 
-    Contacts that leave too few residuals, or none that the floor of all does not explain, have none.
+    Contacts with too few residuals, or whose residuals the common floor explains, have none.
     """
     if not keys:
         return model

@@ -1,8 +1,8 @@
-"""What a recording says of the Markov chain of the states, given a model: the E-step.
+"""The E-step: expected changes and stays of the Markov chain of the states in a recording, given a model.
 
-States are known (``KnownStates``: truth) or only believed (``BelievedStates``: the hypotheses of a forward
-pass, their evidence held fixed). Where truth is silent for a moment, as it often is at a change, all ways
-through that moment are weighed by the model.
+States are known (``KnownStates``: truth) or estimated (``BelievedStates``: the hypotheses of a forward pass,
+their evidence held fixed). Where truth is missing for a moment, as often at a change, all paths through it
+are weighed by the model.
 """
 
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LONGEST_SILENCE_S: Final = 1.0
-"""Truth that is silent for longer says nothing about how it goes on."""
+"""Longer intervals without truth separate the states before and after."""
 _DIAGONAL: Final = np.arange(len(STATES))
 
 
 class Expected(NamedTuple):
-    """Expected of a recording of T ticks.
+    """Expectations of a recording of T ticks.
 
-    ``begins`` (7,): the state in which it began; ``stays`` (T, 7), ``changes`` (T, 7, 7): that at the
-    boundary before each tick a state lasted, or gave way to another; ``log_evidence`` in nats.
+    ``begins`` (7,): probability of the initial state; ``stays`` (T, 7), ``changes`` (T, 7, 7): probability
+    that at the boundary before each tick a state stayed, or changed to another; ``log_evidence`` in nats.
     """
 
     begins: Array
@@ -44,7 +44,7 @@ class Chain(Protocol):
 
     @property
     def exposure(self) -> Array:
-        """(T,) of each tick, see ``transition_model.exposure``."""
+        """(T,) exposure of each tick, see ``transition_model.hazard_exposure``."""
 
     def expect(self, model: Model) -> Expected:
         """The E-step with the transitions of ``model``."""
@@ -58,7 +58,7 @@ class KnownStates:
     exposure: Array
 
     def expect(self, model: Model) -> Expected:
-        """Counts of what is known, expectations of short silences."""
+        """Counts where states are known, expectations in short intervals without truth."""
         ticks = len(self.label)
         stays, changes = np.zeros((ticks, len(STATES))), np.zeros((ticks, len(STATES), len(STATES)))
         begins, initial = np.zeros(len(STATES)), log_initial(model)
@@ -83,7 +83,7 @@ class KnownStates:
         return Expected(begins, stays, changes, log_evidence)
 
     def _steps(self, model: Model) -> Array:
-        """Log probability (T, 7, 7) of each step; the truth knows no change into the same contact."""
+        """Log probability (T, 7, 7) of each step; the truth has no changes into the same contact."""
         chance = [tick_transitions(model, exposure) for exposure in self.exposure]
         steps = np.array([change for change, _ in chance])
         if len(steps):
@@ -92,9 +92,9 @@ class KnownStates:
 
 
 def _bridge(steps: Array, first: int, last: int) -> tuple[Array, float]:
-    """Changes (t, 7, 7) between two known ticks with nothing known between, and their log probability.
+    """Changes (t, 7, 7) between two known ticks with none known between, and their log probability.
 
-    One hypothesis per tick and state, without memory: lasting is a step like any other.
+    A plain Markov chain with one hypothesis per tick and state: staying is a step like any other.
     """
     ticks, states = len(steps), len(STATES)
     state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
@@ -107,14 +107,14 @@ def _bridge(steps: Array, first: int, last: int) -> tuple[Array, float]:
 
 @dataclass(frozen=True, eq=False)
 class BelievedStates:
-    """The hypotheses of a forward pass; the evidence in ``trellis`` is without what lasting costs."""
+    """The hypotheses of a forward pass; the evidence in ``trellis`` excludes the probability of staying."""
 
     trellis: hmm.Trellis
     exposure: Array
 
     @classmethod
     def of(cls, trellis: hmm.Trellis, exposure: Array, model: Model) -> "BelievedStates":
-        """From the trellis of a forward pass by ``model``, in which lasting was paid for."""
+        """From the trellis of a forward pass by ``model``, which includes the probability of staying."""
         return cls(_paying(trellis, exposure, model, -1.0), exposure)
 
     def expect(self, model: Model) -> Expected:
@@ -122,14 +122,15 @@ class BelievedStates:
         steps = np.array([tick_transitions(model, exposure).log_transition for exposure in self.exposure])
         trellis = _paying(self.trellis, self.exposure, model, 1.0)
         posterior, changes, log_evidence = hmm.expect(trellis, log_initial(model), steps)
-        changes[:, FREE, FREE] = 0.0  # of free motion this is lasting
+        changes[:, FREE, FREE] = 0.0  # for free motion this is staying
         stays = np.zeros_like(posterior)
         stays[1:] = np.maximum(posterior[:-1] - changes[1:].sum(axis=2), 0.0)
         return Expected(posterior[0], stays, changes, log_evidence)
 
 
 def _paying(trellis: hmm.Trellis, exposure: Array, model: Model, sign: float) -> hmm.Trellis:
-    """The trellis with ``sign`` times the cost of lasting added: by contacts, after their first tick."""
+    """The trellis with ``sign`` times the log probability of staying added to contacts, after their first
+    tick."""
     stay = np.array([tick_transitions(model, e).log_survival for e in exposure]).reshape(-1, len(STATES))
     stay[:, FREE] = 0.0
     until = np.concatenate([np.zeros((1, len(STATES))), np.cumsum(stay, axis=0)])

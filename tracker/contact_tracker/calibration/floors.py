@@ -1,4 +1,5 @@
-"""Floors of the noise: how far real contacts are from ideal ones, from what fits leave beyond the sensor."""
+"""Floors of the noise: deviations of real contacts from ideal ones, from residuals beyond the sensor's
+noise."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,22 +18,23 @@ from contact_tracker.states import CONTACTS
 Array = NDArray[np.float64]
 
 FEWEST: Final = 100
-"""Residuals below which a floor is left as it was."""
+"""Least number of residuals; with fewer a floor stays as it was."""
 LEAST: Final = 1e-6
-"""A floor (m, rad) that is as good as none."""
+"""Floors (m, rad) below this count as zero."""
 MOST: Final = 0.1
 ROUNDS: Final = 8
 FIRST_STEPS: Final = 6
 CONVERGED: Final = 1e-3
 _MEAN: Final = float(chi2.cdf(CLIP**2, 3) + CLIP**2 * chi2.sf(CLIP**2, 1))
-"""Mean square of a standard normal number that counts as ``CLIP`` beyond it."""
+"""Mean square of a standard normal variable clipped at ``CLIP``."""
 POSITION: Final = "noise.floor_position_m"
 ROTATION: Final = "noise.floor_rotation_rad"
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A floor (m or rad; None where too little was seen) from so many ``residuals`` of ``contacts``."""
+    """A floor (m or rad; None from too few residuals), the number of ``residuals``, and their
+    ``contacts``."""
 
     key: str
     contacts: str
@@ -43,7 +45,7 @@ class Floor:
 def learn_floors(
     model: Model, stretches: Sequence[Stretch], keys: Sequence[str]
 ) -> tuple[Model, tuple[Floor, ...]]:
-    """The floors ``keys`` at which clipped whitened squares are as large as they should be.
+    """The floors ``keys`` at which clipped whitened squares have their expected mean.
 
     Fit and floors are refined in turns, so that the result does not depend on the floors of ``model``.
 
@@ -87,7 +89,7 @@ def _of(model: Model, all_residuals: Sequence[Residuals], key: str) -> float | N
 
 
 def _whitened_sq(model: Model, all_residuals: Sequence[Residuals], key: str) -> Callable[[float], Array]:
-    """Clipped whitened squares of all residuals that a floor is of, by its value."""
+    """Clipped whitened squares of all residuals that a floor applies to, as a function of it."""
     rows = [
         _angles(r) if key == ROTATION else _distances(r, model.noise.floor_rotation_rad)
         for r in all_residuals
@@ -97,7 +99,7 @@ def _whitened_sq(model: Model, all_residuals: Sequence[Residuals], key: str) -> 
 
 
 def doubt(model: Model, stretches: Sequence[Stretch], key: str) -> float:
-    """By how many standard errors residuals are larger than the floors of ``model`` say; 0 of too few."""
+    """Standard errors by which residuals exceed the floors of ``model``; 0 with too few."""
     all_residuals = [refined(s, model, FIRST_STEPS)[1] for s in stretches]
     if _size(all_residuals, key) < FEWEST:
         return 0.0
@@ -116,13 +118,13 @@ def _root(excess: Callable[[float], float]) -> float:
 
 
 def _angles(r: Residuals) -> tuple[Array, Array, Array]:
-    """Squares, variances without the floor and free shares of all angles of a stretch."""
+    """Squares, variances without the floor, and residual shares (1 - leverage) of all angles of a segment."""
     variance = np.broadcast_to(r.variance[:, 1], r.residual[:-1].shape)
     return r.residual[:-1].ravel() ** 2, variance.ravel(), r.free[:-1].ravel()
 
 
 def _distances(r: Residuals, floor_rotation: float) -> tuple[Array, Array, Array]:
-    """The same of all distances."""
+    """The same for all distances."""
     variance = r.variance[:, 0] + (r.variance[:, 1] + floor_rotation**2) * r.lever_sq
     return r.residual[-1] ** 2, variance, r.free[-1]
 

@@ -1,4 +1,4 @@
-"""From studies of recordings to a model: closed forms first, each with what came before it."""
+"""Learn a model from studies of recordings: closed forms first, each with the results before it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from contact_tracker.config.parameters import Model
 
 @dataclass(frozen=True)
 class Lesson:
-    """A learned model and how it came about: ``floors`` by contact, log posterior by round of EM (empty
-    where transitions were not learned), ``searched`` parameters."""
+    """A learned model with its derivation: ``floors`` by contact, log posterior by round of EM (empty if
+    transitions were not learned), ``searched`` parameters."""
 
     model: Model
     floors: tuple[Floor, ...]
@@ -28,7 +28,8 @@ class Lesson:
 def learn(
     start: Model, studies: Sequence[Study], wanted: Sequence[Learned], loss: Callable[[Model], float]
 ) -> Lesson:
-    """Learn ``wanted`` from one or more ``studies``, the rest as in ``start``; a search lowers ``loss``."""
+    """Learn ``wanted`` from one or more ``studies``; other parameters stay as in ``start``. A search lowers
+    ``loss``."""
     keys = {how: [learned.key for learned in wanted if learned.how is how] for how in How}
     model = start
     floors: tuple[Floor, ...] = ()

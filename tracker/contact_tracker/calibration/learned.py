@@ -1,4 +1,4 @@
-"""The one table of what calibration learns, and how a model's numbers are read and replaced by their keys."""
+"""The table of parameters that calibration learns; access to a model's numbers by key."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from contact_tracker.errors import UsageError
 
 
 class How(StrEnum):
-    """Where a parameter is learned from."""
+    """How a parameter is learned."""
 
     STREAM = "the sensor noise of the streams"
     RESIDUALS = "residuals of contacts"
@@ -28,7 +28,7 @@ class Learned:
 
     @property
     def if_named(self) -> bool:
-        """Whether it is learned only where it is asked for."""
+        """Whether it is learned only if named."""
         return self.how in (How.SEARCH, How.CONTACTS)
 
 
@@ -50,12 +50,12 @@ LEARNED: Final = (
 
 
 def select(only: Sequence[str]) -> tuple[Learned, ...]:
-    """What is named in ``only`` by key or by table; without names, all that need not be named.
+    """The parameters named in ``only`` by key or by table; without names, those that need not be named.
 
     Raises
     ------
     UsageError
-        A name that is neither.
+        A name is neither a key nor a table.
     """
     for name in only:
         if not any(_names(name, learned) for learned in LEARNED):
@@ -83,7 +83,7 @@ def with_value(model: Model, key: str, value: Any) -> Model:
 
 
 def rounded(value: float, digits: int = 3) -> float:
-    """So many significant digits: what the file says is what was learned."""
+    """Round to the significant digits of the file, so that the file is exactly what was learned."""
     return float(f"{value:.{digits}g}")
 
 

@@ -1,4 +1,4 @@
-"""What calibration reports: from what it learned, what changed, and what that is worth."""
+"""The report of a calibration: its data, the changes, and their effect on held-out recordings."""
 
 from functools import reduce
 from operator import add

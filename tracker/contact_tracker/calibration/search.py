@@ -1,4 +1,4 @@
-"""Parameters without a closed form: direct search of the log-loss, one by one, on a logarithmic scale."""
+"""Direct search of the log-loss for parameters without a closed form, one by one, on a logarithmic scale."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from contact_tracker.config.loading import limits
 from contact_tracker.config.parameters import Model
 
 EVALUATIONS: Final = 7
-"""Of the loss per parameter; each is a run over all recordings."""
+"""Evaluations of the loss per parameter; each is a pass over all recordings."""
 FACTOR: Final = 5.0
 """A value is searched within this factor of where it was."""
 WORTH: Final = 1e-3
-"""A loss that is not lower by this share of it is no reason to change a parameter."""
+"""A parameter is changed only if the loss falls by more than this share."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Searched:
 def coordinate_search(
     model: Model, keys: Sequence[str], loss: Callable[[Model], float]
 ) -> tuple[Model, tuple[Searched, ...]]:
-    """Lower ``loss`` along each of ``keys`` in turn; a parameter stays where that gains too little."""
+    """Lower ``loss`` along each of ``keys`` in turn; a parameter stays if the gain is too small."""
     searched = []
     best = loss(model) if keys else 0.0
     for key in keys:

@@ -1,4 +1,4 @@
-"""One contact fitted to a stretch of ticks, and what it leaves there: residuals."""
+"""Residuals of one contact fitted to a segment of ticks."""
 
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -19,14 +19,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SHORTEST_TICKS: Final = 15
-"""With motion; less tells too little beside the geometry that is fitted."""
+"""Least number of ticks with motion; fewer carry too little information beside the fitted geometry."""
 MARGIN_TICKS: Final = 1
-"""Left out at either end, where a tick may hold both sides of a change."""
+"""Ticks left out at either end, which may hold frames of both sides of a change."""
 CLIP: Final = 3.0
-"""Beyond so many of its standard deviations a residual pulls the less the larger it is: a bounce is no
-contact."""
+"""Standard deviations beyond which the weight of a residual falls, since a bounce is no contact."""
 STEP: Final = 1e-6
-"""For derivatives by differences, in rad and m."""
+"""Step of finite differences, in rad and m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +41,9 @@ class Stretch:
 
 
 class Residuals(NamedTuple):
-    """Of one stretch: ``residual`` (K, T), angles first and one distance last; the ``variance`` (T, 2) of
-    sensor and contact without the floor; ``lever_sq`` (T,); ``free`` (K, T), the share of its variance that
-    the fit leaves each residual.
+    """Residuals of one segment: ``residual`` (K, T), angles first and one distance last; the ``variance`` (T,
+    2) of sensor and contact without the floor; ``lever_sq`` (T,); ``free`` (K, T), one minus the leverage of
+    each.
     """
 
     residual: Array
@@ -54,7 +53,7 @@ class Residuals(NamedTuple):
 
 
 def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretch]:
-    """Fit each run of one contact in ``label`` (T,) that is long enough, from scratch."""
+    """Fit each run of one contact in ``label`` (T,) that is long enough."""
     stretches = []
     for column, first, end in runs(label):
         first, end = first + MARGIN_TICKS, end - MARGIN_TICKS

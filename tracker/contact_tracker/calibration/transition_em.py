@@ -1,4 +1,4 @@
-"""Transitions by expectation-maximisation: what was seen, given a model, and the model, given that."""
+"""Transitions by expectation-maximisation: expected counts given a model, and the model given the counts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 
 MOST_ROUNDS: Final = 50
 CONVERGED: Final = 1e-3
-"""Largest relative change after which nothing more comes, of what is not ``NEGLIGIBLE``."""
+"""Iteration ends when no count above ``NEGLIGIBLE`` changes by more than this share."""
 NEGLIGIBLE: Final = 1e-3
 LEAST_EXPOSURE_S: Final = 1e-9
-"""Stands for none, which would be zero over zero."""
+"""Stands for zero counts, to avoid zero over zero."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Learning:
 
 
 def learn_transitions(model: Model, chains: Sequence[Chain]) -> Learning:
-    """The transitions that make the recordings most probable, beside the prior of ``model``.
+    """Maximum a posteriori transitions, given the recordings and the prior of ``model``.
 
-    The prior is what ``leave_per_s``, ``skip``, ``initial_f_f`` and ``prior_changes`` say; what the model had
-    seen before is forgotten. Each round raises the log posterior of the transitions (or leaves it).
+    The prior is that of ``leave_per_s``, ``skip``, ``initial_f_f`` and ``prior_changes``; the model's own
+    counts are not used. No round lowers the log posterior.
     """
     trail = []
     for _ in range(MOST_ROUNDS):
@@ -51,7 +51,7 @@ def learn_transitions(model: Model, chains: Sequence[Chain]) -> Learning:
 
 
 def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -> TransitionCounts:
-    """Sums over recordings; a state that was left within a tick has lasted for a part of it.
+    """Sums of the counts over recordings. A state left within a tick has lasted for a part of it.
 
     With the rate lambda, and h the time in which the tick's motion could have ended the state, that part is
     1 / lambda - h / (exp(lambda h) - 1) on average: about half of h.
@@ -81,7 +81,7 @@ def log_prior(model: Model) -> float:
 
 
 def nothing_seen() -> TransitionCounts:
-    """No recording at all."""
+    """Counts of no recording."""
     zeros = (0.0,) * len(STATES)
     return TransitionCounts(zeros, zeros, (zeros,) * len(STATES))
 

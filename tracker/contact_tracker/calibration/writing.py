@@ -9,7 +9,7 @@ from contact_tracker.states import STATES
 
 
 def model_text(model: Model, header: Sequence[str] = ()) -> str:
-    """What ``load_model`` reads again as ``model``, under comment lines ``header``."""
+    """TOML text from which ``load_model`` makes ``model`` again, under comment lines ``header``."""
     lines = [f"# {_printable(' '.join(line.split()))}".rstrip() for line in header]
     return "\n".join([*lines, *_table(model, ""), ""])
 
@@ -42,7 +42,7 @@ def _entry(key: str, kind: Any, value: Any) -> list[str]:
 
 
 def _inline(values: ByState) -> str:
-    """One line; what is zero is left out."""
+    """One line of a table; zeros are left out."""
     pairs = zip(STATES, values, strict=True)
     inside = ", ".join(f"{state.value} = {float(value)!r}" for state, value in pairs if value)
     return f"{{ {inside} }}" if inside else "{}"
@@ -55,5 +55,5 @@ def _quoted(text: str) -> str:
 
 
 def _printable(text: str) -> str:
-    """What TOML takes nowhere, or no terminal should see, becomes a question mark."""
+    """The text with characters that TOML or terminals do not take replaced by question marks."""
     return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,1 +1,1 @@
-"""What a stream of poses shows of mistakes in recording it: units, bodies, filters."""
+"""Checks of a stream of poses for mistakes in recording it: units, two bodies, filters, conventions."""

@@ -16,15 +16,15 @@ from contact_tracker.motion.poses import Poses
 Array = NDArray[np.float64]
 
 BACK: Final = 8
-"""So many poses back."""
+"""How many poses back a return is looked for."""
 ARM_M: Final = 0.1
-"""A rotation moves by this much per radian."""
+"""Lever arm with which rotations count as distances."""
 FAR_M: Final = 0.01
 FAR_STEPS: Final = 8.0
 FAR_M_PER_S2: Final = 50.0
-"""No hand shakes an object faster than that."""
+"""Acceleration that no hand gives an object: slower alternation is motion."""
 CLOSE: Final = 0.25
-"""Of the step, the distance from the pose that is returned to."""
+"""Largest distance from the pose returned to, as a share of the step."""
 # Page's test: with returns in 13 % of the poses the sum drifts down, with 40 % it rises; the chance of a
 # false alarm is about exp(-ALARM) a pose.
 RETURN: Final = log(0.40 / 0.13)
@@ -33,7 +33,7 @@ ALARM: Final = 25.0
 
 
 def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
-    """Which poses from the BACKth on (n) are far from the last one and close to another of the last few."""
+    """(n,) which poses from the BACKth on are far from the last one and close to another of the last few."""
     position, quat = poses.position_m, poses.quat_xyzw
     step = _distance(position[BACK:], quat[BACK:], position[BACK - 1 : -1], quat[BACK - 1 : -1])
     far = step > max(FAR_M, FAR_M_PER_S2 * interval_s**2)
@@ -47,7 +47,7 @@ def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
 
 
 def page_sum(page: float, returns: NDArray[np.bool_]) -> tuple[float, bool]:
-    """Page's sum, which never falls below zero, and whether it rose to the alarm."""
+    """Page's cumulative sum (never below zero) after these poses, and whether it reached the alarm."""
     if not page and not returns.any():
         return 0.0, False
     path = np.append(page, np.where(returns, RETURN, NO_RETURN)).cumsum()
@@ -56,7 +56,7 @@ def page_sum(page: float, returns: NDArray[np.bool_]) -> tuple[float, bool]:
 
 
 def _distance(position: Array, quat: Array, other_position: Array, other_quat: Array) -> Array:
-    """In metres, rotations by their path on the arm."""
+    """Distances in metres, rotations by their path on the lever arm."""
     path, cosine = other_position - position, (other_quat * quat).sum(axis=-1)
     turn_sq = 8.0 * np.maximum(1.0 - np.abs(cosine), 0.0)
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", path, path) + ARM_M**2 * turn_sq))

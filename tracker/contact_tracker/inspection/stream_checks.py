@@ -1,7 +1,7 @@
-"""What a stream of poses shows of itself that the user has to know, because labels would be wrong otherwise.
+"""Findings in a stream of poses that the user has to know, because labels would be wrong otherwise.
 
-Everything is computed from blocks of poses that are counted from the first one, so that nothing depends on
-how the stream is cut into batches. Poses that are held are left out.
+All statistics are computed on blocks of poses counted from the first one, so that they do not depend on
+batches. Repeated poses are left out.
 """
 
 from math import inf, pi, sqrt
@@ -21,27 +21,27 @@ from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE
 Array = NDArray[np.float64]
 
 BLOCK: Final = 50
-"""Poses that are looked at together."""
+"""Poses per block."""
 BEGINNING: Final = 40
-"""Of so many blocks the noise of all poses counts, later that of every fourth."""
+"""Number of first blocks of which all poses count for the noise; later every fourth does."""
 KEPT: Final = BLOCK + REACH + 1
 
-# Units: what noise and motion of an object in metres never show together.
+# Units: bounds that noise and motion of an object in metres never exceed together.
 LEVER_M: Final = 3.0
 """Noise of position over that of orientation (m/rad): 0.03 to 0.5 of usual sensors, 1 of poor cameras."""
 COARSE_M: Final = 0.01
-"""Noise of position that comes with a lever that long in other units only; a mobile robot's is a few mm."""
+"""Position noise above which such a ratio occurs only in other units; that of a mobile robot is a few mm."""
 FAST_M_PER_S: Final = 15.0
 TOSSED_CM_PER_S: Final = 500.0
 USUAL_LEVER_M: Final = 0.12
 ENOUGH_NOISE: Final = 40
-"""Third differences before the noise is known."""
+"""Third differences that are needed for the noise."""
 
 CONSTANT: Final = 1e-9
-"""Less is rounding (m, or of a unit quaternion)."""
+"""Smaller differences are rounding (m, or of a unit quaternion)."""
 LONGEST_TICK_S: Final = 0.05
 IMPACT_M_PER_S: Final = 0.7
-"""An object that touches known elements at such speed bounces: longer ticks do not see that."""
+"""An object that touches known elements at this speed bounces; its contacts are shorter than usual ticks."""
 ENOUGH_CONSTANT: Final = 100
 
 # Histogram of squared third differences: four bins to a factor of 4, from 1e-15 to 3e6.
@@ -50,7 +50,7 @@ LOWEST: Final = -100.0
 
 
 class Finding(NamedTuple):
-    """One thing to say: ``text`` is one line, with what to try."""
+    """One finding: ``text`` is one line that says what to try."""
 
     kind: str
     text: str
@@ -58,13 +58,14 @@ class Finding(NamedTuple):
 
 
 class Inspection(NamedTuple):
-    """Running sums of a stream of poses; bounded.
+    """Running statistics of a stream of poses; bounded in size.
 
-    ``recent`` are the last KEPT poses of the ``blocks`` before and those that wait for a full block.
-    ``first`` is the first pose, of ``total``; ``moved`` says whether position and orientation have changed
-    since. ``noise`` (2, BINS) counts squared third differences of both; ``top_m_per_s`` is the speed of the
-    fastest block. ``page`` is the sum of Page's test, ``share`` that of the poses of the last block that went
-    back. ``turning`` is about which points. ``units``, ``bodies`` and ``filtered`` were found at some time.
+    ``recent`` are the last KEPT poses of the ``blocks`` before, and those of the incomplete block. ``first``
+    is the first of ``total`` poses; ``moved`` says whether position and orientation have changed since.
+    ``noise`` (2, BINS) is a histogram of squared third differences of both; ``top_m_per_s`` the speed of the
+    fastest block. ``page`` is the sum of Page's test, ``share`` the share of returns in the last block.
+    ``turning`` has the points of rotation. ``units``, ``bodies`` and ``filtered`` say what was found at any
+    time.
     """
 
     recent: Poses
@@ -102,7 +103,7 @@ NOTHING_INSPECTED: Final = Inspection(
 
 
 def inspect(inspection: Inspection, poses: Poses) -> Inspection:
-    """Take in the next poses of the stream, at least one, as the gate passes them on."""
+    """Advance by the next poses (at least one) that have passed the gate."""
     last = inspection.recent[-1:]
     new = Poses.join([last, poses]).fresh[len(last) :]
     if not len(new):
@@ -120,7 +121,7 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
 
 
 def findings(inspection: Inspection) -> tuple[Finding, ...]:
-    """What is to be said of the stream so far."""
+    """Findings in the stream so far."""
     found = list[Finding]()
     if inspection.units:
         found.append(Finding("units", _units_text(inspection), True))
@@ -148,7 +149,7 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
 
 
 def impacts(inspection: Inspection, tick_s: float) -> tuple[Finding, ...]:
-    """What is to be said of contacts shorter than ticks, if elements of both sides are known."""
+    """Findings on contacts shorter than ticks, if elements of both sides are known."""
     fast = inspection.top_m_per_s > IMPACT_M_PER_S
     if not fast or tick_s <= LONGEST_TICK_S or inspection.bodies or inspection.units:
         return ()
@@ -186,7 +187,7 @@ def _moved(moved: tuple[bool, bool], first: Poses, new: Poses) -> tuple[bool, bo
 
 
 def _inspect_block(before: Inspection, window: Poses) -> Inspection:
-    """Take in the last BLOCK poses of ``window``; the others came before."""
+    """Advance by the last BLOCK poses of ``window``; the others are those before."""
     blocks = before.blocks + 1
     if before.bodies:
         return before._replace(blocks=blocks)
@@ -207,7 +208,7 @@ def _inspect_block(before: Inspection, window: Poses) -> Inspection:
 
 
 def _inspect_noise(before: Inspection, window: Poses, new: int, interval_s: float) -> Inspection:
-    """Take in the third differences that end in the last ``new`` poses of ``window``."""
+    """Add the third differences that end in the last ``new`` poses of ``window``."""
     turns = rotation_vectors(between(window.quat_xyzw[:-1], window.quat_xyzw[1:])).cumsum(axis=0)
     smooth = np.concatenate([window.position_m[1:], turns], axis=1)
     after = before._replace(noise=before.noise + _histogram(smooth[-new - 3 :]))
@@ -231,13 +232,14 @@ def _are_other_units(inspection: Inspection) -> bool:
 
 
 def _speed(position: Array, time_s: Array) -> float:
-    """Median over the poses, each from the one BACK before it."""
+    """Median distance over the poses, each from the one BACK before it."""
     path = position[BACK:] - position[:-BACK]
     return _median(np.sqrt(np.einsum("ni,ni->n", path, path)) / (time_s[BACK:] - time_s[:-BACK]))
 
 
 def _histogram(smooth: Array) -> Array:
-    """Counts (2, BINS) of the squared third differences of position and orientation, at noise's scale."""
+    """Histogram (2, BINS) of the squared third differences of position and orientation, scaled to the
+    noise."""
     third = np.diff(smooth, 3, axis=0) / SCALE
     length_sq = np.square(third).reshape(-1, 2, 3).sum(axis=2)
     with np.errstate(divide="ignore"):

@@ -1,8 +1,8 @@
-"""Where the point is about which an object turns: near to the body's origin, or to the world's.
+"""The point about which an object rotates: near the body's origin, or for inverse poses near the world's.
 
-What an object turns about (where it touches, or the hand) is near to it. Inverse poses, of the world in the
-body, are rigid motion as well, with the roles of object and surroundings exchanged: what they turn about is
-then near to the world's origin, and as far from the body's as the object was from that of the world.
+An object rotates about a point near it (where it touches, or the hand). Inverse poses, of the world in the
+body, are rigid motion as well, with the roles of object and surroundings exchanged: their point of rotation
+is near the world's origin, and as far from the body's as the object was from the world's.
 """
 
 from typing import Final, NamedTuple
@@ -16,34 +16,34 @@ Array = NDArray[np.float64]
 
 STEP_NS: Final = 100_000_000
 SPAN: Final = 30
-"""So many poses that far apart are looked at together."""
+"""Time between poses, and number of poses per span."""
 EXPLAINED: Final = 0.8
-"""Share of the motion of the origin in such a span that is rotation about a point."""
+"""Least share of the origin's motion in a span that is rotation about a point."""
 ENOUGH: Final = 3
-"""So many spans of that sort tell."""
+"""Number of such spans that are needed."""
 FAR_M: Final = 0.6
 TIMES_FARTHER: Final = 2.0
-"""The point is farther than that from the body's origin, and so much farther than from the world's, where
-poses are inverse."""
+"""Poses are inverse if the point is farther than this from the body's origin, and this many times farther
+than from the world's."""
 KEPT: Final = 200
 
 
 class TurningPoints(NamedTuple):
-    """``sparse`` poses of the span under way, and the ``distances`` (n, 2) of the spans before: how far the
-    point about which the object turned was from the origins of the body and of the world (m)."""
+    """``sparse`` poses of the current span, and ``distances`` (n, 2) of the spans before: of the point of
+    rotation from the origins of the body and of the world (m)."""
 
     sparse: Poses
     distances: Array
 
     @property
     def median_m(self) -> tuple[float, float]:
-        """Both distances."""
+        """Median of both distances."""
         from_body_m, from_world_m = np.median(self.distances, axis=0).tolist()
         return from_body_m, from_world_m
 
     @property
     def are_inverse(self) -> bool:
-        """Whether poses look like those of the world in the body."""
+        """Whether the poses look like those of the world in the body."""
         if len(self.distances) < ENOUGH:
             return False
         from_body_m, from_world_m = self.median_m
@@ -54,7 +54,7 @@ NO_TURNING_POINTS: Final = TurningPoints(NO_POSES, np.zeros((0, 2)))
 
 
 def advance(points: TurningPoints, poses: Poses) -> TurningPoints:
-    """Take in poses of a stream, in order."""
+    """Advance by poses of the stream, in order."""
     sparse = points.sparse
     next_ns = int(sparse.stamp_ns[-1]) + STEP_NS if len(sparse) else int(poses.stamp_ns[0])
     while (row := int(np.searchsorted(poses.stamp_ns, next_ns))) < len(poses):

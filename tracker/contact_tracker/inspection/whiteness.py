@@ -31,20 +31,20 @@ mean products of signs depart towards 1 by this share; the last number times its
 oscillations of up to 5 Hz (2.5 Hz at 30 Hz) miss that, as INFORMATION measures it.
 """
 REACH: Final = 2 * LAGS * 16
-"""So many poses before a block are needed."""
+"""Number of poses needed before a block."""
 OUTLIER_SQ: Final = 36.0
 """Third differences longer than 6 times the median length are left out."""
 ENOUGH: Final = 256
-"""Fewer poses say nothing."""
+"""Least number of poses for the test."""
 INFORMATION: Final = np.array([[59.9, 40.1, 9.3], [40.1, 40.6, 16.7], [9.3, 16.7, 13.1]])
 """Inverse covariance of the mean products of n poses of white noise, for n = 1: with it the squared departure
 times n is chi-squared with three degrees of freedom. From 4000 simulated streams of 505 poses."""
 TOWARDS_ONE: Final = 1.0 - SIGNS_OF_WHITE
 FULLY: Final = float(TOWARDS_ONE @ INFORMATION @ TOWARDS_ONE)
 SURE: Final = 30.0
-"""Of that chi-squared."""
+"""Threshold of that chi-squared."""
 SMALL: Final = 0.035
-"""A squared departure that is not worth a word: every second frame dropped gives up to 0.02."""
+"""Squared departures below this are not reported: dropping every second frame gives up to 0.02."""
 MOTION: Final = 1.3
 """Motion departs from white at a longer stride by more than this factor more; on recordings twice or more."""
 NEAR_WHITE: Final = 0.6
