@@ -14,8 +14,8 @@ from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import Contact
 from contact_tracker.tracking.transition_model import (
-    AT_REST,
     FREE,
+    REST_EXPOSURE,
     destinations,
     initial,
     leave_per_s,
@@ -28,7 +28,7 @@ def chains(rng, model, count_, ticks, silence=0.0):
     """Runs of the chain, with rest in them; of some ticks the truth is silent."""
     made = []
     for _ in range(count_):
-        exposure = rng.choice([AT_REST, 0.4, 1.0], ticks, p=[0.2, 0.3, 0.5])
+        exposure = rng.choice([REST_EXPOSURE, 0.4, 1.0], ticks, p=[0.2, 0.3, 0.5])
         state = walk(model, exposure, rng)
         made.append(KnownStates(np.where(rng.random(ticks) < silence, UNKNOWN, state), exposure))
     return made
@@ -51,12 +51,12 @@ def test_rates_and_splits_of_a_simulated_chain_are_recovered(silence, runs_, lea
 
 def test_counts_of_known_states_are_counts():
     label = np.array([0, 0, 1, 1, 1, 6, 6, UNKNOWN])
-    exposure = np.array([1.0, AT_REST, 1.0, 1.0, 0.5, 1.0, 1.0, 1.0])
+    exposure = np.array([1.0, REST_EXPOSURE, 1.0, 1.0, 0.5, 1.0, 1.0, 1.0])
     chain, model = KnownStates(label, exposure), prior()
     seen = count(model, [chain], [chain.expect(model)])
     assert seen.begins == (1.0, *(0.0,) * 6)
     assert np.argwhere(seen.changes).tolist() == [[0, 1], [1, 6]]
-    rest = 0.1 * AT_REST
+    rest = 0.1 * REST_EXPOSURE
     expected = [rest + 0.05, 0.1 + 0.05 + 0.05, 0.0, 0.0, 0.0, 0.0, 0.1]
     np.testing.assert_allclose(seen.moving_s, expected, rtol=5e-3)
 
@@ -71,7 +71,7 @@ def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_e
 
 
 def test_through_a_silence_of_the_truth_all_ways_are_weighed():
-    model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, AT_REST, 0.7])
+    model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, REST_EXPOSURE, 0.7])
     label = np.array([3, UNKNOWN, UNKNOWN, UNKNOWN, 1])
     steps = np.exp([tick_transitions(model, a).log_transition for a in exposure])
     for step, a in zip(steps, exposure, strict=True):

@@ -20,7 +20,7 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.pruning import Births, prune, residual
 from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.refit import prior_at_anchors
-from contact_tracker.hypotheses.schedule import FAR_NATS, MET_PATIENCE, burn_in_ticks
+from contact_tracker.hypotheses.schedule import FAR_NATS, LANDMARK_BURN_IN_SHARE, burn_in_ticks
 from contact_tracker.hypotheses.tick_update import TickInput
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import Contact
@@ -335,7 +335,7 @@ def test_the_same_hypotheses_search(seed, model):
     )
     found = global_search.select_for_search(bank, model)
     assert set(kernels.lost(bank, model)) == set(found)
-    share = np.where(bank.from_landmark, MET_PATIENCE, 1.0)
+    share = np.where(bank.from_landmark, LANDMARK_BURN_IN_SHARE, 1.0)
     hopeless = (bank.log_weight < -FAR_NATS) & (bank.effective_ticks > share * burn_in_ticks(model.needed))
     assert not hopeless[found].any()
 

@@ -20,15 +20,15 @@ from contact_tracker.hypotheses.global_search import best_donors, in_burn_in, is
 from contact_tracker.hypotheses.pruning import Birth, add, prune, within_far_margin
 from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import (
-    AT_THE_NOISE,
-    DUE,
-    FALL_NATS,
+    DEFER_NATS,
+    DROP_NATS,
     FAR_NATS,
-    GRACE_NATS,
-    GRACE_TICKS,
-    MET_PATIENCE,
-    WAIT_NATS,
-    YOUNG,
+    FITTING_RMS,
+    IS_SEARCH_AGE,
+    LANDMARK_BURN_IN_SHARE,
+    PROTECTION_NATS,
+    PROTECTION_TICKS,
+    UNTHINNED_TICKS,
     burn_in_ticks,
 )
 from contact_tracker.motion.poses import Poses
@@ -112,8 +112,8 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
     assert prune(bank, 5, 0.0, 40.0).number.tolist() == [0]
     impatient, near = bank.pick(np.array([1])), bank.replace_columns(log_likelihood=-1.0).pick(np.array([1]))
     assert not len(select_for_search(impatient, model))
-    assert len(select_for_search(near, model)) == DUE[int(told[1])]
-    due = int(np.flatnonzero(DUE[: int(told[0]) + 1])[-1])
+    assert len(select_for_search(near, model)) == IS_SEARCH_AGE[int(told[1])]
+    due = int(np.flatnonzero(IS_SEARCH_AGE[: int(told[0]) + 1])[-1])
     assert (
         len(
             select_for_search(
@@ -127,8 +127,8 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
 @pytest.mark.parametrize(
     ("told", "searching", "kept"),
     [
-        (0.9 * MET_PATIENCE, [True, True], [0, 1]),
-        (1.1 * MET_PATIENCE, [True, False], [0, 1]),
+        (0.9 * LANDMARK_BURN_IN_SHARE, [True, True], [0, 1]),
+        (1.1 * LANDMARK_BURN_IN_SHARE, [True, False], [0, 1]),
         (1.1, [False, False], []),
     ],
 )
@@ -153,7 +153,7 @@ def test_what_is_far_behind():
 
 
 def test_what_is_behind_waits():
-    behind = [-WAIT_NATS, -1.01 * WAIT_NATS, np.nan]
+    behind = [-DEFER_NATS, -1.01 * DEFER_NATS, np.nan]
     bank = blank(EDGE_FACE, 3).replace_columns(log_birth_weight=1.0, log_likelihood=np.array(behind) - 1.0)
     assert is_deferred(bank).tolist() == [False, True, True]
 
@@ -167,11 +167,11 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
     state, window = seen[39].state, seen[40].state.window
     assert not is_due(model, 40)
     bank = state.banks[model.contact.column]
-    near = (bank.log_weight > -WAIT_NATS) & (bank.effective_ticks > 10.0)
+    near = (bank.log_weight > -DEFER_NATS) & (bank.effective_ticks > 10.0)
     off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
     knocked = bank.replace_columns(x=np.where(near[:, None], off, bank.x))
     stepped = refit(accumulate(knocked, model, window, scales), model, window, scales)
-    fallen = near & (stepped.log_weight < bank.log_weight - FALL_NATS) & (stepped.rms > AT_THE_NOISE)
+    fallen = near & (stepped.log_weight < bank.log_weight - DROP_NATS) & (stepped.rms > FITTING_RMS)
     assert fallen.any()
     state = state._replace(
         banks=(*state.banks[: model.contact.column], knocked, *state.banks[model.contact.column + 1 :])
@@ -182,12 +182,12 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
         assert after.log_weight[after.number == number] == pytest.approx(
             right.log_weight[right.number == number], abs=0.2
         )
-    far = recover_fallen(stepped, bank.log_weight - 1.1 * WAIT_NATS, model, window, scales)
+    far = recover_fallen(stepped, bank.log_weight - 1.1 * DEFER_NATS, model, window, scales)
     assert (far.protected_until > stepped.protected_until).any()
     np.testing.assert_array_equal(
         far.replace_columns(protected_until=stepped.protected_until).words, stepped.words
     )  # without more steps
-    hopeless = recover_fallen(stepped, bank.log_weight - 1.1 * GRACE_NATS, model, window, scales)
+    hopeless = recover_fallen(stepped, bank.log_weight - 1.1 * PROTECTION_NATS, model, window, scales)
     np.testing.assert_array_equal(hopeless.words, stepped.words)
 
 
@@ -207,7 +207,7 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
         prior_information=held[:, None, None] * 1e12 * np.eye(model.family.SIZE),
     )
     group = np.arange(len(bank)) % 3
-    was = np.array([-0.9 * WAIT_NATS, -1.1 * WAIT_NATS, -1.1 * GRACE_NATS])[group]
+    was = np.array([-0.9 * DEFER_NATS, -1.1 * DEFER_NATS, -1.1 * PROTECTION_NATS])[group]
     told_too_much = bank.log_likelihood + 100.0  # by which it falls
     long = np.arange(len(bank)) % 8 == 0  # some have more than they would get
     bank = bank.replace_columns(
@@ -228,11 +228,11 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
     assert has_grace[group == 1].any() == is_due(model, k)  # else it waits, and has not learnt that it falls
     assert not has_grace[group == 2].any()
     np.testing.assert_allclose(
-        after.protected_until[has_grace], after.effective_ticks[has_grace] + GRACE_TICKS
+        after.protected_until[has_grace], after.effective_ticks[has_grace] + PROTECTION_TICKS
     )
     if not is_due(model, k):  # else they have taken geometry of others since
-        assert (after.rms[near] < AT_THE_NOISE).any()
-        np.testing.assert_array_equal(has_grace[near], after.rms[near] > AT_THE_NOISE)
+        assert (after.rms[near] < FITTING_RMS).any()
+        np.testing.assert_array_equal(has_grace[near], after.rms[near] > FITTING_RMS)
 
 
 def test_grace_keeps_what_is_hopeless_until_it_ends():
@@ -249,7 +249,7 @@ def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch)
     for before, after in pairwise(forward(recorded(FACE_TO_EDGE).poses[:500], MODEL)):
         now = before.state.ticks
         for model, bank, left in zip(CONTACT_MODELS, before.state.banks, after.state.banks, strict=True):
-            young = bank.number[bank.onset > now + 1 - YOUNG]
+            young = bank.number[bank.onset > now + 1 - UNTHINNED_TICKS]
             gone = len(set(young) - set(left.number))
             assert not gone or is_due(model, now)
             dropped += gone
@@ -266,7 +266,7 @@ def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkey
     assert [is_due(model, start + i) for i in range(3)] == [False, False, True]
     state = seen[start - 1].state
     bank = state.banks[column]
-    near = (bank.effective_ticks > burn_in_ticks(model.needed)) & (bank.log_weight > -WAIT_NATS)
+    near = (bank.effective_ticks > burn_in_ticks(model.needed)) & (bank.log_weight > -DEFER_NATS)
     near[bank.best_row] = False
     row = int(np.flatnonzero(near)[-1])
     this = np.arange(len(bank)) == row
@@ -274,7 +274,9 @@ def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkey
         x=np.where(this[:, None], model.turned(bank.x, np.eye(3)[[1, 2, 0]]), bank.x),
         log_likelihood=np.where(this, -1e3, bank.log_likelihood),
         rms=np.where(this, 50.0, bank.rms),
-        protected_until=np.where(this & has_grace, bank.effective_ticks + GRACE_TICKS, bank.protected_until),
+        protected_until=np.where(
+            this & has_grace, bank.effective_ticks + PROTECTION_TICKS, bank.protected_until
+        ),
     )
     state = state._replace(banks=(*state.banks[:column], knocked, *state.banks[column + 1 :]))
     for later in seen[start : start + 3]:

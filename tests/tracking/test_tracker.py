@@ -17,7 +17,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity, tracker
 from contact_tracker.tracking.forward_pass import forward
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.transition_model import AT_REST, log_initial, tick_transitions
+from contact_tracker.tracking.transition_model import REST_EXPOSURE, log_initial, tick_transitions
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, age_s, recorded, segmented, true_contacts
 from smooth_motion import moving
 
@@ -247,8 +247,10 @@ def test_any_stream_gives_beliefs(stream):
 def at_rest(ticks):
     """Beliefs (ticks, 7) of an object that lies still, and what the Markov chain alone would believe."""
     beliefs, _ = run(still(20 * ticks))
-    stay = np.diag(np.append(np.exp(tick_transitions(MODEL, AT_REST).log_survival)[: len(CONTACTS)], 0.0))
-    step = np.exp(tick_transitions(MODEL, AT_REST).log_transition) + stay
+    stay = np.diag(
+        np.append(np.exp(tick_transitions(MODEL, REST_EXPOSURE).log_survival)[: len(CONTACTS)], 0.0)
+    )
+    step = np.exp(tick_transitions(MODEL, REST_EXPOSURE).log_transition) + stay
     chain = [np.exp(log_initial(MODEL)) @ np.linalg.matrix_power(step, t) for t in range(ticks)]
     return np.array([b.probability for b in beliefs]), np.array(chain)
 

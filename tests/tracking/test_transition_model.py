@@ -11,7 +11,7 @@ from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.transition_model import (
-    AT_REST,
+    REST_EXPOSURE,
     destinations,
     hazard_exposure,
     initial,
@@ -113,7 +113,7 @@ def test_whatever_was_seen_nothing_becomes_impossible(prior_changes):
     for _ in range(20):
         learned = replace(MODEL.transitions, prior_changes=prior_changes, counts=seen(rng))
         model = replace(MODEL, transitions=learned)
-        assert np.isfinite(tick_transitions(model, AT_REST).log_transition).all()
+        assert np.isfinite(tick_transitions(model, REST_EXPOSURE).log_transition).all()
         leave, stay = (
             np.exp(tick_transitions(model, 0.7).log_transition),
             np.exp(tick_transitions(model, 0.7).log_survival),
@@ -131,7 +131,7 @@ def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick
     rng = np.random.default_rng(0)
     model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, counts=seen(rng)))
     ticks, states = 12, len(STATES)
-    exposures = rng.choice([0.0, AT_REST, 0.5, 1.0], ticks)
+    exposures = rng.choice([0.0, REST_EXPOSURE, 0.5, 1.0], ticks)
     stay = np.array([tick_transitions(model, e).log_survival for e in exposures])
     change = np.array([tick_transitions(model, e).log_transition for e in exposures])
     state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
@@ -160,9 +160,9 @@ def test_time_scales_do_not_depend_on_the_tick():
 def test_at_rest_contacts_hardly_change():
     np.testing.assert_allclose(
         tick_transitions(MODEL, hazard_exposure(0.0)).log_survival,
-        AT_REST * tick_transitions(MODEL, hazard_exposure(1.0)).log_survival,
+        REST_EXPOSURE * tick_transitions(MODEL, hazard_exposure(1.0)).log_survival,
     )
-    assert AT_REST < 0.1
+    assert REST_EXPOSURE < 0.1
 
 
 def test_without_exposure_nothing_changes():

@@ -18,15 +18,15 @@ struct Round {
 
 struct Settings {
     Damping damping;
-    double tolerance;                        // fit
+    double tolerance;                        // gauss_newton.py
     double sine_sq_floor, tiny, edge_ridge;  // contacts.edge_edge
     double vertex_ridge;                     // contacts.vertex_face
-    // pace, as all below
-    double first_ticks, at_rest, wait_nats, far_nats, fall_nats, lift, at_the_noise, least_gain, met_patience,
-        grace_nats, grace_ticks, residual_ticks;
-    int refine_steps, first_steps, fallen_steps, screened, weighed, young;
-    std::vector<double> ages;
-    std::vector<bool> due;
+    // hypotheses/schedule.py, as all below
+    double first_ticks, rest_weight, defer_nats, far_nats, drop_nats, relaxation_ridge, fitting_rms,
+        least_gain, landmark_burn_in_share, protection_nats, protection_ticks, residual_ticks;
+    int refine_steps, first_steps, recovery_steps, followed_starts, search_refits, unthinned_ticks;
+    std::vector<double> search_ages;
+    std::vector<bool> is_search_age;
     std::vector<Round> rounds;
 };
 

@@ -35,7 +35,7 @@ LEAST_NORMAL: Final = 1e-9
 RIDGE: Final = 1e-9
 ROUNDING: Final = 1e-14
 """Of the trace of the squares: sums of squares are not known better."""
-SCREENED: Final = 12
+FOLLOWED_STARTS: Final = 12
 ROUNDS: Final = ((4, 5), (10, 2))
 """So many steps, and on from so many of the best."""
 FIRST_DAMPING: Final = 1.0
@@ -139,7 +139,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     turn = window.zeta[-1, R].reshape(3, 3)
     x = model.turned(directions(model, DRAWS), turn)
     x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
-    x = x[np.argsort(problem.ratio(x), kind="stable")[:SCREENED]]
+    x = x[np.argsort(problem.ratio(x), kind="stable")[:FOLLOWED_STARTS]]
     for steps, kept in ROUNDS:
         x = problem.descend(x, steps)
         x = x[np.argsort(problem.ratio(x), kind="stable")[:kept]]

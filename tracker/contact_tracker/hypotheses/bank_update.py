@@ -19,7 +19,7 @@ from contact_tracker.hypotheses.global_search import (
 )
 from contact_tracker.hypotheses.pruning import Birth, Births, add, joined, prune, residual
 from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
-from contact_tracker.hypotheses.schedule import AT_REST
+from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.hypotheses.tick_update import (
     BankUpdate,
     LiveHypotheses,
@@ -149,7 +149,7 @@ def _update_contact(
     bank = recover_fallen(bank, was, model, window, scales)
     if due:
         bank = exchange_geometry(bank, model, window, scales)
-        if window.latest_motion_ratio > AT_REST:
+        if window.latest_motion_ratio > REST_WEIGHT:
             drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
             rows = select_for_search(bank, model)
             bank = search(

@@ -15,16 +15,16 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.pruning import best_of, is_protected, within_far_margin
 from contact_tracker.hypotheses.refit import prior_at_anchors, refit
 from contact_tracker.hypotheses.schedule import (
-    AGES,
-    AT_THE_NOISE,
-    DUE,
-    EVERY,
+    FITTING_RMS,
+    FOLLOWED_STARTS,
+    IS_SEARCH_AGE,
+    LANDMARK_BURN_IN_SHARE,
     LEAST_GAIN,
-    LIFT,
-    MET_PATIENCE,
+    RELAXATION_RIDGE,
     ROUNDS,
-    SCREENED,
-    WEIGHED,
+    SEARCH_AGES,
+    SEARCH_INTERVAL,
+    SEARCH_REFITS,
     burn_in_ticks,
 )
 from contact_tracker.motion.window import Window
@@ -39,7 +39,7 @@ DRAWS: Final = 64
 
 def is_due(model: ContactModel, tick: int) -> bool:
     """Whether the hypotheses of a contact search in this tick; contacts take turns."""
-    return not (tick + model.contact.column) % EVERY
+    return not (tick + model.contact.column) % SEARCH_INTERVAL
 
 
 def exchange_geometry(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
@@ -82,12 +82,12 @@ def is_competitive(bank: Bank, model: ContactModel) -> Bools:
 
 def accepts_donor(bank: Bank) -> Bools:
     """Which hypotheses (H,) may receive the geometry of others."""
-    return (bank.rms > AT_THE_NOISE) & (within_far_margin(bank) | is_protected(bank))
+    return (bank.rms > FITTING_RMS) & (within_far_margin(bank) | is_protected(bank))
 
 
 def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
     """Which hypotheses (H,) search and donate whatever their weight: their minimum may not be found yet."""
-    share = np.where(bank.from_landmark, MET_PATIENCE, 1.0)
+    share = np.where(bank.from_landmark, LANDMARK_BURN_IN_SHARE, 1.0)
     return (bank.effective_ticks <= share * burn_in_ticks(model.needed)) & bank.needs_search
 
 
@@ -112,7 +112,7 @@ def search(
     many = x.shape[1]
     of = rows.repeat(many)
     some = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
-    for _ in range(WEIGHED):
+    for _ in range(SEARCH_REFITS):
         some = weigh(some, of)
     told = some.log_likelihood.reshape(-1, many)
     best = told.argmax(axis=1) + many * np.arange(len(rows))
@@ -125,11 +125,13 @@ def select_for_search(bank: Bank, model: ContactModel) -> Index:
 
     Hypotheses of similar onsets receive what they find.
     """
-    age = np.minimum(bank.effective_ticks.astype(np.int64), len(DUE) - 1)
-    rows = (DUE[age] & (bank.rms > AT_THE_NOISE) & bank.needs_search & is_competitive(bank, model)).nonzero()[
-        0
-    ]
-    kind = 2 * AGES.searchsorted(bank.effective_ticks[rows], side="right") + (bank.prior_index[rows] > 0)
+    age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
+    rows = (
+        IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search & is_competitive(bank, model)
+    ).nonzero()[0]
+    kind = 2 * SEARCH_AGES.searchsorted(bank.effective_ticks[rows], side="right") + (
+        bank.prior_index[rows] > 0
+    )
     return np.asarray(rows[best_of(kind, bank.log_weight[rows])])
 
 
@@ -141,14 +143,14 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     """
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
-    relaxed = model.family.starts(moments + LIFT * trace * np.eye(moments.shape[-1]))
+    relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
     known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
     told = ElementPrior(mean, bank.prior_information[rows]).is_given(model)
     x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))], axis=1)
     x = np.where(told[:, None], mean[:, None], x)
     windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])
     x = _least(
-        *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), SCREENED
+        *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), FOLLOWED_STARTS
     )
     for steps, kept in ROUNDS:
         of = rows.repeat(x.shape[1])

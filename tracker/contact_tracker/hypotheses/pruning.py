@@ -11,7 +11,7 @@ from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.birth import BirthProposals
 from contact_tracker.hypotheses.evidence import weak_prior
 from contact_tracker.hypotheses.quadratic_prior import Prior
-from contact_tracker.hypotheses.schedule import FAR_NATS, RESIDUAL_TICKS, YOUNG
+from contact_tracker.hypotheses.schedule import FAR_NATS, RESIDUAL_TICKS, UNTHINNED_TICKS
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -137,10 +137,10 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     """
     joint = bank.log_weight
     keep = (joint > best - margin) | is_protected(bank)
-    old = bank.onset.searchsorted(now + 1 - YOUNG)  # they are in order
+    old = bank.onset.searchsorted(now + 1 - UNTHINNED_TICKS)  # they are in order
     if old > 1:
         age = now + 1 - bank.onset[:old]
-        span = 2 ** (np.floor(np.log2(age / YOUNG)) + 1).astype(np.int64)
+        span = 2 ** (np.floor(np.log2(age / UNTHINNED_TICKS)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
     lives = np.isin(bank.onsets.onset, bank.onset)

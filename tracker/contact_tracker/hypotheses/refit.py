@@ -15,16 +15,16 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters, EvidenceSums
 from contact_tracker.hypotheses.pruning import anchors_of, prior_of
 from contact_tracker.hypotheses.quadratic_prior import Prior
 from contact_tracker.hypotheses.schedule import (
-    AT_REST,
-    AT_THE_NOISE,
-    FALL_NATS,
-    FALLEN_STEPS,
+    DEFER_NATS,
+    DROP_NATS,
     FIRST_STEPS,
     FIRST_TICKS,
-    GRACE_NATS,
-    GRACE_TICKS,
+    FITTING_RMS,
+    PROTECTION_NATS,
+    PROTECTION_TICKS,
+    RECOVERY_STEPS,
     REFINE_STEPS,
-    WAIT_NATS,
+    REST_WEIGHT,
 )
 from contact_tracker.motion.window import Window
 
@@ -60,7 +60,7 @@ def accumulate(
     new = alone if before is None else lifted - scales.correlation * model.lifted(before)
     onsets = bank.onsets
     begins = onsets.onset == now
-    weight = np.where(begins, 1.0, max(activity, AT_REST)) / sigma_m**2
+    weight = np.where(begins, 1.0, max(activity, REST_WEIGHT)) / sigma_m**2
     products = np.where(begins[:, None, None], _products(model, alone, lifted), _products(model, new, lifted))
     bank = bank.replace_columns(
         log_prior=bank.log_prior + np.where(bank.onset == now, 0.0, log_stay)
@@ -88,7 +88,7 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
     """``accumulate`` over a whole window, with whose first tick all hypotheses of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
-    weight = np.maximum(motion, AT_REST) / variance
+    weight = np.maximum(motion, REST_WEIGHT) / variance
     new = lifted * scales.alone
     new[1:] = lifted[1:] - scales.correlation * lifted[:-1]
     bank = bank.replace_onset_columns(
@@ -103,7 +103,7 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
 
 def is_deferred(bank: Bank) -> Bools:
     """Which hypotheses (H,) are refitted only when a search is due."""
-    return ~(bank.log_weight >= -WAIT_NATS)
+    return ~(bank.log_weight >= -DEFER_NATS)
 
 
 def recover_fallen(
@@ -111,22 +111,23 @@ def recover_fallen(
 ) -> Bank:
     """Refit hypotheses whose likelihood has dropped in this tick.
 
-    Those that were near the best (log weight ``was`` (H,)) take ``FALLEN_STEPS`` more steps. Those that still
-    do not fit, and were within ``GRACE_NATS``, are protected from pruning (``Bank.protected_until``).
+    Those that were near the best (log weight ``was`` (H,)) take ``RECOVERY_STEPS`` more steps. Those that
+    still do not fit, and were within ``PROTECTION_NATS``, are protected from pruning
+    (``Bank.protected_until``).
     """
-    fallen = _fallen(bank, was, WAIT_NATS)
+    fallen = _fallen(bank, was, DEFER_NATS)
     if fallen.any():
-        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, FALLEN_STEPS, NOT_AT_ALL))
-    fallen = _fallen(bank, was, GRACE_NATS)
+        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, RECOVERY_STEPS, NOT_AT_ALL))
+    fallen = _fallen(bank, was, PROTECTION_NATS)
     if not fallen.any():
         return bank
-    until = np.maximum(bank.protected_until, bank.effective_ticks + GRACE_TICKS)
+    until = np.maximum(bank.protected_until, bank.effective_ticks + PROTECTION_TICKS)
     return bank.replace_columns(protected_until=np.where(fallen, until, bank.protected_until))
 
 
 def _fallen(bank: Bank, was: Array, nats: float) -> Bools:
-    """Which hypotheses (H,) were within ``nats`` of the best, lost ``FALL_NATS`` and do not fit any more."""
-    return (was >= -nats) & (bank.log_weight < was - FALL_NATS) & (bank.rms > AT_THE_NOISE)
+    """Which hypotheses (H,) were within ``nats`` of the best, lost ``DROP_NATS`` and do not fit any more."""
+    return (was >= -nats) & (bank.log_weight < was - DROP_NATS) & (bank.rms > FITTING_RMS)
 
 
 def refit(

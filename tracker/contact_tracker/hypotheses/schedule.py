@@ -8,46 +8,52 @@ REFINE_STEPS: Final = 1
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 3
 """Gauss-Newton steps in each of the first ticks with motion, in which the estimate changes much."""
-AT_REST: Final = 1e-7
+REST_WEIGHT: Final = 1e-7
 """Weight of a tick without motion. It keeps the position determined and carries almost no information."""
-WAIT_NATS: Final = 10.0
+DEFER_NATS: Final = 10.0
 """Hypotheses further behind the best only accumulate moments; they are refitted when a search is due."""
 FAR_NATS: Final = 14.0
 """Hypotheses further behind the best neither search nor donate geometry after burn-in, receive none unless
 they are protected, and do not count as evidence for their contact."""
-FALL_NATS: Final = 3.0
-FALLEN_STEPS: Final = 12
+DROP_NATS: Final = 3.0
+RECOVERY_STEPS: Final = 12
 """A hypothesis that is refitted in every tick, loses more nats than this in one and does not fit its window
 takes this many extra steps: a direction that was open before may be far off."""
-GRACE_NATS: Final = 20.0
-GRACE_TICKS: Final = 6.0
+PROTECTION_NATS: Final = 20.0
+PROTECTION_TICKS: Final = 6.0
 """A hypothesis that was within this many nats of the best and drops in spite of the extra steps is protected
 from pruning for this many ticks with motion, and may receive the geometry of others. Thinning of old onsets
 applies all the same."""
-AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
+SEARCH_AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """Ages in ticks with motion at which a hypothesis searches: a minimum of a short window need not remain
 one."""
-EVERY: Final = 3
+SEARCH_INTERVAL: Final = 3
 """Ticks between searches of a contact, so that hypotheses that are due are searched in one batch."""
-DUE: Final = np.any([np.isin(np.arange(int(AGES[-1]) + EVERY + 1) - i, AGES) for i in range(EVERY)], axis=0)
-"""By age in ticks, whether one of ``AGES`` was reached since the last batch."""
-LIFT: Final = 1e-12
+IS_SEARCH_AGE: Final = np.any(
+    [
+        np.isin(np.arange(int(SEARCH_AGES[-1]) + SEARCH_INTERVAL + 1) - i, SEARCH_AGES)
+        for i in range(SEARCH_INTERVAL)
+    ],
+    axis=0,
+)
+"""By age in ticks, whether one of ``SEARCH_AGES`` was reached since the last batch."""
+RELAXATION_RIDGE: Final = 1e-12
 """Regularisation of relaxed problems: this share of the moments' trace is added to their diagonal."""
-SCREENED: Final = 7
+FOLLOWED_STARTS: Final = 7
 """How many starts of a search are followed: those with the lowest cost before the first step."""
 ROUNDS: Final = ((2, 3), (3, 2))
 """Rounds of a search: (steps, how many of the best go on)."""
-WEIGHED: Final = 1
+SEARCH_REFITS: Final = 1
 """How often a search repeats its fit with row weights estimated from the geometry found."""
-AT_THE_NOISE: Final = 1.2
+FITTING_RMS: Final = 1.2
 """Whitened residual up to which a hypothesis fits: it neither searches nor receives geometry, although that
 might gain some nats."""
 LEAST_GAIN: Final = 1e-3
 """Nats by which another geometry must be better to be taken."""
-MET_PATIENCE: Final = 0.5
+LANDMARK_BURN_IN_SHARE: Final = 0.5
 """Burn-in of hypotheses from landmarks, as a share of the usual: part of their geometry is known, and there
 are many of them."""
-YOUNG: Final = 24
+UNTHINNED_TICKS: Final = 24
 """Up to this age in ticks every onset keeps a hypothesis; older onsets are thinned."""
 
 RESIDUAL_TICKS: Final = 25.0

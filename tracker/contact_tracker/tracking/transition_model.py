@@ -16,7 +16,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 
 Array = NDArray[np.float64]
 
-AT_REST: Final = 0.02
+REST_EXPOSURE: Final = 0.02
 """Share of the changes that happen in a tick without visible motion."""
 FREE: Final = Contact.FREE.column
 
@@ -64,7 +64,7 @@ def hazard_exposure(activity: float) -> float:
 
     Contacts change by moving, so at rest the exposure is small.
     """
-    return max(activity, AT_REST)
+    return max(activity, REST_EXPOSURE)
 
 
 class TickTransitions(NamedTuple):

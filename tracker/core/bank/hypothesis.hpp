@@ -124,7 +124,8 @@ inline bool is_protected(const Kind& kind, const Hypothesis& one) {
 
 // Reference: `global_search.in_burn_in`.
 inline bool in_burn_in(const Kind& kind, const Hypothesis& one) {
-    const double share = whole(one.own, kind.where.from_landmark) != 0 ? settings.met_patience : 1.0;
+    const double share =
+        whole(one.own, kind.where.from_landmark) != 0 ? settings.landmark_burn_in_share : 1.0;
     return one.since[kind.since.effective_ticks] <= share * kind.burn_in_ticks &&
            whole(one.own, kind.where.needs_search) != 0;
 }

@@ -16,9 +16,9 @@ struct Span {
 
 inline Span span_of(std::int64_t onset, std::int64_t now) {
     const std::int64_t age = now + 1 - onset;
-    if (age <= settings.young) return {1, onset};
+    if (age <= settings.unthinned_ticks) return {1, onset};
     std::int64_t ticks = 2;
-    while (age >= settings.young * ticks) ticks *= 2;
+    while (age >= settings.unthinned_ticks * ticks) ticks *= 2;
     return {ticks, onset / ticks};
 }
 
@@ -68,9 +68,9 @@ inline std::vector<std::int64_t> rows_to_keep(const Kind& kind, const Bank& bank
 inline double residual_of(const Kind& kind, const Bank& bank) {
     double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
     for (int b = 0; b < bank.count(); ++b) {
-        const double told = bank.since(b)[kind.since.effective_ticks];
-        if (!(told >= settings.residual_ticks && told < least)) continue;
-        least = told;
+        const double ticks = bank.since(b)[kind.since.effective_ticks];
+        if (!(ticks >= settings.residual_ticks && ticks < least)) continue;
+        least = ticks;
         rms = bank[b].own[kind.where.rms];
     }
     return rms;

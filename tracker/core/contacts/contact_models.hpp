@@ -2,8 +2,8 @@
 // known to the compiler.
 //
 // Element 1 is a plane (direction d1), a line (d1, q1) or a point (q1); element
-// 2 a plane (d2, h) or a line (d2, q2). What is computed, and why, is told in
-// the families.
+// 2 a plane (d2, h) or a line (d2, q2). The formulas are derived in the
+// families.
 #pragma once
 
 #include <array>

@@ -1,5 +1,4 @@
-// Where searches start: `Family.starts`, the solutions of relaxed
-// problems.
+// Reference: `Family.starts`, the solutions of relaxed problems.
 #pragma once
 
 #include "bank/hypothesis.hpp"
@@ -7,9 +6,9 @@
 
 namespace kernels {
 
-// Up to so many times what is added to the moments, a direction is told by no
-// pose.
-constexpr double untold = 10.0;
+// Curvature up to this many times the regularisation leaves a direction
+// undetermined.
+constexpr double undetermined = 10.0;
 
 // Reference: `family.smallest_directions`, what is kept of it; `moments` are lost.
 template <int N, int FIRST, int COUNT>
@@ -78,13 +77,13 @@ Vector edge_in(const double* moments, Vector n) {
 
 // Of `relax`, for two lines.
 template <class F>
-int relax_lines(Square<F::C>& lifted, double told, int many, double* out) {
+int relax_lines(Square<F::C>& lifted, double least, int many, double* out) {
     Square<9> large, large_axes;
     Square<3> pair, axes;
     Square<18> varying;  // the constant is in no row
     for (int c = 0; c < 18; ++c) std::copy_n(lifted[c], 18, varying[c]);
     smallest_directions<18, 9, 9>(varying, settings.edge_ridge, large, large_axes);
-    if (!(large[1][1] > told)) return 0;
+    if (!(large[1][1] > least)) return 0;
     for (int k = 0; k < many; ++k, out += F::S) {
         std::copy_n(large_axes[k], 9, pair[0]);
         singular(pair, axes);
@@ -98,9 +97,8 @@ int relax_lines(Square<F::C>& lifted, double told, int many, double* out) {
 // Reference: `Family.starts` of one window's moments (C, C), into `out` (`many`, S);
 // returns how many there are.
 //
-// Less where poses are too few to tell one smallest direction of coefficients:
-// any other would do as well, and which it is would hang on how the frames are
-// turned, since Jacobi's method prefers their axes.
+// Fewer where the poses do not determine one smallest direction of coefficients:
+// it would depend on the axes of the frames, which Jacobi's method prefers.
 template <class F>
 int relax(const double* moments, int many, double* out) {
     double trace = 0.0;
@@ -108,14 +106,14 @@ int relax(const double* moments, int many, double* out) {
     std::fill_n(out, many * F::S, 0.0);
     Square<F::C> lifted;
     std::copy_n(moments, F::C * F::C, lifted[0]);
-    for (int c = 0; c < F::C; ++c) lifted[c][c] += settings.lift * trace;
-    const double told = untold * settings.lift * trace;
-    if constexpr (F::crosses) return relax_lines<F>(lifted, told, many, out);
+    for (int c = 0; c < F::C; ++c) lifted[c][c] += settings.relaxation_ridge * trace;
+    const double least = undetermined * settings.relaxation_ridge * trace;
+    if constexpr (F::crosses) return relax_lines<F>(lifted, least, many, out);
     int count = 0;
     if constexpr (F::q1 >= 0) {
         Square<3> small, axes;
         smallest_directions<F::C, 9, 3>(lifted, settings.vertex_ridge, small, axes);
-        if (small[1][1] > told) {
+        if (small[1][1] > least) {
             for (; count < 3; ++count) put(out + count * F::S, F::d2, at(axes[count], 0));
         }
     }

@@ -21,19 +21,19 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
     const Lanes ticks = larger<Lanes>(sums.ticks, 1.0);
     const Lanes share = weights.foreknowledge * kind.needed /
                         larger<Lanes>(read(rows.since, kind.since.effective_ticks), 1.0);
-    Lanes earned = read(rows.own, where.gain_before_window), foretold[F::K], first[F::C];
+    Lanes earned = read(rows.own, where.gain_before_window), predicted_share[F::K], first[F::C];
     for (int k = 0; k < F::K; ++k) {
-        foretold[k] = share * exp(-2.0 * sums.gain[k] / larger<Lanes>(sums.after, 1.0));
+        predicted_share[k] = share * exp(-2.0 * sums.gain[k] / larger<Lanes>(sums.after, 1.0));
         earned += sums.gain[k];
         write(rows.own, where.row_weight + k, sums.precision[k] / ticks);
     }
     read(rows.since, kind.since.onset_row, F::C, first);
-    Lanes price = volume<F>(first, foretold, work);
+    Lanes price = volume<F>(first, predicted_share, work);
     work.prior.times(x, work.pull);
     price += 0.5 * dot<F::S>(x, work.pull) - dot<F::S>(x, work.prior.information) + work.prior.constant;
-    const Lanes told =
+    const Lanes evidence =
         sums.log_ratio + read(rows.own, where.llr_before_window) - smaller<Lanes>(earned, price);
-    write(rows.own, where.log_likelihood, read(rows.own, where.log_prior) + weights.independence * told);
+    write(rows.own, where.log_likelihood, read(rows.own, where.log_prior) + weights.independence * evidence);
     write(rows.own, where.rms, sqrt(sums.chi_sq / (ticks * double(F::K))));
     write(rows.own, where.x, F::S, x);
 }
@@ -57,7 +57,7 @@ WIDE void accumulate_onsets(const Kind& kind, const Table& onsets, const Ticks& 
     for (int o = 0; o < onsets.count; ++o) {
         double *row = onsets.row(o), *moments = row + where.second_moment;
         const bool begins = whole(row, where.onset) == ticks.newest();
-        const double weight = precision * (begins ? 1.0 : std::max(motion_ratio, settings.at_rest));
+        const double weight = precision * (begins ? 1.0 : std::max(motion_ratio, settings.rest_weight));
         const double* fresh = begins ? first : later;
         for (int c = 0; c < F::C; ++c) {  // the sine of e-e is that of the poses themselves
             for (int d = c; d < F::C; ++d)
@@ -126,15 +126,15 @@ inline int steps_of(const Kind& kind, const Hypothesis& one) {
 
 // Reference: `refit.is_deferred`.
 inline bool is_deferred(const Kind& kind, const double* row) {
-    return !(log_weight_of(kind.where, row) >= -settings.wait_nats);
+    return !(log_weight_of(kind.where, row) >= -settings.defer_nats);
 }
 
 // Whether a hypothesis has fallen, whose log weight was that before the tick,
 // from no more than so many `nats` behind the best: as in
 // `refit.recover_fallen`.
 inline bool has_fallen(const Kind& kind, const double* row, double was, double nats) {
-    const bool falls = was >= -nats && log_weight_of(kind.where, row) < was - settings.fall_nats;
-    return falls && row[kind.where.rms] > settings.at_the_noise;
+    const bool falls = was >= -nats && log_weight_of(kind.where, row) < was - settings.drop_nats;
+    return falls && row[kind.where.rms] > settings.fitting_rms;
 }
 
 // Reference: `refit.refit_in_steps` of hypotheses that take so many steps.

@@ -28,13 +28,15 @@ inline void configure(const pybind11::dict& values) {
                 "least_curvature", damping.least_curvature);
     read_fields(values, "tolerance", to.tolerance, "sine_sq_floor", to.sine_sq_floor, "tiny", to.tiny,
                 "edge_ridge", to.edge_ridge, "vertex_ridge", to.vertex_ridge, "first_ticks", to.first_ticks,
-                "at_rest", to.at_rest, "wait_nats", to.wait_nats, "far_nats", to.far_nats, "fall_nats",
-                to.fall_nats, "lift", to.lift, "at_the_noise", to.at_the_noise, "least_gain", to.least_gain,
-                "met_patience", to.met_patience, "grace_nats", to.grace_nats, "grace_ticks", to.grace_ticks,
-                "residual_ticks", to.residual_ticks);
-    read_fields(values, "refine_steps", to.refine_steps, "first_steps", to.first_steps, "fallen_steps",
-                to.fallen_steps, "screened", to.screened, "weighed", to.weighed, "young", to.young, "ages",
-                to.ages, "due", to.due);
+                "rest_weight", to.rest_weight, "defer_nats", to.defer_nats, "far_nats", to.far_nats,
+                "drop_nats", to.drop_nats, "relaxation_ridge", to.relaxation_ridge, "fitting_rms",
+                to.fitting_rms, "least_gain", to.least_gain, "landmark_burn_in_share",
+                to.landmark_burn_in_share, "protection_nats", to.protection_nats, "protection_ticks",
+                to.protection_ticks, "residual_ticks", to.residual_ticks);
+    read_fields(values, "refine_steps", to.refine_steps, "first_steps", to.first_steps, "recovery_steps",
+                to.recovery_steps, "followed_starts", to.followed_starts, "search_refits", to.search_refits,
+                "unthinned_ticks", to.unthinned_ticks, "search_ages", to.search_ages, "is_search_age",
+                to.is_search_age);
     to.rounds.clear();
     for (const auto& [steps, kept] : values["rounds"].cast<std::vector<std::pair<int, int>>>())
         to.rounds.push_back({steps, kept});

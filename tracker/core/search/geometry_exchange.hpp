@@ -13,7 +13,7 @@ inline bool may_win(const Kind& kind, const Hypothesis& one) {
 // Reference: `global_search.accepts_donor`.
 inline bool asks(const Kind& kind, const Hypothesis& one) {
     const bool may_return = within_far_margin(kind.where, one.own) || is_protected(kind, one);
-    return may_return && one.own[kind.where.rms] > settings.at_the_noise;
+    return may_return && one.own[kind.where.rms] > settings.fitting_rms;
 }
 
 // What geometries cost some hypotheses of a bank.

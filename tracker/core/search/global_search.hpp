@@ -1,5 +1,4 @@
-// How hypotheses search from scratch: where many starts lead to, and whether
-// that is better.
+// Global search: fits from many starts, and whether the best is better.
 #pragma once
 
 #include "contacts/initial_guess.hpp"
@@ -7,8 +6,8 @@
 
 namespace kernels {
 
-// Random x (N, S) to start from, drawn in the body's frame: they are told in
-// the world with this `turn` (3, 3).
+// Random x (N, S) to start from, drawn in the body's frame; `turn` (3, 3)
+// brings them to the world.
 struct Directions {
     const double *x, *turn;
     int count;
@@ -26,8 +25,7 @@ struct Found {
     double cost, x[F::S];
 };
 
-// Bring the `many` that cost least to the front, in order; equal ones stay in
-// theirs.
+// The `many` of least cost, in stable order.
 template <class F>
 void best_first(std::vector<Found<F>>& found, int many) {
     std::stable_sort(found.begin(), found.end(), [](const Found<F>& a, const Found<F>& b) {
@@ -38,13 +36,13 @@ void best_first(std::vector<Found<F>>& found, int many) {
 
 // Reference: `ElementPrior.is_given`.
 template <class F>
-void tell(const Kind& kind, const double* row, bool (&told)[F::S]) {
+void find_given(const Kind& kind, const double* row, bool (&given)[F::S]) {
     for (int s = 0, diagonal = kind.where.prior_information; s < F::S; diagonal += F::S - s++)
-        told[s] = row[diagonal] > 0.0;
+        given[s] = row[diagonal] > 0.0;
     for (int d : {F::d1, F::d2}) {
         if (d < 0) continue;
         const Vector v = at(row + kind.where.prior_mean, d);
-        for (int i = 0; i < 3; ++i) told[d + i] = v.x != 0.0 || v.y != 0.0 || v.z != 0.0;
+        for (int i = 0; i < 3; ++i) given[d + i] = v.x != 0.0 || v.y != 0.0 || v.z != 0.0;
     }
 }
 
@@ -70,7 +68,7 @@ void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, W
 template <class F>
 std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Directions& directions,
                            Work<F>& work) {
-    bool told[F::S];
+    bool given[F::S];
     const Rows same = rows_of([&](int) { return one; });
     const Moments<F> window(kind, same);
     read_prior<F>(kind, same, work.prior);
@@ -79,15 +77,15 @@ std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Direct
     read_symmetric<F::C>(one.since, kind.since.second_moment, moments);
     const int few = relax<F>(moments, kind.relaxed, starts.data());
     directions.write<F>(kind.body_in_1, starts.data() + few * F::S);
-    tell<F>(kind, one.own, told);
+    find_given<F>(kind, one.own, given);
     std::vector<Found<F>> found(few + directions.count);
     for (std::size_t i = 0; i < found.size(); ++i) {
         for (int s = 0; s < F::S; ++s) {
-            found[i].x[s] = told[s] ? one.own[kind.where.prior_mean + s] : starts[i * F::S + s];
+            found[i].x[s] = given[s] ? one.own[kind.where.prior_mean + s] : starts[i * F::S + s];
         }
     }
     follow<F>(window, 0, found, work);
-    best_first<F>(found, settings.screened);
+    best_first<F>(found, settings.followed_starts);
     for (const Round& round : settings.rounds) {
         follow<F>(window, round.steps, found, work);
         best_first<F>(found, round.kept);
@@ -118,7 +116,7 @@ void search(const Kind& kind, const Bank& bank, int b, const Directions& directi
         std::copy_n(one.own, weighed.words, weighed.row(i));
         std::copy_n(found[i].x, F::S, weighed.row(i) + kind.where.x);
     }
-    for (int time = 0; time < settings.weighed; ++time) {
+    for (int time = 0; time < settings.search_refits; ++time) {
         RefitQueue learners;
         for (int i = 0; i < weighed.count; ++i)
             learners.add(kind, {weighed.row(i), one.since}, steps_of(kind, one));

@@ -56,9 +56,9 @@ private:
     int count_, since_;
 };
 
-// What is left of a contact after a tick: which `rows` of its table are kept;
-// the log of the sum of their weights, the residual that is told of them, and
-// the best of them, -1 without any.
+// A contact's hypotheses after a tick: which `rows` of its table are kept;
+// the log of the sum of their weights, their residual, and the best of them, -1
+// without any.
 struct KeptHypotheses {
     std::vector<std::int64_t> rows;
     double log_weight, residual;
@@ -105,10 +105,10 @@ struct TickInput {
     Floats change, log_stay;
 };
 
-// What is told of a contact's hypotheses when a tick begins.
+// Input of the update of a contact's hypotheses by a tick.
 struct ContactTask {
     const Model& model;
-    int old;    // so many before the tick
+    int old;    // count before the tick
     Bank bank;  // in it
     Ticks ticks, gone;
     double log_stay;
@@ -123,11 +123,11 @@ inline py::tuple live_hypotheses(const std::vector<const Model*>& models, std::v
     Ints state(count), onset(count);
     Floats log_likelihood(count);
     std::int64_t *states = state.mutable_data(), *onsets = onset.mutable_data();
-    double* told = log_likelihood.mutable_data();
+    double* values = log_likelihood.mutable_data();
     const auto put = [&](std::size_t of, std::int64_t since, double likelihood) {
         states[b] = static_cast<std::int64_t>(of);
         onsets[b] = since;
-        told[b++] = likelihood;
+        values[b++] = likelihood;
     };
     for (std::size_t i = 0; i < held.size(); ++i) {
         const BankLayout& where = models[i]->kind.where;
@@ -146,15 +146,15 @@ struct BankUpdate {
     Ints leaders;
 };
 
-// What a contact meets in a tick: what begins joins the hypotheses that are
+// The input of a contact's update in a tick; births are added to the hypotheses
 // `held`.
 inline ContactTask task_for(const Model& model, std::size_t i, const TickInput& moment, std::int64_t number,
                             double entry, const Two& beyond, GrowingBank& held) {
-    const auto& [born, told] = moment.assumed[i];
+    const auto& [born, given] = moment.assumed[i];
     const Table fresh = table_of(born, model.words);
     const int size = visit(model, [](auto family) { return decltype(family)::S; }), old = held.count();
-    require_shape(told, {fresh.count, size}, "what is told is not of these births");
-    const Birth birth{fresh, told.data(), moment.turn.data(), moment.onset, moment.onset_ns, number, entry};
+    require_shape(given, {fresh.count, size}, "what is given is not of these births");
+    const Birth birth{fresh, given.data(), moment.turn.data(), moment.onset, moment.onset_ns, number, entry};
     const Ticks ticks = moment.window->ticks(model, beyond);
     Ticks gone = (moment.before ? *moment.before : *moment.window).ticks(model, beyond);
     gone.count = moment.before ? std::max(gone.count + 1 - ticks.count, 0) : 0;

@@ -71,7 +71,7 @@ inline std::vector<GrowingBank> growing_banks(const std::vector<const Model*>& m
     std::vector<GrowingBank> held;
     for (const TickInput* moment : moments) {
         for (std::size_t size : {moment->assumed.size(), moment->directions.size()})
-            require(size == models.size(), "something is not told of each contact");
+            require(size == models.size(), "an entry per contact is missing");
     }
     for (std::size_t i = 0; i < models.size(); ++i) {
         py::ssize_t more = 0, onsets = 0;
@@ -93,7 +93,7 @@ inline py::tuple update_in_batch(const std::vector<const Model*>& models, const 
                                  const EvidenceParameters& weights, double margin,
                                  const std::optional<StopCondition>& until) {
     for (std::size_t size : {words.size(), beyond.size()})
-        require(size == models.size(), "something is not told of each contact");
+        require(size == models.size(), "an entry per contact is missing");
     require(std::count(models.begin(), models.end(), nullptr) == 0, "a contact is None");
     require(!moments.empty() && !std::count(moments.begin(), moments.end(), nullptr), "there are no moments");
     require_shape(entry, {static_cast<py::ssize_t>(models.size()) + 1}, "states do not have one entry each");

@@ -7,11 +7,11 @@
 
 namespace kernels {
 
-// Reference: `pruning.Birth`: `words` of hypotheses that have seen nothing, what (n, S)
-// is `told` of their geometry.
+// Reference: `pruning.Birth`: `words` of hypotheses without data, and which (n, S)
+// of their geometry's entries are `given`.
 struct Birth {
     Table words;
-    const bool* told;
+    const bool* given;
     const double* turn;
     std::int64_t onset, onset_ns, number;
     double entry;
@@ -19,9 +19,9 @@ struct Birth {
 
 // Reference: `ContactModel.faced`, in place.
 template <class F>
-void face(const bool* told, const double* turn, double* x) {
+void face(const bool* given, const double* turn, double* x) {
     if constexpr (!F::apart) {
-        const bool first = told[F::d1], second = told[F::d2];
+        const bool first = given[F::d1], second = given[F::d2];
         const Vector m = at(x, F::d1), n = at(x, F::d2);
         if (first && !second) put(x, F::d2, turned(turn, 0, m));
         if (second && !first) put(x, F::d1, n.x * at(turn, 0) + n.y * at(turn, 3) + n.z * at(turn, 6));
@@ -56,9 +56,9 @@ void add_births(const Kind& kind, int old, int earlier, const Birth& birth, cons
             turn_world<F>(kind.body_in_1, birth.turn, x);
         }
         for (int s = 0; s < F::S; ++s) {
-            if (birth.told[i * F::S + s]) x[s] = row[where.prior_mean + s];
+            if (birth.given[i * F::S + s]) x[s] = row[where.prior_mean + s];
         }
-        face<F>(birth.told + i * F::S, birth.turn, x);
+        face<F>(birth.given + i * F::S, birth.turn, x);
     }
 }
 
@@ -78,23 +78,26 @@ void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const Evidenc
     learners.learn<F>(kind, ticks, weights, work);
 }
 
-// Of a hypothesis, as in `global_search.select_for_search`; -1 if it does not
-// search.
+// The group of a hypothesis in `global_search.select_for_search`; -1 if it does
+// not search.
 inline int group_of(const Kind& kind, const Hypothesis& one) {
     const BankLayout& where = kind.where;
-    const double *row = one.own, told = one.since[kind.since.effective_ticks];
+    const double *row = one.own, effective_ticks = one.since[kind.since.effective_ticks];
     if (!may_win(kind, one)) return -1;
-    const int age = static_cast<int>(std::min(told, static_cast<double>(settings.due.size() - 1)));
-    if (!(settings.due[age] && row[where.rms] > settings.at_the_noise && whole(row, where.needs_search) != 0))
+    const int age =
+        static_cast<int>(std::min(effective_ticks, static_cast<double>(settings.is_search_age.size() - 1)));
+    if (!(settings.is_search_age[age] && row[where.rms] > settings.fitting_rms &&
+          whole(row, where.needs_search) != 0))
         return -1;
     const auto passed =
-        std::upper_bound(settings.ages.begin(), settings.ages.end(), told) - settings.ages.begin();
+        std::upper_bound(settings.search_ages.begin(), settings.search_ages.end(), effective_ticks) -
+        settings.search_ages.begin();
     return 2 * static_cast<int>(passed) + (whole(row, where.prior_index) > 0);
 }
 
 // Reference: `global_search.select_for_search`.
 inline std::vector<int> lost(const Kind& kind, const Bank& bank) {
-    std::vector<int> best(2 * (settings.ages.size() + 1), -1);
+    std::vector<int> best(2 * (settings.search_ages.size() + 1), -1);
     for (int b = 0; b < bank.count(); ++b) {
         const int group = group_of(kind, bank[b]);
         if (group < 0) continue;
@@ -133,18 +136,18 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     }
     learners.learn<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
-        if (has_fallen(kind, bank[b].own, was[b], settings.wait_nats))
-            learners.add(kind, bank[b], settings.fallen_steps);
+        if (has_fallen(kind, bank[b].own, was[b], settings.defer_nats))
+            learners.add(kind, bank[b], settings.recovery_steps);
     }
     learners.learn<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
-        if (!has_fallen(kind, bank[b].own, was[b], settings.grace_nats)) continue;
+        if (!has_fallen(kind, bank[b].own, was[b], settings.protection_nats)) continue;
         double& grace = bank[b].own[kind.where.protected_until];
-        grace = std::max(grace, bank[b].since[kind.since.effective_ticks] + settings.grace_ticks);
+        grace = std::max(grace, bank[b].since[kind.since.effective_ticks] + settings.protection_ticks);
     }
     if (!directions) return;
     adopt<F>(kind, bank, ticks, weights, work);
-    if (motion_ratio <= settings.at_rest) return;
+    if (motion_ratio <= settings.rest_weight) return;
     for (int b : lost(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
 }
 

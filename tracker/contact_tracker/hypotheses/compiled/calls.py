@@ -126,9 +126,24 @@ def weights_of(scales: EvidenceParameters) -> kernels.EvidenceParameters:
 def _settings() -> dict[str, object]:
     """Constants of the algorithm by their names in C++ (``tracker/core/settings.hpp``)."""
     names = (
-        *("FIRST_TICKS", "AT_REST", "WAIT_NATS", "FAR_NATS", "FALL_NATS", "LIFT", "AT_THE_NOISE"),
-        *("LEAST_GAIN", "MET_PATIENCE", "GRACE_NATS", "GRACE_TICKS", "RESIDUAL_TICKS", "REFINE_STEPS"),
-        *("FIRST_STEPS", "FALLEN_STEPS", "SCREENED", "WEIGHED", "YOUNG", "ROUNDS"),
+        *(
+            "FIRST_TICKS",
+            "REST_WEIGHT",
+            "DEFER_NATS",
+            "FAR_NATS",
+            "DROP_NATS",
+            "RELAXATION_RIDGE",
+            "FITTING_RMS",
+        ),
+        *(
+            "LEAST_GAIN",
+            "LANDMARK_BURN_IN_SHARE",
+            "PROTECTION_NATS",
+            "PROTECTION_TICKS",
+            "RESIDUAL_TICKS",
+            "REFINE_STEPS",
+        ),
+        *("FIRST_STEPS", "RECOVERY_STEPS", "FOLLOWED_STARTS", "SEARCH_REFITS", "UNTHINNED_TICKS", "ROUNDS"),
     )
     damping = ("FIRST_DAMPING", "LEAST_DAMPING", "MOST_DAMPING", "LESS", "MORE", "LEAST_SHARE")
     return {
@@ -138,8 +153,8 @@ def _settings() -> dict[str, object]:
         "tiny": edge_edge.TINY,
         "edge_ridge": edge_edge.RIDGE,
         "vertex_ridge": vertex_face.RIDGE,
-        "ages": schedule.AGES.tolist(),
-        "due": schedule.DUE.tolist(),
+        "search_ages": schedule.SEARCH_AGES.tolist(),
+        "is_search_age": schedule.IS_SEARCH_AGE.tolist(),
     }
 
 
