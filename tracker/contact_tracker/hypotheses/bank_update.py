@@ -45,8 +45,8 @@ def ticks_at_once(banks: Sequence[Bank]) -> int:
 
 def update(
     banks: Sequence[Bank],
-    moments: Sequence[TickInput],
-    beyond: Sequence[tuple[float, float]],
+    inputs: Sequence[TickInput],
+    extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
     until: StopCondition | None = None,
@@ -60,22 +60,24 @@ def update(
     Parameters
     ----------
     banks : of each contact.
-    moments : the ticks, at most ``ticks_at_once``. The birth weights of the first are those given; of the
+    inputs : the ticks, at most ``ticks_at_once``. The birth weights of the first are those given; of the
         others they follow from the posterior of the tick before.
-    beyond : of each contact, noise variance (m^2, rad^2) beyond that of the window.
+    extra_variance : of each contact, noise variance (m^2, rad^2) beyond that of the window.
     scales : parameters of the evidence.
     margin : nats, see above.
     until : stop after the tick in which this holds.
     """
-    assert len(moments) == 1 or ticks_at_once(banks) > 1
+    assert len(inputs) == 1 or ticks_at_once(banks) > 1
     if not compiled.in_use():
-        return update_reference(banks, moments[0], beyond, scales, margin)
+        return update_reference(banks, inputs[0], extra_variance, scales, margin)
     from contact_tracker.hypotheses.compiled import calls
 
-    first, words = moments[0].births, [(bank.words, bank.onsets.words) for bank in banks]
-    inputs = [calls.tick_input(moment, *_begun(moment.births)) for moment in moments]
-    kept = calls.update(words, inputs, first.number, first.log_birth_weight, beyond, scales, margin, until)
-    last = moments[len(kept.weighed) - 1].births
+    first, words = inputs[0].births, [(bank.words, bank.onsets.words) for bank in banks]
+    kernel_inputs = [calls.tick_input(tick_input, *_begun(tick_input.births)) for tick_input in inputs]
+    kept = calls.update(
+        words, kernel_inputs, first.number, first.log_birth_weight, extra_variance, scales, margin, until
+    )
+    last = inputs[len(kept.weighed) - 1].births
     pasts = [
         joined(bank.lag_history, past, begins.count, rows)
         for bank, begins, past, rows in zip(
@@ -93,18 +95,18 @@ def update(
 
 def update_reference(
     banks: Sequence[Bank],
-    moment: TickInput,
-    beyond: Sequence[tuple[float, float]],
+    tick_input: TickInput,
+    extra_variance: Sequence[tuple[float, float]],
     scales: EvidenceParameters,
     margin: float,
 ) -> BankUpdate:
     """``update`` by one tick in numpy: the reference of the compiled kernels."""
-    births, _, window, before, _, log_stay = moment
+    births, _, window, before, _, log_stay = tick_input
     now = births.onset
     updated, oldest = [], before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
-        settled = marginalise_expired_ticks(bank, model, oldest.with_error(beyond[column]), scales)
-        own, survival = window.with_error(beyond[column]), float(log_stay[column])
+        settled = marginalise_expired_ticks(bank, model, oldest.with_error(extra_variance[column]), scales)
+        own, survival = window.with_error(extra_variance[column]), float(log_stay[column])
         updated.append(_update_contact(settled, model, births.of(column), own, scales, survival))
     free = float(births.log_birth_weight[-1])
     best = max(free, *(bank.best for bank in updated))
@@ -164,8 +166,8 @@ def marginalise_expired_ticks(
     """Add the evidence of the ``oldest`` ticks, which the window has lost, to the sums before the window."""
     if not len(bank) or not len(oldest) or bank.onset[0] > oldest.index[-1]:  # they are in order
         return bank
-    inputs = sum_evidence(model, bank.x, bank.onset, oldest, scales, bank.elements_known)
+    sums = sum_evidence(model, bank.x, bank.onset, oldest, scales, bank.elements_known)
     return bank.replace_columns(
-        llr_before_window=bank.llr_before_window + inputs.log_ratio,
-        gain_before_window=bank.gain_before_window + inputs.gain.sum(axis=1),
+        llr_before_window=bank.llr_before_window + sums.log_ratio,
+        gain_before_window=bank.gain_before_window + sums.gain.sum(axis=1),
     )
