@@ -2,8 +2,9 @@
 
 In short pieces a path is a cubic of time. Poses of two bodies are one such path, and for some of them a step
 aside that is the same for all: of which body each pose is follows from where it lies. Noise has no two
-places (parted in the middle, they are 2.7 of its deviations apart, those of a vibration 4), and motion goes
-back and forth less often.
+places (parted in the middle, its halves are 3 of the deviations left apart, those of a vibration up to 8.5),
+and motion goes back and forth less often. Outliers are fewer, and bodies farther apart than this looks at are
+seen by ``recurrence``.
 """
 
 from typing import Final
@@ -19,11 +20,13 @@ PIECE: Final = 10
 POWERS: Final = 4
 """Of time, from 0 on."""
 ROUNDS: Final = 4
-APART_M: Final = 0.002
-"""Two cameras that are calibrated well agree better."""
-APART_SIGMAS: Final = 6.0
-CHANGES: Final = 0.3
+APART_M: Final = (0.002, 0.03)
+"""Two cameras that are calibrated well agree better than the first."""
+APART_SIGMAS: Final = 9.0
+CHANGES: Final = 0.35
 """Share of the poses that are not of the body of the one before: bodies in random order change in half."""
+LEAST_SHARE: Final = 0.25
+"""Of the poses that are of the rarer body."""
 
 
 def is_of_two_bodies(poses: Poses) -> bool:
@@ -46,8 +49,9 @@ def is_of_two_bodies(poses: Poses) -> bool:
         side = (left + body[..., None] * step) @ step > 0.0
     apart_m = float(np.linalg.norm(step))
     sigma_m = float(np.sqrt((left * left).mean() * PIECE / (PIECE - POWERS)))
-    changes = np.mean(np.diff(side.ravel()) != 0)
-    return bool(apart_m > max(APART_M, APART_SIGMAS * sigma_m) and changes > CHANGES)
+    share, changes = float(side.mean()), float(np.mean(np.diff(side.ravel())))
+    are_mixed = min(share, 1.0 - share) > LEAST_SHARE and changes > CHANGES
+    return are_mixed and max(APART_M[0], APART_SIGMAS * sigma_m) < apart_m < APART_M[1]
 
 
 def _without(smooth: Array, values: Array) -> Array:
