@@ -184,6 +184,37 @@ def test_two_bodies_in_random_order_are_found(recordings):
     assert "bodies" in kinds(Poses(first.stamp_ns, position, quat))
 
 
+@pytest.mark.parametrize(
+    ("apart_mm", "every", "in_turns"),
+    [(3, 2, True), (5, 2, True), (5, 8, True), (20, 4, True), (5, 2, False), (20, 4, False)],
+)
+def test_two_bodies_close_to_each_other_are_found_in_motion(recordings, apart_mm, every, in_turns):
+    """They move side by side, at up to 0.3 m/s; noise is 0.3 mm."""
+    poses = recordings["paper_experiment"][1100::every]
+    numbers = np.arange(len(poses)) if in_turns else np.random.default_rng(4).permutation(len(poses))
+    aside = 1e-3 * apart_mm * np.array([0.6, -0.5, 0.62]) * (numbers % 2)[:, None]
+    found = inspected(
+        Poses(poses.stamp_ns, poses.position_m + aside, poses.quat_xyzw)[: 200 if in_turns else 800]
+    )
+    assert found.bodies
+    assert is_in_doubt(found)
+
+
+@pytest.mark.parametrize("apart_mm", [0.5, 1.0])
+def test_cameras_that_take_turns_and_hardly_differ_are_one_body(recordings, apart_mm):
+    poses = recordings["paper_experiment"][::2]
+    aside = 1e-3 * apart_mm * (np.arange(len(poses)) % 2)[:, None] * np.array([0.6, -0.5, 0.62])
+    assert not inspected(Poses(poses.stamp_ns, poses.position_m + aside, poses.quat_xyzw)).bodies
+
+
+def test_a_vibration_is_no_second_body(recordings):
+    """A tool that shakes the object by 2 mm at 37 Hz."""
+    poses = recordings["paper_experiment"][::2]
+    shaken = 2e-3 * np.sin(2e-9 * np.pi * 37.0 * (poses.stamp_ns - poses.stamp_ns[0]))
+    position = poses.position_m + shaken[:, None] * [0.0, 0.6, 0.8]
+    assert not inspected(Poses(poses.stamp_ns, position, poses.quat_xyzw)).bodies
+
+
 @each_recording
 @pytest.mark.parametrize("seed", range(3))
 def test_outliers_are_no_second_body(recordings, name, seed):

@@ -10,13 +10,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from contact_tracker.adaptation.explained import Explained, follow
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking import tracker
-from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.state import TrackerState
 
 READINGS: Final = (
     ("", np.arange(4), 1.0),
@@ -44,17 +43,16 @@ LONGEST_S: Final = 15.0
 class Conventions(NamedTuple):
     """What is known so far.
 
-    ``trackers`` of READINGS, none before the rate is known and once it is settled; ``moved_s`` of motion
-    since then, and whether it ``is_settled``; the text of what was ``found``, empty if nothing was.
+    ``trackers`` of READINGS, none before the rate is known and once it is settled; whether it
+    ``is_settled``; the text of what was ``found``, empty if nothing was.
     """
 
-    trackers: tuple[TrackerState, ...]
-    moved_s: float
+    trackers: tuple[Explained, ...]
     is_settled: bool
     found: str
 
 
-NOTHING_KNOWN: Final = Conventions((), 0.0, False, "")
+NOTHING_KNOWN: Final = Conventions((), False, "")
 
 
 def advance(known: Conventions, model: Model, knowledge: PriorMap, poses: Poses) -> Conventions:
@@ -78,19 +76,12 @@ def read(poses: Poses, reading: int) -> Poses:
 
 def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
     """What contacts explain in each reading, against what they explain of the poses as they are."""
-    trackers = known.trackers or tuple(tracker.start(model) for _ in READINGS)
-    moved_s, after = known.moved_s, list[TrackerState]()
-    for reading, one in enumerate(trackers):
-        state, closed = tracker.accumulate_poses(one, read(poses, reading))
-        for tick in closed:
-            state, _ = tracker.update(state, tick, Detail.WEIGHTS)
-            if not reading:
-                moved_s += model.tick_s * state.window.latest_motion_ratio
-        after.append(state)
-    explained = np.array([state.log_evidence for state in after])
+    trackers = known.trackers or tuple(Explained(tracker.start(model)) for _ in READINGS)
+    after = tuple(follow(one, read(poses, reading))[0] for reading, one in enumerate(trackers))
+    explained, moved_s = np.array([one.state.log_evidence for one in after]), after[0].moved_s
     other, lead = int(explained.argmax()), float(explained[0] - explained[1:].max())
     if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * explained[0]:
-        return known._replace(trackers=(), is_settled=True, found=READINGS[other][0])
+        return Conventions((), True, READINGS[other][0])
     if moved_s > LONGEST_S or (moved_s > SAFE_AFTER_S and lead > SAFE_NATS):
-        return known._replace(trackers=(), is_settled=True)
-    return known._replace(trackers=tuple(after), moved_s=moved_s)
+        return Conventions((), True, "")
+    return Conventions(after, False, "")

@@ -75,9 +75,9 @@ class OfflineTracker:
             yield replace(piece, filtered=Beliefs.join([said, piece.filtered]))
 
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """Poses on their way, looked at."""
+        """Poses on their way, looked at and compared with what is given."""
         for poses in stream:
-            self._state = online.look_at(self._state, poses)
+            self._state = online.compare(online.look_at(self._state, poses), poses)
             yield poses
 
     def _choose(

@@ -3,8 +3,9 @@
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from contact_tracker.adaptation import clearance, side_by_side
+from contact_tracker.adaptation import clearance, contradiction, side_by_side
 from contact_tracker.adaptation.clearance import Clearance
+from contact_tracker.adaptation.contradiction import Contradiction
 from contact_tracker.adaptation.conventions import NOTHING_KNOWN, Conventions
 from contact_tracker.adaptation.conventions import advance as advance_conventions
 from contact_tracker.adaptation.conventions import findings as convention_findings
@@ -33,14 +34,16 @@ TOGETHER: Final = 50
 class AdaptiveState(NamedTuple):
     """Everything known of the stream; bounded in size however long it is.
 
-    The ``trackers`` side by side, what is known of its ``conventions``, and the ``inspection`` of the poses,
-    but for the last ones: those wait for it (``uninspected``, so ``many``), and after the first ``taken_in``
-    parts of them for the end of a tick; ``last_ns`` is the stamp of the last pose.
+    The ``trackers`` side by side, what is known of its ``conventions`` and of a ``contradiction`` to what is
+    given, and the ``inspection`` of the poses, but for the last ones: those wait for it (``uninspected``, so
+    ``many``), and after the first ``taken_in`` parts of them for the end of a tick; ``last_ns`` is the stamp
+    of the last pose.
     """
 
     trackers: SideBySide
     inspection: Inspection
     conventions: Conventions
+    contradiction: Contradiction
     clearance: Clearance
     uninspected: tuple[Pose | Poses, ...]
     many: int
@@ -60,12 +63,20 @@ class AdaptiveState(NamedTuple):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the stream shows of itself."""
+        tick_s, fast = self.trackers.model.tick_s, tuple[Finding, ...]()
+        if self._impacts_are_possible:
+            fast = impacts(self.inspection, tick_s)
         return (
             *findings(self.inspection),
-            *(impacts(self.inspection, self.trackers.model.tick_s) if self._impacts_are_possible else ()),
+            *fast,
             *convention_findings(self.conventions),
-            *clearance.findings(self.clearance),
+            *(clearance.findings(self.clearance) or (() if fast else self._contradictions)),
         )
+
+    @property
+    def _contradictions(self) -> tuple[Finding, ...]:
+        """Where nothing else explains why contacts do not fit what is given."""
+        return contradiction.findings(self.contradiction, self.trackers.knowledge)
 
     @property
     def is_in_doubt(self) -> bool:
@@ -74,7 +85,10 @@ class AdaptiveState(NamedTuple):
 
     @property
     def is_in_doubt_yet(self) -> bool:
-        """The same, or it is too early to know: an object that is given may be fast."""
+        """The same, or it is too early to know: an object that is given may be fast, and what is given may
+        not fit."""
+        if self.contradiction.is_likely:
+            return True
         too_early = self._impacts_are_possible and not self.inspection.blocks
         return self.is_in_doubt or (too_early and self.trackers.model.tick_s > LONGEST_TICK_S)
 
@@ -96,6 +110,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         side_by_side.begin(model, lag_s, knowledge),
         NOTHING_INSPECTED,
         NOTHING_KNOWN,
+        Contradiction(),
         Clearance(),
         (),
         0,
@@ -153,6 +168,15 @@ def look_at(state: AdaptiveState, poses: Poses) -> AdaptiveState:
     )
 
 
+def compare(state: AdaptiveState, poses: Poses) -> AdaptiveState:
+    """Weigh what is given by poses, whoever tracks them."""
+    trackers = state.trackers
+    if not trackers.trackers:
+        return state
+    known = contradiction.advance(state.contradiction, trackers.trackers[0].model, trackers.knowledge, poses)
+    return state._replace(contradiction=known)
+
+
 def finish(state: AdaptiveState) -> tuple[AdaptiveState, list[Belief]]:
     """The stream has ended: beliefs of the last, partial tick and of what the lag still holds back.
 
@@ -192,6 +216,7 @@ def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[
     if trackers.trackers:
         conventions = advance_conventions(conventions, trackers.trackers[0].model, trackers.knowledge, poses)
     state = state._replace(trackers=trackers, conventions=conventions, taken_in=len(state.uninspected))
+    state = compare(state, poses)
     return state, _as_sure_as_allowed(state, beliefs)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.inspection import turning_point
+from contact_tracker.inspection.alternation import is_of_two_bodies
 from contact_tracker.inspection.recurrence import ALARM, BACK, page_sum, returned
 from contact_tracker.inspection.turning_point import NO_TURNING_POINTS, TurningPoints
 from contact_tracker.inspection.whiteness import NOTHING_COMPARED, REACH, Whiteness, compare, is_filtered
@@ -195,6 +196,8 @@ def _inspect_block(before: Inspection, window: Poses) -> Inspection:
     time_s = 1e-9 * (near.stamp_ns - near.stamp_ns[0])
     interval_s = _median(np.diff(time_s))
     back = returned(near, interval_s)
+    if is_of_two_bodies(window[-BLOCK:]):
+        back = np.ones(BLOCK, np.bool_)
     page, bodies = page_sum(before.page, back)
     top_m_per_s = max(before.top_m_per_s, _speed(near.position_m, time_s))
     after = before._replace(

@@ -11,7 +11,7 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
-from contact_tracker.states import Contact
+from contact_tracker.states import CONTACTS, Contact
 
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
 _KIND: Final[dict[type[Element], str]] = {Plane: "f", Line: "e", Point: "v"}
@@ -71,6 +71,11 @@ class PriorMap:
             not complete or any(known.kind == kind for known in listed)
             for (listed, complete), kind in zip(sides, contact.value[0::2], strict=True)
         )
+
+    @property
+    def allowed(self) -> tuple[Contact, ...]:
+        """The contacts that there may be."""
+        return tuple(contact for contact in CONTACTS if self.allows(contact))
 
 
 EMPTY_MAP: Final = PriorMap()

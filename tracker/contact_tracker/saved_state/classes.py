@@ -4,7 +4,15 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, Final
 
-from contact_tracker.adaptation import clearance, comparison, conventions, online, side_by_side
+from contact_tracker.adaptation import (
+    clearance,
+    comparison,
+    contradiction,
+    conventions,
+    explained,
+    online,
+    side_by_side,
+)
 from contact_tracker.config import parameters
 from contact_tracker.formations import online as online_formations
 from contact_tracker.geometry import elements
@@ -32,7 +40,9 @@ VALUES: Final[tuple[type, ...]] = (
     Contact,
     clearance.Clearance,
     comparison.TickEvidence,
+    contradiction.Contradiction,
     conventions.Conventions,
+    explained.Explained,
     online.AdaptiveState,
     side_by_side.SideBySide,
     side_by_side.TrackedTick,

@@ -16,7 +16,7 @@ from contact_tracker.hypotheses.pruning import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -130,16 +130,22 @@ def p_curved(log_evidence: float) -> float:
     return float(odds / (1.0 + odds))
 
 
-def redistribute(probability: Array, label: Contact, others: tuple[Contact, ...], deliberate: float) -> Array:
+def redistribute(
+    probability: Array,
+    label: Contact,
+    others: tuple[Contact, ...],
+    deliberate: float,
+    possible: tuple[Contact, ...] = CONTACTS,
+) -> Array:
     """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
 
     The most probable contact among them gives to all the others, in proportion to the probability that the
     restriction of the motion is ``deliberate`` (T30). That contact is the label itself, except on a Viterbi
-    path or with a lag. Free motion gives only where every contact is consistent with it. The most
+    path or with a lag. Free motion gives only where every ``possible`` contact is consistent with it. The most
     probable state stays the most probable one, and the sum stays 1.
     """
     is_free = label is Contact.FREE
-    if not others or (is_free and len(others) < len(STATES) - 1):
+    if not others or (is_free and not set(possible) <= set(others)):
         return probability
     alike = [state.column for state in (label, *others)]
     contacts = [label.column] if is_free else [c for c in alike if c != Contact.FREE.column]

@@ -58,6 +58,11 @@ def judged_offline(window: Window, scales: EvidenceParameters, knowledge: PriorM
     return found
 
 
+def is_mostly_curved(probability: Array) -> bool:
+    """Whether most of a segment, by the probability in each tick (n,), keeps to a curved surface."""
+    return bool(np.mean(probability > 0.5) > 0.5)
+
+
 def _probability(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> float:
     """Of an object all of whose flat elements are given none is expected."""
     if knowledge.object_complete or float(window.motion_ratio.sum()) < LEAST_ACTIVITY:

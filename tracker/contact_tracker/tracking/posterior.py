@@ -48,7 +48,8 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     inseparable = telling.inseparable if telling.contact is contact else ()
     deliberate = telling.p_deliberate if telling.contact is contact else 0.0
     further = telling.further if telling.contact is contact else ()
-    probability = ambiguity.redistribute(probability, contact, inseparable, deliberate)
+    possible = state.knowledge.allowed
+    probability = ambiguity.redistribute(probability, contact, inseparable, deliberate, possible)
     onset_ns = min(onset_ns, then.stamp_ns)
     return Belief(
         then.stamp_ns,
@@ -91,7 +92,8 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, deliberate = CONTACTS, max(deliberate, state.curved.probability)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
-    probability = ambiguity.redistribute(belief.probability, label, inseparable, deliberate)
+    possible = state.knowledge.allowed
+    probability = ambiguity.redistribute(belief.probability, label, inseparable, deliberate, possible)
     return replace(belief, probability=probability, inseparable=inseparable, p_deliberate=deliberate)
 
 

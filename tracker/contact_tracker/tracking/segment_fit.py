@@ -24,10 +24,10 @@ from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import Window
-from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import FurtherContact, Segment
-from contact_tracker.tracking.curved_motion import judged_offline
+from contact_tracker.tracking.curved_motion import is_mostly_curved, judged_offline
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 
@@ -109,10 +109,14 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     others = ambiguity.indistinguishable(label, rivals, freedom)
     inseparable = tuple(other for other in others if knowledge.allows(other))
     restricted, share = ambiguity.p_deliberate(freedom.underused, window, model.tick_s), None
-    if segment.wrench_evidence is not None:
-        label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, segment.wrench_evidence)
+    curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
         curved = judged_offline(segment.window, scales_of(model), knowledge)
+        none_fits = is_mostly_curved(curved) and not freedom.one_direction
+        inseparable = knowledge.allowed if none_fits else inseparable
+    if segment.wrench_evidence is not None:
+        label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, segment.wrench_evidence)
+    if label is Contact.FREE or none_fits:  # then there are no elements
         return SegmentFit(label, None, inseparable, restricted, curved, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     window = window.with_error(model.noise.extra_contact_variance[label.column])
@@ -191,10 +195,12 @@ class FinishedSegment(NamedTuple):
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
         restricted = np.maximum(fit.restricted, curved)
-        others = [CONTACTS if p > 0.5 else fit.inseparable for p in curved]
+        possible = self.ticks.knowledge.allowed
+        is_open = (curved > 0.5) & (fit.share is None)
+        others = [possible if one else fit.inseparable for one in is_open]
         for belief, given, states, p in zip(beliefs, self.posterior, others, restricted, strict=True):
             shared = (
-                ambiguity.redistribute(given, contact, states, float(p))
+                ambiguity.redistribute(given, contact, states, float(p), possible)
                 if fit.share is None
                 else ambiguity.shared(given, fit.share)
             )
@@ -208,8 +214,7 @@ class FinishedSegment(NamedTuple):
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"])
         probability = float(beliefs["probability"][:, column].mean())
-        inseparable = CONTACTS if np.mean(curved > 0.5) > 0.5 else fit.inseparable
-        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, inseparable, further)
+        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable, further)
         return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)], formations)
 
     def _further(self, formation: FittedFormation) -> tuple[FurtherContact, ...]:

@@ -1,0 +1,90 @@
+"""What is given and contradicts the motion is found out and named, and what fits it is not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_tracker import adaptation
+from contact_tracker.adaptation import contradiction, online
+from contact_tracker.adaptation.contradiction import Contradiction
+from contact_tracker.evaluation.evaluate import evaluate
+from contact_tracker.hypotheses import compiled
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.prior_map_files import knowledge_from
+from contact_tracker.recording import open_log, read_truth
+from contact_tracker.tracking.segmentation import Segmentation
+from short_recordings import MODEL
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+UP = [0.5657, 0.5557, 0.6092]
+"""Of the faces in all of them."""
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+
+
+def up(direction: list[float]) -> PriorMap:
+    return knowledge_from({"up": {"direction": list(np.array(direction) / np.linalg.norm(direction))}})
+
+
+def poses_of(name: str) -> Poses:
+    return gate(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap"))))
+
+
+def tracked(name: str, knowledge: PriorMap) -> tuple[list[str], Segmentation]:
+    tracker = adaptation.OfflineTracker(MODEL, knowledge)
+    found = Segmentation.join(list(tracker.pieces(poses_of(name))))
+    assert tracker.report is not None
+    return [one.text for one in tracker.report.findings if one.kind == "knowledge"], found
+
+
+@needs_kernels
+@pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.7, 0.2, 0.6]])
+@pytest.mark.parametrize("name", ["paper_experiment", "wall_in_between", "robot_1khz"])
+def test_a_wrong_direction_is_named_and_no_label_is_surely_wrong(name: str, direction: list[float]) -> None:
+    texts, found = tracked(name, up(direction))
+    assert len(texts) == 1
+    assert texts[0].startswith("--up does not fit the motion")
+    assert "\n" not in texts[0]
+    truth = read_truth(str(RECORDINGS / f"{name}.mcap"))
+    assert truth is not None
+    judged = evaluate(poses_of(name), truth, found)
+    assert judged.offline.sure_wrong == 0.0
+    assert judged.online.sure_wrong < 0.01, "not even before it is named"
+
+
+@needs_kernels
+@pytest.mark.parametrize("name", ["paper_experiment", "all_states", "wall_in_between", "vision_30hz"])
+def test_a_direction_that_is_right_is_not_doubted(name: str) -> None:
+    texts, found = tracked(name, up([*UP[:2], UP[2] + 0.03]))  # a degree and more off
+    assert texts == []
+    assert found.beliefs.probability.max(axis=1).mean() > 0.8
+
+
+@needs_kernels
+def test_a_box_of_another_size_is_named() -> None:
+    box = knowledge_from({"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}})
+    texts, found = tracked("paper_experiment", box)
+    assert texts[0].startswith("what is given does not fit the motion")
+    assert found.beliefs.probability.max() < 0.6
+
+
+@needs_kernels
+def test_it_does_not_matter_how_the_poses_are_cut() -> None:
+    poses, knowledge = poses_of("robot_1khz")[:4000], up([1.0, 0.0, 0.0])
+    ends = []
+    for size in (7, 400):
+        known = Contradiction()
+        for first in range(0, len(poses), size):
+            known = contradiction.advance(known, MODEL, knowledge, poses[first : first + size])
+        ends.append((known.is_found, known.lead))
+    assert ends[0] == ends[1]
+    assert ends[0][0]
+
+
+def test_without_anything_given_nothing_is_compared() -> None:
+    known = contradiction.advance(Contradiction(), MODEL, EMPTY_MAP, Poses.join([]))
+    assert known.is_settled
+    assert not known.is_likely
+    assert online.start(MODEL).findings == ()
