@@ -10,7 +10,7 @@ window: the Laplace approximation of the integral over it.
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import log, sqrt
 from typing import Final
 
 import numpy as np
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 AS_WELL: Final = 1.2
 """A contact fits as well if its whitened residual is no more than this times the best's, or the noise."""
+DECISIVE: Final = log(20.0)
+"""Evidence (nats) that tells two contacts apart: twenty to one."""
 _I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...
 _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 
