@@ -51,8 +51,10 @@ class EndlessFile:
 class Store(AbstractFileSystem):
     """A remote store that says of its files what it likes."""
 
+    cachable = False
+
     def __init__(self, said_bytes: int | None = None, file: Any = None) -> None:
-        super().__init__(skip_instance_cache=True)
+        super().__init__()
         self.said_bytes, self.file = said_bytes, EndlessFile() if file is None else file
 
     def isdir(self, path: str) -> bool:
