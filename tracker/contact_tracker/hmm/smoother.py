@@ -129,12 +129,12 @@ class _Held:
         self._table[rows, state[old:]] += probability[old:]
 
     def take(self, onset: int) -> Array:
-        """What began then, and is not held before."""
+        """What began then; it is not asked for again."""
         row = int(self._row[onset - self._first])
         if row < 0:
             return np.zeros(self._table.shape[1:])
         beginning: Array = self._table[row].copy()
-        self._table[row], self._row[onset - self._first] = 0.0, -1
+        self._table[row] = 0.0
         self._free.append(row)
         return beginning
 
