@@ -11,6 +11,8 @@ import contact_tracker
 from contact_tracker import Trajectory
 from contact_tracker.adaptation import advance, finish, start
 from contact_tracker.adaptation import segment as segment_inside
+from contact_tracker.adaptation.with_wrenches import NoLoad
+from contact_tracker.api import offline
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import (
     AmbiguousSource,
@@ -25,8 +27,9 @@ from contact_tracker.errors import (
 )
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import write_recording
-from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+from contact_tracker.recording import WRENCH_TYPE, write_recording
+from contact_tracker.wrenches.wrenches import Wrenches
+from mcap_logs import Topic, header, poses_topic, smooth_poses, transform, wrench_stamped, write_log
 from short_recordings import FACE_TO_EDGE, recorded
 
 WXYZ = [3, 0, 1, 2]
@@ -269,3 +272,33 @@ def test_a_library_that_is_missing_is_told_with_its_extra(
     with pytest.raises(MissingExtra, match=rf"needs {library}: pip install 'contact-tracker\[\w+\]'"):
         getattr(result, name)(*([tmp_path / f"out{suffix}"] if suffix else []))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("stamped", ["none", "few"])
+def test_wrenches_have_the_clock_of_the_poses(
+    stamped: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is that of the log only where no pose has a stamp, not where most lack theirs."""
+    poses, logged_later_ns = smooth_poses(800), 5_000_000_000
+    topic = poses_topic(poses, offset_ns=logged_later_ns)
+    for row, (_, message) in enumerate(topic.messages):
+        if stamped == "none" or row >= 300:  # those of the first second say what the clock is
+            message["header"] = header(0)
+    messages = [
+        (int(stamp) + logged_later_ns, wrench_stamped(int(stamp), [0.0, 0.0, 9.0, 0.0, 0.0, 0.0]))
+        for stamp in poses.stamp_ns
+    ]
+    path = write_log(tmp_path / "log.mcap", [topic, Topic("/wrench", WRENCH_TYPE, messages)])
+    seen = []
+
+    def note(poses: Poses, wrenches: Wrenches, *_: object) -> None:
+        seen.append((poses.stamp_ns, wrenches.stamp_ns))
+        raise NoLoad("only looked at")
+
+    monkeypatch.setattr(offline, "wrench_evidence", note)
+    trajectory = contact_tracker.read(path)
+    contact_tracker.segment(trajectory, wrench="/wrench")
+    assert trajectory.by_log_time == (stamped == "none")
+    assert trajectory.counts["log_time_as_stamp"] > 0.5 * len(trajectory)
+    ((of_poses, of_wrenches),) = seen
+    assert of_poses.tolist() == of_wrenches.tolist()

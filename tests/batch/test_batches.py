@@ -16,7 +16,6 @@ from contact_tracker.batch import rows, segmenting
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find, recordings_among
 from contact_tracker.batch.processes import KILLED
-from contact_tracker.batch.remote import copy_folder
 from contact_tracker.batch.run import Batch
 from contact_tracker.batch.segmenting import segment_recording
 from contact_tracker.errors import StateError, UnreadableRecording, UsageError
@@ -346,19 +345,3 @@ def test_the_kernel_of_numpy_threads_is_told_before_processes_start() -> None:
     program = "import sys; import contact_tracker.cli.batch; print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout.strip() == "False", done.stderr
-
-
-class StoreWithOddNames:
-    """A remote store, in which a key leads out of its folder."""
-
-    def find(self, path: str) -> list[str]:
-        return [f"{path}/part.mcap", f"{path}/../../out.mcap"]
-
-    def get_file(self, name: str, target: str) -> None:
-        Path(target).write_text(name)
-
-
-def test_names_of_a_store_lead_nowhere_else(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="leads out of the folder"):
-        copy_folder(StoreWithOddNames(), "bucket/bag", str(tmp_path / "a" / "b"))
-    assert not list(tmp_path.glob("*.mcap"))

@@ -140,11 +140,29 @@ def test_one_state_that_cannot_be_left_is_certain():
 
 
 def test_weights_of_a_long_recording_neither_overflow_nor_vanish():
+    """Nor does what their digits lose: probabilities are distributions all the same."""
     case = Case(3, sizes=((3, 6),))
-    case.value -= 1e6 * (np.arange(case.ticks + 1) - case.onset[:, None])
-    posterior, log_evidence = hmm.smooth(case.trellis, *case.model)
+    unshifted, unshifted_changes, _ = hmm.expect(case.trellis, *case.model)
+    case.value -= 1e9 * (np.arange(case.ticks + 1) - case.onset[:, None])
+    posterior, changes, log_evidence = hmm.expect(case.trellis, *case.model)
     assert np.isfinite(log_evidence)
-    np.testing.assert_allclose(posterior.sum(axis=1), 1.0)
+    np.testing.assert_allclose(posterior.sum(axis=1), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(posterior, unshifted, atol=1e-5)
+    assert np.abs(changes.sum(axis=(1, 2)) - unshifted_changes.sum(axis=(1, 2))).max() < 1e-5
+
+
+def test_what_was_not_alive_at_its_onset_has_no_way_in():
+    """The first hypothesis would be by far the best, and shows up a tick after its onset."""
+    trellis = hmm.Trellis(
+        np.array([0, 1, 1]),
+        np.array([0, 0, 1]),
+        [np.array([1]), np.array([0, 1, 2])],
+        [np.zeros(1), np.array([50.0, 0.0, 0.0])],
+    )
+    even = np.log(np.full((2, 2, 2), 0.5))
+    assert all(h for h, *_ in hmm.viterbi(trellis, even[0, 0], even))
+    posterior, _ = hmm.smooth(trellis, even[0, 0], even)
+    np.testing.assert_allclose(posterior, [[0.0, 1.0]] * 2)
 
 
 def test_log_sum_exp_of_nothing_possible_is_impossible():

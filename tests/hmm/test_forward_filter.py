@@ -221,3 +221,50 @@ def test_what_has_not_begun_is_refused():
         forward.advance(one, one, none, change)
     with pytest.raises(ValueError, match="no path"):
         forward.advance(one, one + 1, none + np.nan, change)
+
+
+def test_what_has_no_way_in_came_from_nowhere():
+    """Nothing comes before the first tick, and a state to which no path leads has no best one."""
+    forward, only = hmm.ForwardFilter(np.log([0.5, 0.25, 0.25])), np.full((3, 3), -np.inf)
+    step = forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), only)
+    assert forward.living.origin.tolist() == [-1, -1]
+    assert step.best.tolist() == [[0, 0, -1], [-1, -1, -1]]
+    only[1, 2] = 0.0
+    step = forward.advance(np.array([0, 2]), np.array([0, 1]), np.zeros(2), only)
+    assert forward.living.origin.tolist() == [-1, 1]
+    assert step.best.tolist() == [[0, -1, 1], [-1, -1, 1]]
+
+
+def test_many_onsets_may_stay_open():
+    """More than the smoother first has room for: all of them are kept apart."""
+    rng, ticks = np.random.default_rng(5), 60
+    value = 0.05 * rng.normal(size=(2, ticks, ticks + 1))
+    initial, change = np.log([0.5, 0.5]), np.log(rng.dirichlet(np.ones(2), (ticks, 2)))
+    forward, past, alive = hmm.ForwardFilter(initial), hmm.OpenTicks(), []
+    for tick in range(ticks):
+        state, onset = np.repeat([0, 1], tick + 1), np.tile(np.arange(tick + 1), 2)
+        alive.append(np.concatenate([np.arange(tick + 1), ticks + np.arange(tick + 1)]))
+        past.append(forward.advance(state, onset, value[state, onset, tick + 1], change[tick]))
+        if tick == 50:  # those before it are not asked for any more
+            past.drop(20)
+    trellis = hmm.Trellis(
+        np.repeat([0, 1], ticks),
+        np.tile(np.arange(ticks), 2),
+        alive,
+        [value.reshape(-1, ticks + 1)[rows, tick + 1] for tick, rows in enumerate(alive)],
+    )
+    expected = hmm.smooth(trellis, initial, change)[0][20:]
+    np.testing.assert_allclose(past.posterior(forward.living), expected, atol=1e-9)
+
+
+def test_what_rounding_takes_from_a_posterior_is_given_back():
+    past, living = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
+    for chance in (0.0, 0.9):  # instead of one
+        way = np.array([0]), np.array([1]), np.array([1.0])
+        past.append(hmm.ForwardMessage(np.array([[0.0, 0.0], [chance, 0.0]]), *way, np.zeros((2, 2))))
+    np.testing.assert_allclose(past.posterior(living), [[0.0, 1.0], [1.0, 0.0]], atol=1e-12)
+
+
+def test_weights_of_what_is_alive_may_have_any_factor():
+    living = hmm.FilterFrontier(*map(np.array, ([0, 1], [0, 1], [-2000.0, -2000.0], [0.0, 0.0], [0, 0])))
+    np.testing.assert_allclose(living.probability, [0.5, 0.5])

@@ -168,15 +168,19 @@ def _remove(node: Any) -> None:
 def apply(mutant: Mutant, module: ModuleType, others: list[ModuleType]) -> None:
     """Give a loaded module the fault: the code of a function, or a constant also where it was imported."""
     code = compile(mutant.tree, str(module.__file__), "exec")
+    namespace = {key: vars(module)[key] for key in ("__name__", "__file__", "__package__", "__spec__")}
     if mutant.place.endswith("()"):
         path = mutant.place.removesuffix("()").split(".")
         function = _function(module, path)
         function.__code__ = _code(code, path)
+        if function.__defaults__ or function.__kwdefaults__:
+            exec(code, namespace)
+            faulty = _function(namespace, path)
+            function.__defaults__, function.__kwdefaults__ = faulty.__defaults__, faulty.__kwdefaults__
         for value in [value for other in others for value in vars(other).values()]:
             if hasattr(value, "cache_clear"):
                 value.cache_clear()
         return
-    namespace = {key: vars(module)[key] for key in ("__name__", "__file__", "__package__", "__spec__")}
     exec(code, namespace)
     old = vars(module)
     for name, value in namespace.items():
@@ -188,10 +192,10 @@ def apply(mutant: Mutant, module: ModuleType, others: list[ModuleType]) -> None:
         setattr(module, name, value)
 
 
-def _function(module: ModuleType, path: list[str]) -> Any:
+def _function(module: ModuleType | dict[str, Any], path: list[str]) -> Any:
     found: Any = module
     for name in path:
-        found = vars(found)[name]
+        found = (found if isinstance(found, dict) else vars(found))[name]
     for inner in ("fget", "func", "__func__", "__wrapped__"):
         found = getattr(found, inner, None) or found
     return found

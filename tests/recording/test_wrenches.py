@@ -1,11 +1,10 @@
 """Wrenches of a recording: which frame they are in, and what is dropped."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from support.mcap_logs import Topic, header, poses_topic, smooth_poses, transform, vector, write_log
+from support.mcap_logs import Topic, poses_topic, smooth_poses, transform, wrench_stamped, write_log
 
 from contact_tracker.cli.main import run
 from contact_tracker.errors import InputError, UsageError
@@ -13,16 +12,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches
 
 
-def wrench(stamp_ns: int, values: Any, frame: str = "object") -> dict[str, Any]:
-    return {
-        "header": header(stamp_ns, frame),
-        "wrench": {"force": vector(values[:3]), "torque": vector(values[3:])},
-    }
-
-
 def wrenches_topic(poses: Poses, frame: str = "object", name: str = "/wrench") -> Topic:
     values = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-    messages = [(int(stamp), wrench(int(stamp), values, frame)) for stamp in poses.stamp_ns]
+    messages = [(int(stamp), wrench_stamped(int(stamp), values, frame)) for stamp in poses.stamp_ns]
     return Topic(name, WRENCH_TYPE, messages)
 
 
@@ -72,9 +64,9 @@ def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path) -> None:
     topic = wrenches_topic(poses)
     messages = list(topic.messages)
     stamp = int(poses.stamp_ns[3])
-    messages[3] = (stamp, wrench(stamp, [np.nan, 0, 0, 0, 0, 0]))
-    messages[4] = (stamp, wrench(stamp, [0, 0, 0, 0, np.inf, 0]))
-    messages[5] = (stamp, wrench(0, [0.0] * 6))
+    messages[3] = (stamp, wrench_stamped(stamp, [np.nan, 0, 0, 0, 0, 0]))
+    messages[4] = (stamp, wrench_stamped(stamp, [0, 0, 0, 0, np.inf, 0]))
+    messages[5] = (stamp, wrench_stamped(0, [0.0] * 6))
     topic.messages = messages
     found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
     assert found.dropped == 3

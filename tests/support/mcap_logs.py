@@ -102,6 +102,13 @@ def transform(stamp_ns: int, position: Sequence[float], quat: Sequence[float], f
     }
 
 
+def wrench_stamped(stamp_ns: int, values: Any, frame: str = "object") -> dict[str, Any]:
+    return {
+        "header": header(stamp_ns, frame),
+        "wrench": {"force": vector(values[:3]), "torque": vector(values[3:])},
+    }
+
+
 def poses_topic(poses: Poses, name: str = "/object/pose", frame: str = "world", offset_ns: int = 0) -> Topic:
     """The poses as PoseStamped, logged ``offset_ns`` after their header stamps."""
     messages = [(p.stamp_ns + offset_ns, pose_stamped(*p, frame=frame)) for p in poses]

@@ -270,6 +270,17 @@ def test_freedom_that_is_not_used_separates_nothing_that_fits():
     assert untold(Contact.FV, judged, window, older=False) == ()
 
 
+@pytest.mark.parametrize(
+    ("label_rms", "rival_rms", "fits"),
+    [(0.5, 1.1, True), (0.5, 1.3, False), (2.0, 2.3, True), (2.0, 2.5, False)],
+)
+def test_what_leaves_no_more_than_the_noise_fits_as_well_as_what_leaves_less(label_rms, rival_rms, fits):
+    judged = rivals(vf=50.0, fv=-100.0)
+    judged.rms[[Contact.VF.column, Contact.FV.column]] = label_rms, rival_rms
+    told = ambiguity.indistinguishable(Contact.VF, judged, ambiguity.Freedom(True, False))
+    assert (Contact.FV in told) == fits
+
+
 def test_rest_does_not_take_back_what_earlier_motion_has_told():
     rest = ticks(*kinds_of_motion()["rest"][1:])
     rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)

@@ -13,7 +13,7 @@ import pytest
 import rerun_cli
 
 from contact_tracker.errors import ViewerError
-from contact_tracker.viewer import SILENT
+from contact_tracker.viewer import SILENT, sinks
 from contact_tracker.viewer.live import LiveViewer
 from contact_tracker.viewer.sinks import to_viewer
 
@@ -66,6 +66,26 @@ def test_a_viewer_that_cannot_start_is_said(monkeypatch: pytest.MonkeyPatch, fre
     monkeypatch.setenv("RERUN_CLI_PATH", str(Path(sys.executable).with_name("no such viewer")))
     with pytest.raises(ViewerError, match="did not start"):
         LiveViewer(sink=to_viewer(free_port))
+
+
+@pytest.mark.parametrize("waits", [False, True], ids=["in time", "interrupted"])
+def test_a_viewer_that_does_not_answer_is_ended(
+    waits: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
+) -> None:
+    note = tmp_path / "pid"
+    stand_in(tmp_path, monkeypatch, f"echo $$ > {shlex.quote(str(note))}; sleep 60")
+
+    def hears_nothing(_: int) -> bool | None:
+        if waits and note.exists() and note.read_text():
+            raise KeyboardInterrupt
+        return None
+
+    monkeypatch.setattr(sinks, "answers", hears_nothing)
+    monkeypatch.setattr(sinks, "_START_S", 60.0 if waits else 3.0)
+    with pytest.raises(KeyboardInterrupt if waits else ViewerError):
+        sinks.start(free_port, ())
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(note.read_text()), 0)
 
 
 @LINUX

@@ -258,8 +258,7 @@ def _wrenches_of(given: str | Wrenches, trajectory: Trajectory, note: Callable[[
         raise UsageError(
             "wrench is a topic, but this trajectory is not from a recording that can be read again"
         )
-    by_log_time = 2 * trajectory.counts.get("log_time_as_stamp", 0) > len(trajectory.poses)
-    found = read_wrenches(trajectory.path, given, trajectory.source, trajectory.poses, by_log_time)
+    found = read_wrenches(trajectory.path, given, trajectory.source, trajectory.poses, trajectory.by_log_time)
     if found.dropped:
         note(f"{found.dropped} messages on {given} were dropped")
     return found.wrenches

@@ -41,6 +41,7 @@ class Trajectory:
     log_offset_ns : by how much later than its stamp a pose was logged.
     vertices_m : (V, 3) of the object in the body frame, where the recording says them.
     notes : a line of each thing that has to be known of the recording.
+    by_log_time : whether the stamps are log times, since the headers of the poses have none.
     """
 
     poses: Poses
@@ -52,6 +53,7 @@ class Trajectory:
     log_offset_ns: int = 0
     vertices_m: Array | None = None
     notes: tuple[str, ...] = ()
+    by_log_time: bool = False
 
     @classmethod
     def from_arrays(
@@ -200,9 +202,18 @@ def read(
         noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
         raise NoPoses(f"{text}: no pose that can be used{f'; noted: {noted}' if noted else ''}")
     vertices_m = vertices_from_metadata(read_metadata(text))
-    name, offset_ns = Path(text).name or text, log.stamping.log_offset_ns
-    notes = tuple(filter(None, (log.note, log.assumption)))
-    return Trajectory(poses, counts, name, text, log.source, log.damage, offset_ns, vertices_m, notes)
+    return Trajectory(
+        poses,
+        counts,
+        name=Path(text).name or text,
+        path=text,
+        source=log.source,
+        damage=log.damage,
+        log_offset_ns=log.stamping.log_offset_ns,
+        vertices_m=vertices_m,
+        notes=tuple(filter(None, (log.note, log.assumption))),
+        by_log_time=log.stamping.by_log_time,
+    )
 
 
 def _nanoseconds(

@@ -2,6 +2,7 @@
 
 import os
 import posixpath
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,6 +23,13 @@ _VALIDATORS: Final = (
     "Content-MD5",
 )
 """What stores say of a version of a file. Of those that say none, nothing but the content tells."""
+
+MOST_BYTES: Final = 64 * 2**30
+"""A recording that is copied is at most so long, all its files together."""
+_LEFT_BYTES: Final = 2**30
+"""So much of the disk with the copies is left free."""
+_FILE_BYTES: Final = 4096
+"""A file takes as much of a disk, also if it is empty."""
 
 
 def is_remote(name: str) -> bool:
@@ -75,7 +83,13 @@ def joined(signatures: Iterable[str]) -> str:
 
 @contextmanager
 def local_copy(url: str) -> Iterator[str]:
-    """A copy on this machine, as long as it is needed; raises UnreadableRecording."""
+    """A copy on this machine, as long as it is needed.
+
+    Raises
+    ------
+    UnreadableRecording
+        It cannot be copied, is longer than ``MOST_BYTES``, or there is no room for it.
+    """
     filesystem, path = _opened(url)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
         target = os.path.join(folder, posixpath.basename(path.rstrip("/")) or "recording")
@@ -83,14 +97,16 @@ def local_copy(url: str) -> Iterator[str]:
             if _is_folder(filesystem, url, path):
                 copy_folder(filesystem, path, target)
             else:
-                filesystem.get_file(path, target)
+                _Copier(filesystem, folder).copy(path, target, filesystem.info(path))
         yield target
 
 
 def copy_folder(filesystem: Any, path: str, target: str) -> None:
     """Copy all files below ``path``; a name that leads elsewhere is none of them."""
     begin = path.rstrip("/") + "/"
-    for name in sorted(filesystem.find(path)):
+    os.makedirs(target, exist_ok=True)
+    copier = _Copier(filesystem, target)
+    for name, info in sorted(filesystem.find(path, detail=True).items()):
         parts = str(name).removeprefix(begin).split("/")
         if not str(name).startswith(begin) or any(
             part in ("", ".", "..") or os.sep in part for part in parts
@@ -98,7 +114,33 @@ def copy_folder(filesystem: Any, path: str, target: str) -> None:
             raise OSError(f"the name {name} leads out of the folder")
         own = os.path.join(target, *parts)
         os.makedirs(os.path.dirname(own), exist_ok=True)
-        filesystem.get_file(name, own)
+        copier.copy(name, own, info)
+
+
+class _Copier:
+    """Copies files into ``folder``, all together no longer than they may be."""
+
+    def __init__(self, filesystem: Any, folder: str) -> None:
+        self._filesystem, self._folder = filesystem, folder
+        self._copied = 0
+
+    def copy(self, name: str, target: str, info: Mapping[str, Any]) -> None:
+        """Copy a file; raises OSError if it is too long, whatever ``info`` says of its size."""
+        from fsspec.callbacks import Callback
+
+        self._check(info.get("size") or 0, 0)
+        coming = Callback(hooks={"length": lambda size, done, **_: self._check(max(size or 0, done), done)})
+        self._filesystem.get_file(name, target, callback=coming)
+        size = os.path.getsize(target)
+        self._check(size, size)
+        self._copied += max(size, _FILE_BYTES)
+
+    def _check(self, size: int, done: int) -> None:
+        """Of a file of at least ``size`` bytes, ``done`` of them are copied."""
+        if self._copied + size > MOST_BYTES:
+            raise OSError(f"it is longer than {MOST_BYTES >> 30} GiB: copy it to a disk, and read it there")
+        if shutil.disk_usage(self._folder).free < size - done + _LEFT_BYTES:
+            raise OSError(f"no room for a copy in {tempfile.gettempdir()}: TMPDIR says where copies go")
 
 
 def _is_folder(filesystem: Any, url: str, path: str) -> bool:

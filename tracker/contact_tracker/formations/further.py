@@ -12,7 +12,7 @@ from contact_tracker.formations.elements import FittedElements, fit_elements
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.price import price
 from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio, search
-from contact_tracker.hypotheses.evidence import AS_WELL, EvidenceParameters
+from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -28,8 +28,6 @@ HOP_TICKS: Final = 15
 TRIED_SPANS: Final = 2
 SURE_NATS: Final = 2.5
 """A further contact is reported that is so much more probable than none."""
-DECISIVE: Final = 3.0
-"""Nats that tell two kinds apart."""
 SAME_GAIN: Final = 0.9
 FITS: Final = 1.5
 """A whitened residual beyond which elements are those of no contact."""

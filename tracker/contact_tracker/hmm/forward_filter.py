@@ -75,7 +75,7 @@ class ForwardFilter:
         self.ticks = 0
         states = len(log_initial)
         self._initial, self._every = log_initial, np.arange(states)
-        self._left = np.zeros((2, states))  # sum and maximum over the paths to each state
+        self._left: Array  # sum and maximum over the paths to each state
         self._onset = np.zeros(0, np.int64)  # of the active hypotheses, each once, in order
         self._entry = np.zeros((3, 0, states))  # per onset: sum, maximum, and state before on the best path
         self._ended: _Ended

@@ -135,7 +135,7 @@ class _Held:
         if row < 0:
             return np.zeros(self._table.shape[1:])
         beginning: Array = self._table[row].copy()
-        self._table[row], self._row[onset - self._first] = 0.0, -1
+        self._table[row] = 0.0
         self._free.append(row)
         return beginning
 

@@ -11,7 +11,7 @@ is subtracted: the Laplace approximation of the integral over it.
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import log, sqrt
 from typing import Final
 
 import numpy as np
@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 AS_WELL: Final = 1.2
 """A contact fits as well if its whitened residual is no more than this times the best's, or the noise."""
+DECISIVE: Final = log(20.0)
+"""Evidence (nats) that tells two contacts apart: twenty to one."""
 _I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...
 _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import AS_WELL
+from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE
 from contact_tracker.hypotheses.pruning import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
@@ -21,8 +21,6 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-DECISIVE: Final = float(np.log(20.0))
-"""Evidence (nats) that tells two contacts apart: twenty to one."""
 SAME_SPAN: Final = 0.25
 """Onsets that differ by this share of the contact's age are about the same span: of old ones few are kept."""
 SAME_SPAN_TICKS: Final = 3

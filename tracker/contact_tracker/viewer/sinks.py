@@ -82,6 +82,8 @@ def answers(port: int) -> bool | None:
 def start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
     """Start a viewer that is reached from this machine only, and outlives this process unless it is ended.
 
+    One that does not start, or is not waited for, is ended.
+
     Raises
     ------
     ViewerError : it does not take recordings at ``port`` in time.
@@ -98,12 +100,21 @@ def start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
     viewer = subprocess.Popen(
         command, stdin=quiet, stdout=quiet, stderr=quiet, env=_environment(), start_new_session=True
     )
+    try:
+        _wait_for(viewer, port)
+    except BaseException:
+        end(viewer)
+        raise
+    return viewer
+
+
+def _wait_for(viewer: "subprocess.Popen[bytes]", port: int) -> None:
+    """Wait until it takes recordings."""
     give_up = time.monotonic() + _START_S
     while not answers(port):
         if viewer.poll() is not None or time.monotonic() > give_up:
             raise ViewerError("the rerun viewer did not start: is there a screen? view --save writes a file")
         time.sleep(_POLL_S)
-    return viewer
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:
@@ -116,9 +127,11 @@ def end(viewer: "subprocess.Popen[bytes]") -> None:
     with suppress(ProcessLookupError):
         os.killpg(viewer.pid, signal.SIGTERM)
         viewer.wait()
-        while True:  # its own child is no child of ours
-            os.killpg(viewer.pid, 0 if time.monotonic() < give_up else signal.SIGKILL)
+        # Its own child is no child of ours, and where nothing collects it, it stays in the list.
+        while time.monotonic() < give_up:
+            os.killpg(viewer.pid, 0)
             time.sleep(_POLL_S)
+        os.killpg(viewer.pid, signal.SIGKILL)
 
 
 def _environment() -> dict[str, str]:

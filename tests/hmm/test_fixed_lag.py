@@ -1,0 +1,57 @@
+"""Fixed lag: what hypotheses carry of the last ticks is the sum over all paths of the chain."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from contact_tracker.hmm import fixed_lag
+
+TICKS, STATES, LAG = 6, 3, 3
+Array = np.ndarray
+
+
+def of_all_paths(initial: Array, changes: Array, data: Array, lag: int) -> Array:
+    """Posterior (TICKS, lag, STATES) of the last ticks at each tick; zero before the first."""
+    found = np.zeros((TICKS, lag, STATES))
+    for tick in range(TICKS):
+        total = 0.0
+        for path in product(range(STATES), repeat=tick + 1):
+            steps = [changes[t, path[t - 1], path[t]] for t in range(1, tick + 1)]
+            weight = initial[path[0]] * np.prod(steps) * np.prod(data[range(tick + 1), path])
+            total += weight
+            for back in range(min(lag, tick + 1)):
+                found[tick, lag - 1 - back, path[tick - back]] += weight
+        found[tick] /= total
+    return found
+
+
+@pytest.mark.parametrize("lag", [0, 1, LAG])
+@pytest.mark.parametrize("scale", [1.0, 1e-200, 1e200])
+def test_the_past_is_the_sum_over_all_paths(lag: int, scale: float) -> None:
+    """Each tick, what is in a state is one hypothesis; weights are known up to a factor only."""
+    rng = np.random.default_rng(3)
+    initial, data = rng.dirichlet(np.ones(STATES)), rng.uniform(0.1, 1.0, (TICKS, STATES))
+    changes = rng.dirichlet(np.ones(STATES), (TICKS, STATES))
+    expected = of_all_paths(initial, changes, data, lag)
+    past, log_left = np.zeros((STATES, lag, STATES)), np.log(initial) + np.log(scale)
+    for tick in range(TICKS):
+        if tick:
+            past = fixed_lag.inherited(past, log_left, np.log(changes[tick]))
+            log_left = np.logaddexp.reduce(log_left[:, None] + np.log(changes[tick]), axis=0)
+        log_left = log_left + np.log(data[tick])
+        past = np.array([fixed_lag.grown(one, state) for state, one in enumerate(past)])
+        assert past.shape == (STATES, lag, STATES)
+        np.testing.assert_allclose(fixed_lag.mixed(past, log_left), expected[tick], atol=1e-12)
+
+
+def test_several_hypotheses_grow_at_once() -> None:
+    past = np.arange(12.0).reshape(2, 2, 3)
+    grown = fixed_lag.grown(past, 1)
+    np.testing.assert_array_equal(grown[:, 0], past[:, 1])
+    np.testing.assert_array_equal(grown[:, 1], [[0.0, 1.0, 0.0]] * 2)
+
+
+def test_without_hypotheses_there_is_no_past() -> None:
+    mixed = fixed_lag.mixed(np.zeros((0, LAG, STATES)), np.zeros(0))
+    np.testing.assert_array_equal(mixed, np.zeros((LAG, STATES)))

@@ -1,0 +1,190 @@
+"""The gate at its limits: each number by itself, one by one, in columns, and when poses are handed over."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from math import inf, nan, sqrt
+
+import numpy as np
+import pytest
+
+from contact_tracker.errors import InvalidPose
+from contact_tracker.motion.pose_validation import RANGE_M, PoseGate, gate, is_valid, require_valid
+from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.stamp_order import RANGE_NS
+
+MS = 1_000_000
+UNIT = (0.5, -0.5, 0.5, 0.5)
+SOUND = Pose(0, (0.1, -0.2, 0.3), UNIT)
+
+
+def put(values: tuple[float, ...], row: int, value: float) -> tuple[float, ...]:
+    return (*values[:row], value, *values[row + 1 :])
+
+
+def scaled(norm: float) -> Pose:
+    return SOUND._replace(quat_xyzw=tuple(norm * c for c in UNIT))  # type: ignore[arg-type]
+
+
+def positions(value: float) -> list[Pose]:
+    """Poses, one of whose coordinates is the value."""
+    return [SOUND._replace(position_m=put(SOUND.position_m, row, value)) for row in range(3)]  # type: ignore[arg-type]
+
+
+def quaternions(value: float) -> list[Pose]:
+    return [SOUND._replace(quat_xyzw=put(UNIT, row, value)) for row in range(4)]  # type: ignore[arg-type]
+
+
+REFUSED = [
+    *(pose for value in (nan, inf, -inf, 1.1 * RANGE_M, -1.1 * RANGE_M) for pose in positions(value)),
+    *(pose for value in (nan, inf, 0.0, 0.6) for pose in quaternions(value)),
+    scaled(1.0015),
+    scaled(0.9985),
+    SOUND._replace(stamp_ns=RANGE_NS + 1),
+    SOUND._replace(stamp_ns=-RANGE_NS - 1),
+]
+TAKEN = [
+    *(pose for value in (RANGE_M, -RANGE_M, 0.0) for pose in positions(value)),
+    *(pose for value in (-0.5, 0.5) for pose in quaternions(value)),
+    scaled(1.0009),
+    scaled(0.9991),
+    SOUND._replace(stamp_ns=RANGE_NS),
+    SOUND._replace(stamp_ns=-RANGE_NS),
+]
+
+
+@pytest.mark.parametrize("pose", REFUSED, ids=str)
+def test_what_cannot_have_come_from_the_gate_is_refused(pose: Pose) -> None:
+    assert not is_valid(pose, None)
+    with pytest.raises(InvalidPose, match="pose 0 of 1 "):
+        require_valid(Poses.collect([pose]), None)
+
+
+@pytest.mark.parametrize("pose", TAKEN, ids=str)
+def test_what_may_have_come_from_the_gate_is_taken(pose: Pose) -> None:
+    assert is_valid(pose, None)
+    require_valid(Poses.collect([pose]), None)
+
+
+@pytest.mark.parametrize(("after_ns", "taken"), [(9, True), (10, False), (11, False), (None, True)])
+def test_stamps_come_after_the_last_one(after_ns: int | None, taken: bool) -> None:
+    poses = Poses.collect([SOUND._replace(stamp_ns=10), SOUND._replace(stamp_ns=11)])
+    assert is_valid(next(iter(poses)), after_ns) == taken
+    if taken:
+        require_valid(poses, after_ns)
+    else:
+        with pytest.raises(InvalidPose, match=r"pose 0 of 2 .* after the one before"):
+            require_valid(poses, after_ns)
+
+
+def test_the_first_of_many_that_is_wrong_is_named() -> None:
+    """Not others with it, and a stamp is compared with the one before it."""
+    poses = [SOUND._replace(stamp_ns=n) for n in range(6)]
+    poses[4] = poses[4]._replace(position_m=(0.0, nan, 0.0))
+    with pytest.raises(InvalidPose, match="pose 4 of 6 has a position"):
+        require_valid(Poses.collect(poses), None)
+    poses[4] = poses[4]._replace(position_m=(0.0, 0.0, 0.0), stamp_ns=3)
+    with pytest.raises(InvalidPose, match="pose 4 of 6 has a stamp that is not after"):
+        require_valid(Poses.collect(poses), -1)
+
+
+@pytest.mark.parametrize("wide", ["position_m", "quat_xyzw"])
+def test_columns_of_another_shape_are_refused(wide: str) -> None:
+    columns = {"position_m": np.zeros((1, 3)), "quat_xyzw": np.array([UNIT])}
+    columns[wide] = np.zeros((1, 5))
+    with pytest.raises(InvalidPose, match="three coordinates"):
+        require_valid(Poses(np.zeros(1, np.int64), **columns), None)
+
+
+def test_what_is_too_large_to_add_up_is_out_of_range_and_finite_all_the_same() -> None:
+    passed = PoseGate()
+    assert not passed.admit(SOUND._replace(position_m=(1.7e308, 1.7e308, 0.0)))
+    assert dict(passed.counts) == {"out_of_range": 1}
+
+
+@pytest.mark.parametrize(
+    ("norm", "counted"), [(1.0009, {}), (1.0015, {"renormalised": 1}), (0.9985, {"renormalised": 1})]
+)
+def test_rounding_of_quaternions_is_not_counted(norm: float, counted: dict[str, int]) -> None:
+    passed = PoseGate()
+    (kept,) = (*passed.admit(scaled(norm)), *passed.finish())
+    assert sqrt(sum(c * c for c in kept.quat_xyzw)) == pytest.approx(1.0, abs=1e-15)
+    assert dict(passed.counts) == counted
+
+
+def turning(axis: int, step_rad: float, count: int = 120, first: int = 0) -> list[Pose]:
+    """A body that turns about one axis; every third quaternion has the other sign."""
+    poses = []
+    for n in range(first, first + count):
+        quat = [0.0] * 4
+        quat[axis], quat[3] = np.sin(0.5 * step_rad * n), np.cos(0.5 * step_rad * n)
+        sign = -1.0 if n % 3 == 1 else 1.0
+        poses.append(Pose(5 * MS * n, (0.4, 0.001 * n, -0.3), tuple(sign * c for c in quat)))  # type: ignore[arg-type]
+    return poses
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("step_rad", [0.04, 1.9])
+def test_signs_follow_on_each_other_about_every_axis(axis: int, step_rad: float) -> None:
+    """Also where a step is so long that products of components differ in sign."""
+    given = turning(axis, step_rad)
+    passed = PoseGate()
+    kept = [one for pose in given for one in passed.admit(pose)]
+    kept += passed.finish()
+    assert [pose.stamp_ns for pose in kept] == [pose.stamp_ns for pose in given]
+    for before, after in pairwise(kept):
+        assert np.dot(before.quat_xyzw, after.quat_xyzw) > 0.0
+
+
+def with_a_row(change: Callable[[Pose], Pose]) -> list[Pose]:
+    """A batch of motion, of whose poses the tenth is changed."""
+    poses = turning(0, 0.01, 40, first=60)
+    poses[9] = change(poses[9])
+    return poses
+
+
+BATCHES = {
+    "sound": with_a_row(lambda pose: pose),
+    "of length 1.01": with_a_row(
+        lambda p: p._replace(quat_xyzw=tuple(1.01 * c for c in p.quat_xyzw))  # type: ignore[arg-type]
+    ),
+    "far": with_a_row(lambda p: p._replace(position_m=put(p.position_m, 1, 2e6))),  # type: ignore[arg-type]
+    "origin": with_a_row(lambda p: p._replace(position_m=(0.0, 0.0, 0.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0))),
+    "late": with_a_row(lambda p: p._replace(stamp_ns=p.stamp_ns - 25 * MS)),
+    "excursion": with_a_row(lambda p: p._replace(position_m=put(p.position_m, 0, 0.8))),  # type: ignore[arg-type]
+    "held": turning(0, 0.01, 40, first=60),
+}
+BATCHES["held"][10:14] = [
+    pose._replace(position_m=BATCHES["held"][9].position_m, quat_xyzw=BATCHES["held"][9].quat_xyzw)
+    for pose in BATCHES["held"][10:14]
+]
+
+
+@pytest.mark.parametrize("name", BATCHES)
+@pytest.mark.parametrize("started", range(57, 60))
+def test_batches_pass_as_their_poses_do_one_by_one(name: str, started: int) -> None:
+    """Whatever the sign of the last quaternion before them was."""
+    before = turning(0, 0.01, 60)[:started]
+    batch = turning(0, 0.01, 60)[started:] + BATCHES[name]
+    one_by_one, at_once = PoseGate(), PoseGate()
+    for pose in before:
+        assert one_by_one.admit(pose) == at_once.admit(pose)
+    expected = [one for pose in batch for one in one_by_one.admit(pose)]
+    columns = at_once.admit_all(Poses.collect(batch))
+    assert (columns is not None) == (name in ("sound", "held"))
+    found = list(columns) if columns is not None else [one for pose in batch for one in at_once.admit(pose)]
+    after = turning(0, 0.01, 3, first=100)
+    expected += [one for pose in after for one in one_by_one.admit(pose)]
+    found += [one for pose in after for one in at_once.admit(pose)]
+    assert found == expected
+    assert dict(at_once.counts) == dict(one_by_one.counts)
+    assert at_once.finish() == one_by_one.finish()
+
+
+@pytest.mark.parametrize("name", BATCHES)
+def test_a_whole_recording_passes_as_its_poses_do(name: str) -> None:
+    poses = turning(0, 0.01, 60) + BATCHES[name] + turning(0, 0.01, 60, first=100)
+    passed = PoseGate()
+    expected = [one for pose in poses for one in passed.admit(pose)]
+    expected += passed.finish()
+    assert list(gate(Poses.collect(poses))) == expected
+    assert list(gate(iter(poses))) == expected
