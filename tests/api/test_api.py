@@ -269,3 +269,15 @@ def test_a_library_that_is_missing_is_told_with_its_extra(
     with pytest.raises(MissingExtra, match=rf"needs {library}: pip install 'contact-tracker\[\w+\]'"):
         getattr(result, name)(*([tmp_path / f"out{suffix}"] if suffix else []))
     assert not list(tmp_path.iterdir())
+
+
+def test_the_unit_of_times_in_a_table(tmp_path: Path) -> None:
+    pytest.importorskip("polars")
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{5 * i},{i * 1e-4},0,0,0,0,0,1\n" for i in range(50)))
+    guessed = contact_tracker.read(path)
+    assert guessed.duration_s == pytest.approx(0.245)
+    assert any("taken as milliseconds" in note for note in guessed.notes)
+    assert contact_tracker.read(path, unit="us").duration_s == pytest.approx(245e-6)
+    with pytest.raises(UsageError, match="unit is 's', 'ms', 'us', 'ns', not 'min'"):
+        contact_tracker.read(path, unit="min")  # type: ignore[arg-type]

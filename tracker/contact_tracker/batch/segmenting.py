@@ -118,7 +118,8 @@ def _answer(
 def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     """The row, once the files are written."""
     with _reading():
-        log = open_log(path, settings.topic, settings.frame, relative_to=settings.relative_to)
+        chosen = settings.topic, settings.frame
+        log = open_log(path, *chosen, relative_to=settings.relative_to, time_unit=settings.time_unit)
     stream, tally = _Counted(log), Tally()
     tracker = OfflineTracker(settings.model, settings.knowledge)
     outliers, file, recording = 0, rows.file_of(name), rows.shown(name)

@@ -15,6 +15,7 @@ class Settings:
     Parameters
     ----------
     topic, frame, relative_to : which poses to take, as of ``recording.open_log``.
+    time_unit : of the times of tables, as of ``recording.open_log``.
     with_ticks : write what is believed of each tick, too.
     model_hash : of the model with its noise, and of what is known.
     settings_hash : of all but ``with_ticks``, and of the version.
@@ -26,6 +27,7 @@ class Settings:
     frame: str | None
     relative_to: str | None
     with_ticks: bool
+    time_unit: str | None
     model_hash: str
     settings_hash: str
 
@@ -37,8 +39,10 @@ def settings_of(
     frame: str | None = None,
     relative_to: str | None = None,
     with_ticks: bool = False,
+    time_unit: str | None = None,
 ) -> Settings:
     """The settings with their hashes."""
     model_hash = fingerprint((model, knowledge))
-    settings_hash = fingerprint((__version__, model_hash, topic, frame, relative_to))
-    return Settings(model, knowledge, topic, frame, relative_to, with_ticks, model_hash, settings_hash)
+    settings_hash = fingerprint((__version__, model_hash, topic, frame, relative_to, time_unit))
+    chosen = topic, frame, relative_to, with_ticks, time_unit
+    return Settings(model, knowledge, *chosen, model_hash, settings_hash)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.atomic_file import why_not_replaceable
+from contact_tracker.config.quantities import TIMES_NS
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
 
@@ -55,6 +56,17 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         "--relative-to",
         metavar="TOPIC|FRAME",
         help="poses in this frame, or relative to the body of this topic, which may move",
+    )
+    add_time_unit(parser)
+
+
+def add_time_unit(parser: argparse.ArgumentParser) -> None:
+    """``--time-unit``."""
+    parser.add_argument(
+        "--time-unit",
+        choices=tuple(TIMES_NS),
+        help="of the times in a table: s, ms, us or ns (default: as their column is named, or as they look)",
+        metavar="UNIT",
     )
 
 

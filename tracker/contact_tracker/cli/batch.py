@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.batch.run import Batch
     from contact_tracker.batch.settings import settings_of
 
-    chosen = args.topic, args.frame, args.relative_to, args.ticks
+    chosen = args.topic, args.frame, args.relative_to, args.ticks, args.time_unit
     settings = settings_of(model_of(args), knowledge_of(args), *chosen)
     recordings = list(find(_names(args.logs)))
     shown = 0

@@ -64,7 +64,7 @@ def _evaluate(
 
     judge = Judge(need_truth(name, args.topic, args.frame))
     wrenches = evidence_of(name, args, model, knowledge)
-    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to)
+    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge, wrenches=wrenches)
         for piece in watched(log, lambda poses: tracker.pieces(poses, set_done), judge.poses):

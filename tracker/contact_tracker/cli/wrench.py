@@ -49,7 +49,7 @@ def evidence_of(
     from contact_tracker.recording import open_log
     from contact_tracker.recording.wrenches import read_wrenches
 
-    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to)
+    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     poses = Poses.join(list(log.batches()))
     if not len(poses):
         return None  # the command itself says so
