@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
 
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
+LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
 """A longer time in seconds, about 30 years, is a slip of the hand."""
 

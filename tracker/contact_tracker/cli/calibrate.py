@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker import __version__
-from contact_tracker.cli.arguments import add_source, output_file
+from contact_tracker.cli.arguments import LOGS_HELP, add_source, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.replacement import add_overwrite, files_read
@@ -35,7 +35,7 @@ WIDTH: Final = 108
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS_HELP)
     add_source(parser)
     add_known(parser)
     parser.add_argument(

@@ -131,9 +131,15 @@ def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
         return
     if not all(_may_follow(a, b) for a, b in pairwise([(part, _interval_ns(part)) for part in parts])):
         names = [os.path.basename(part) for part in parts]
+        formats = sorted({os.path.splitext(_plain(name))[1].lower() for name in names})
+        how = (
+            f"of different formats ({', '.join(formats)})"
+            if len(formats) > 1
+            else "that do not follow each other"
+        )
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         raise AmbiguousSource(
-            f"{path} holds recordings that do not follow each other: {', '.join(names[:_NAMED])}{more}; "
+            f"{path} holds recordings {how}: {', '.join(names[:_NAMED])}{more}; "
             f"name one of them (parts of one recording are taken together beside a {_METADATA})"
         )
 
