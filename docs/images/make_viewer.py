@@ -11,10 +11,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import rerun_cli
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 from contact_tracker.cli.main import run
@@ -22,6 +24,7 @@ from contact_tracker.cli.main import run
 ROOT = Path(__file__).resolve().parents[2]
 SETTLE_S = 3.0
 START_S = 60.0
+MENU_PX = 37
 
 
 def main() -> None:
@@ -67,10 +70,18 @@ def picture(path: Path, at_s: float, size: str, home: str) -> bytes:
         client.set_time("t", play_state="paused", duration=np.timedelta64(round(at_s * 1e9), "ns"))
         client.take_screenshot(max_size=64)  # has every view run once
         time.sleep(SETTLE_S)
-        return bytes(client.take_screenshot())
+        return without_menu(bytes(client.take_screenshot()))
     finally:
         viewer.kill()
         viewer.wait()
+
+
+def without_menu(png: bytes) -> bytes:
+    """Without the bar at the top, which tells of the machine that drew it."""
+    cut = BytesIO()
+    with Image.open(BytesIO(png)) as whole:
+        whole.crop((0, MENU_PX, whole.width, whole.height)).save(cut, "PNG", optimize=True)
+    return cut.getvalue()
 
 
 def connected(viewer: "subprocess.Popen[bytes]", port: int) -> ViewerClient:

@@ -302,3 +302,15 @@ def test_wrenches_have_the_clock_of_the_poses(
     assert trajectory.counts["log_time_as_stamp"] > 0.5 * len(trajectory)
     ((of_poses, of_wrenches),) = seen
     assert of_poses.tolist() == of_wrenches.tolist()
+
+
+def test_the_unit_of_times_in_a_table(tmp_path: Path) -> None:
+    pytest.importorskip("polars")
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y,z,qx,qy,qz,qw\n" + "".join(f"{5 * i},{i * 1e-4},0,0,0,0,0,1\n" for i in range(50)))
+    guessed = contact_tracker.read(path)
+    assert guessed.duration_s == pytest.approx(0.245)
+    assert any("taken as milliseconds" in note for note in guessed.notes)
+    assert contact_tracker.read(path, unit="us").duration_s == pytest.approx(245e-6)
+    with pytest.raises(UsageError, match="unit is 's', 'ms', 'us', 'ns', not 'min'"):
+        contact_tracker.read(path, unit="min")  # type: ignore[arg-type]

@@ -18,11 +18,12 @@ from contact_tracker.batch.finding import find, recordings_among
 from contact_tracker.batch.processes import KILLED
 from contact_tracker.batch.run import Batch
 from contact_tracker.batch.segmenting import segment_recording
+from contact_tracker.batch.settings import WrenchSettings
 from contact_tracker.errors import StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
-from contact_tracker.recording import write_recording
+from contact_tracker.recording import WRENCH_TYPE, write_recording
 from contact_tracker.states import STATES
-from mcap_logs import smooth_poses
+from mcap_logs import Topic, header, poses_topic, smooth_poses, vector, write_log
 from short_recordings import FACE_TO_EDGE, recorded
 
 TYPES = {"integer": pl.Int64, "number": pl.Float64, "text": pl.String}
@@ -345,3 +346,29 @@ def test_the_kernel_of_numpy_threads_is_told_before_processes_start() -> None:
     program = "import sys; import contact_tracker.cli.batch; print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout.strip() == "False", done.stderr
+
+
+@pytest.mark.parametrize("frame", ["object", "world"])
+def test_wrenches_decide_as_they_do_for_one_recording(tmp_path: Path, frame: str) -> None:
+    poses = recorded(FACE_TO_EDGE).poses
+    force = [0.0, 0.0, -9.81] if frame == "world" else [1.0, 0.0, 0.0]
+    wrench = {"force": vector(force), "torque": vector([0.0, 0.0, 0.0])}
+    messages = [(int(t), {"header": header(int(t), frame), "wrench": wrench}) for t in poses.stamp_ns]
+    topics = [poses_topic(poses), Topic("/wrench", WRENCH_TYPE, messages)]
+    names = write_recordings(tmp_path / "logs", 1)
+    log = write_log(tmp_path / "logs" / "a.mcap", topics)
+    names.append(log)
+    run(names, tmp_path / "dataset", wrench=WrenchSettings("/wrench", 1.0))
+    without, row = summary(tmp_path / "dataset").sort("exit_code", descending=True).iter_rows(named=True)
+    assert (without["exit_code"], row["exit_code"]) == (2, 0)
+    assert "no topic /wrench" in without["error"]
+    result = contact_tracker.segment(log, wrench="/wrench", mass_kg=1.0)
+    assert [note for note in result.warnings if "is not used" in note] == [
+        note.replace("/wrench is", "the wrench is")
+        for note in (row["warnings"] or "").splitlines()
+        if "is not used" in note
+    ]
+    written = pl.read_parquet(tmp_path / "dataset" / "segments" / row["file"])
+    assert written.drop("recording").equals(result.to_polars("segments"), null_equal=True)
+    assert run(names, tmp_path / "dataset", wrench=WrenchSettings("/wrench", 1.0)).unchanged == 2
+    assert run(names, tmp_path / "dataset").done == 2

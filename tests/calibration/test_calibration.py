@@ -190,7 +190,7 @@ def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.C
         (["-", "-o", "m.toml"], 2, ["calibrate", "file"]),
         (["absent.mcap", "-o", "m.toml"], 1, ["absent.mcap"]),
         (["text.mcap", "-o", "m.toml"], 1, ["text.mcap", "not an MCAP file"]),
-        (["folder.toml", "-o", "m.toml"], 1, ["folder.toml", "no .mcap file"]),
+        (["folder.toml", "-o", "m.toml"], 1, ["folder.toml", "holds no recording (.mcap"]),
         (["LOGS", "UNLABELLED", "--labelled", "-o", "m.toml"], 1, ["unlabelled.mcap", "no truth"]),
     ],
 )

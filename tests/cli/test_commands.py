@@ -153,6 +153,12 @@ def test_a_folder_of_recordings_of_their_own_is_not_taken_for_one_in_silence(tmp
     assert done.returncode == 2
     assert "one.mcap, two.mcap; name one of them" in done.stderr
     assert run("segment", tmp_path / "one.mcap").returncode == 0
+    (tmp_path / "two.mcap").rename(tmp_path / "two.db3")
+    done = run("segment", tmp_path)
+    assert_one_line_error(
+        done, 2, "recordings of different formats (.db3, .mcap): one.mcap, two.db3; name one"
+    )
+    (tmp_path / "two.db3").rename(tmp_path / "two.mcap")
     (tmp_path / "metadata.yaml").touch()
     assert "time runs backward" in run("segment", tmp_path).stderr
 
@@ -167,6 +173,8 @@ def test_version() -> None:
         (["lve", "x.mcap"], ["lve", "did you mean live?"]),
         (["segment", "x.mcap", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
         (["segment", "x.mcap", "--ovrwrite=1"], ["did you mean --overwrite?"]),
+        (["segment", "x.mcap", "--lag", "1"], ["--lag 1; --lag is an option of live (see"]),
+        (["info", "x.mcap", "--wrench=/w"], ["--wrench is an option of segment and batch and evaluate"]),
         (["segment", "x.mcap", "-q", "-v"], ["-v", "-q"]),
         (["--print-completion", "fish"], ["bash, zsh, tcsh"]),
         (["live"], ["LOG"]),
@@ -181,7 +189,10 @@ def test_version() -> None:
             ["out.txt", ".csv or .jsonl or .parquet or .mcap"],
         ),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
-        (["segment", "x.mcap", "--json"], ["--json", "contact-tracker segment --help"]),
+        (
+            ["segment", "x.mcap", "--json"],
+            ["--json is an option of live and info and evaluate", "segment --help"],
+        ),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
         (["simulate", "--seed", "-3"], ["--seed"]),
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
@@ -473,6 +484,16 @@ def test_evaluate_names_what_needs_a_choice_and_goes_on(log: Path, tmp_path: Pat
     assert all(word in done.stderr for word in ("two.mcap", "--topic", "/left", "/right"))
     assert list(json.loads(done.stdout)["recordings"]) == [str(log)]
     assert run("evaluate", two, "--topic", "/left").returncode == 0
+
+
+def test_evaluate_finds_recordings_of_every_format_in_a_folder(log: Path, tmp_path: Path) -> None:
+    for name in ("a.mcap", "deep/b.MCAP", "c.db3", "d.bag"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(log.read_bytes())
+    done = run("evaluate", tmp_path, "--json")
+    assert done.returncode == 0, done.stderr
+    names = [str(Path(name).relative_to(tmp_path)) for name in json.loads(done.stdout)["recordings"]]
+    assert names == ["a.mcap", "c.db3", "d.bag", "deep/b.MCAP"]
 
 
 def test_evaluate_reports_each_recording_and_goes_on_after_a_bad_one(log: Path, tmp_path: Path) -> None:

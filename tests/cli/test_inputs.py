@@ -109,3 +109,21 @@ def test_what_does_not_move_is_taken_when_it_is_asked_for(tmp_path: Path) -> Non
     assert_one_line_error(done, 1)
     assert "its only poses are on /tf_static, which does not move: to take them" in done.stderr
     assert run("segment", path, "--topic", "/tf_static").returncode == 0
+
+
+@pytest.mark.parametrize("command", ["live", "segment", "info"])
+def test_the_unit_of_times_in_a_table(tmp_path: Path, command: str) -> None:
+    pytest.importorskip("polars")
+    path = tmp_path / "a.csv"
+    numbers = np.column_stack([5 * np.arange(len(POSES)), POSES.position_m, POSES.quat_xyzw])
+    np.savetxt(path, numbers, "%.9g", ",", header="t,x,y,z,qx,qy,qz,qw", comments="")
+    done = run(command, path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("its times have no unit and are taken as milliseconds") == 1
+    assert f"{1.495:.2f} s" in done.stdout + done.stderr
+    done = run(command, path, "--time-unit", "us")
+    assert "have no unit" not in done.stderr
+    assert (
+        "in 0.00 s" in done.stderr or "0.00 s of motion" in done.stderr or "time      0.00 s" in done.stdout
+    )
+    assert_one_line_error(run(command, path, "--time-unit", "min"), 2, "'min' is none of s, ms, us, ns")

@@ -16,6 +16,7 @@ import contact_tracker
 from contact_tracker import Trajectory
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
 from contact_tracker.exports.outcome import Outcome
+from contact_tracker.exports.summary_html import ribbon_html
 from contact_tracker.exports.writing import write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved
 from contact_tracker.geometry.flat import TYPES, flat
@@ -23,7 +24,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from mcap_logs import Topic, poses_topic, write_log
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, recorded
@@ -383,3 +384,29 @@ def test_truth_and_metadata_are_handed_on(tmp_path: Path) -> None:
             out = reader.make_reader(file)
             assert [a.name for a in out.iter_attachments()] == ["truth.json"]
             assert [m.metadata for m in out.iter_metadata()] == [{"scenario": "x"}]
+
+
+def test_the_ribbon_has_a_bar_for_each_further_contact() -> None:
+    """Where it holds, below that of its segment."""
+    plane = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+    wall = ContactGeometry(Point(np.zeros(3)), plane)
+    joins = FurtherContact(Contact.EF, 0.9, 4, 7, wall, (), 2)
+    stays = FurtherContact(Contact.VF, 0.5, 6, None, wall, (), 3)
+    segments = (
+        Segment(0, 10, Contact.VF, 1.0, wall, (), (joins, stays)),
+        Segment(10, 30, Contact.FREE, 1.0, None),
+    )
+    first, *lanes = ribbon_html(segments).split('<div style="display:flex')[1:]
+    assert "+ " not in first
+    shown = [
+        [
+            (int(flex), re.search(r'title="([^"]*)"', part))
+            for flex, part in re.findall(r"flex:(\d+) 0 0([^>]*)", lane)
+        ]
+        for lane in lanes
+    ]
+    assert [[(flex, title and title[1]) for flex, title in lane] for lane in shown] == [
+        [(4, None), (3, "+ e-f, probability 0.90"), (3, None), (20, None)],
+        [(6, None), (4, "+ v-f, probability 0.50"), (20, None)],
+    ]
+    assert ribbon_html(segments[1:]).count("display:flex") == 1

@@ -20,6 +20,7 @@ pytest.importorskip("polars")
 POSES = smooth_poses(300)
 OTHER = smooth_poses(300, seed=5)
 HIDDEN = slice(100, 110)
+SHIPPED = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def columns(poses: Poses) -> np.ndarray:
@@ -225,7 +226,7 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         ("t,x,y,z\n1,2,3,4\n", "no columns of a pose among t, x, y, z: needed are a time"),
         ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "no column of times among x, y, z"),
         ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
-        ("Format Version;1.23;Take Name;a\n", "its columns are not separated by commas"),
+        ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
         ("Format Version,1.23,Length Units,Feet\n,,Rigid Body\n,,a\n,,Rotation\nFrame,Time,X\n", "Feet"),
         ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
         (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
@@ -319,3 +320,162 @@ def test_optional_libraries_are_imported_when_they_are_needed() -> None:
         "assert not optional & sys.modules.keys(), optional & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def write_times(path: Path, times: np.ndarray, name: str = "t") -> Path:
+    """A table of the first poses at these times."""
+    rows = columns(POSES)[: len(times), 1:].tolist()
+    lines = [f"{time!r},{','.join(map(repr, row))}" for time, row in zip(times.tolist(), rows, strict=True)]
+    path.write_text("\n".join([",".join([name, *NAMES]), *lines]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("first", "step", "unit", "unit_ns"),
+    [
+        (0, 5, "milliseconds", 10**6),
+        (0, 33, "milliseconds", 10**6),
+        (0, 5000, "microseconds", 10**3),
+        (120_000, 5000, "microseconds", 10**3),
+        (0, 5_000_000, "nanoseconds", 1),
+        (1_000_000_000, 5_000_000, "nanoseconds", 1),
+    ],
+)
+def test_times_whose_steps_are_no_seconds_are_in_the_unit_that_fits(
+    tmp_path: Path, first: int, step: int, unit: str, unit_ns: int
+) -> None:
+    """Whole numbers since the start: poses would be seconds to months apart otherwise."""
+    times = first + step * np.arange(300)
+    log = open_log(str(write_times(tmp_path / "a.csv", times)))
+    np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
+    assert log.assumption is not None
+    assert f"its times have no unit and are taken as {unit}" in log.assumption
+    assert "--time-unit s, ms, us or ns" in log.assumption
+    assert log.damage is None
+    assert summarise(str(tmp_path / "a.csv")).assumptions == (f"a.csv: {log.assumption}",)
+
+
+@pytest.mark.parametrize(("first", "step"), [(0, 0.005), (1.7e9, 0.25), (50_000.0, 0.1)])
+def test_times_that_are_seconds_need_no_word(tmp_path: Path, first: float, step: float) -> None:
+    times = first + step * np.arange(300)
+    log = open_log(str(write_times(tmp_path / "a.csv", times)))
+    Poses.collect(log)
+    assert log.assumption is None
+
+
+@pytest.mark.parametrize("step", [0.5, 300, 3e5, 1e9])
+def test_times_that_fit_no_unit_are_said_to_be_taken_as_seconds(tmp_path: Path, step: float) -> None:
+    log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(30))))
+    Poses.collect(log)
+    assert log.assumption is not None
+    assert "its times have no unit and are taken as seconds" in log.assumption
+
+
+@pytest.mark.parametrize(("unit", "unit_ns"), [("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1)])
+@pytest.mark.parametrize("name", ["t", "time_ms"])
+def test_the_unit_that_is_asked_for_holds(tmp_path: Path, unit: str, unit_ns: int, name: str) -> None:
+    times = 5 * np.arange(300)
+    log = open_log(str(write_times(tmp_path / "a.csv", times, name)), time_unit=unit)
+    np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
+    assert log.assumption is None
+
+
+def test_the_unit_of_what_has_one_cannot_be_asked_for(tmp_path: Path) -> None:
+    names = [str(write_motive(tmp_path / "take.csv", POSES, OTHER)), str(write_vicon(tmp_path / "v.csv"))]
+    for name in [*names, str(SHIPPED)]:
+        with pytest.raises(UnreadableRecording, match="its times have a unit: leave out --time-unit"):
+            open_log(name, frame="cup", time_unit="ms")
+
+
+@pytest.mark.parametrize("separator", [";", "\t", " "])
+def test_decimal_commas(tmp_path: Path, separator: str) -> None:
+    path = tmp_path / "a.csv"
+    rows = zip(exact_seconds(POSES), columns(POSES)[:, 1:].tolist(), strict=True)
+    head = [] if separator == " " else [separator.join(("t", *NAMES))]
+    lines = [separator.join([t, *map(repr, row)]).replace(".", ",") for t, row in rows]
+    path.write_text("\n".join([*head, *lines]) + "\n")
+    assert_read(path)
+
+
+def test_decimal_commas_in_quotes(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = zip(exact_seconds(POSES), columns(POSES)[:, 1:].tolist(), strict=True)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("t", *NAMES))
+        writer.writerows([str(value).replace(".", ",") for value in (t, *row)] for t, row in rows)
+    assert_read(path)
+
+
+def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(",".join(("t", *NAMES)) + "\n" + ",".join(["0,005"] * 8) + "\n")
+    with pytest.raises(UnreadableRecording, match=r"16 values under 8 names: .* decimal commas"):
+        open_log(str(path))
+
+
+@pytest.mark.parametrize(
+    "angles",
+    [
+        "roll,pitch,yaw",
+        "rx,ry,rz",
+        "rot_x,rot_y,rot_z",
+        "euler_x [deg],euler_y [deg],euler_z [deg]",
+        "Roll_deg,Pitch_deg,Yaw_deg",
+    ],
+)
+def test_angles_are_refused_with_the_way_to_a_quaternion(tmp_path: Path, angles: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,x,y,z,{angles}\n0,1,2,3,0,0,0\n")
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path))
+    message = str(raised.value)
+    assert "its rotations are three numbers" in message
+    assert "needed are qx, qy, qz, qw" in message
+    assert "Rotation.from_euler" in message
+    assert len(message.splitlines()) == 1
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) -> None:
+    """As spreadsheets save them where the comma is the decimal point."""
+    for name, path in (
+        ("take.csv", write_motive(tmp_path / "take.csv", POSES, OTHER, hidden=HIDDEN)),
+        ("trial.csv", write_vicon(tmp_path / "trial.csv")),
+    ):
+        rows = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+        path.write_text("\n".join(separator.join(row).replace(".", ",") for row in rows) + "\n")
+        log = open_log(str(tmp_path / name), frame="table" if name == "take.csv" else "me:hand")
+        found = Poses.collect(log)
+        np.testing.assert_allclose(found.position_m, OTHER.position_m, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", ["360.000000", "120.000000"])
+def test_motive_times_are_those_of_the_frames_where_they_are_rounded(tmp_path: Path, rate: str) -> None:
+    """Motive 2.3 and 3 write times to the millisecond, at 360 Hz 0.003, 0.006, 0.008."""
+    path = write_motive(tmp_path / "take.csv", POSES, OTHER)
+    lines = path.read_text(encoding="utf-8-sig").replace("Rate,200.0", f"Rate,{rate}").splitlines()
+    rows = [line.split(",", 2) for line in lines[7:]]
+    lines[7:] = [f"{i},{int(i) / float(rate):.3f}000,{rest}" for i, _, rest in rows]
+    path.write_text("\n".join(lines) + "\n")
+    found = Poses.collect(open_log(str(path), frame="cup"))
+    np.testing.assert_allclose(found.stamp_ns, np.arange(300) / float(rate) * 1e9, rtol=0, atol=1)
+
+
+def test_motive_times_are_those_of_the_file_where_frames_are_of_another_rate(tmp_path: Path) -> None:
+    path = write_motive(tmp_path / "take.csv", POSES, OTHER)
+    path.write_text(path.read_text(encoding="utf-8-sig").replace("Rate,200.0", "Rate,100.0"))
+    found = Poses.collect(open_log(str(path), frame="cup"))
+    np.testing.assert_array_equal(found.stamp_ns, np.arange(300) * 5_000_000)
+
+
+def test_motive_without_rigid_bodies_says_what_to_export(tmp_path: Path) -> None:
+    """Motive 3 exports none unless it is told to."""
+    path = tmp_path / "take.csv"
+    about = ABOUT.format(version="1.23", rotation="Quaternion", units="Millimeters")
+    path.write_text(f"{about}\n\n,Type\n,Name\n,ID\n,\nFrame,Time (Seconds)\n0,0.000000\n1,0.003000\n")
+    with pytest.raises(UnreadableRecording, match="export it from Motive with rigid bodies"):
+        open_log(str(path))

@@ -22,7 +22,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Pl
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.pose_buffer import Pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas, shapes
@@ -416,6 +416,40 @@ def test_pairs_that_touch_at_once_are_drawn_beside_each_other(tmp_path: Path, po
     assert all(len(rows(path, entity, "Mesh3D:vertex_positions")[0][1]) for entity in entities)
     labels = [rows(path, canvas.touching(n).label, "Points3D:labels")[0][1] for n in (0, 1)]
     assert labels == [["e-f"], ["v-f"]]
+
+
+def with_a_wall(segmentation: Segmentation) -> Segmentation:
+    """A vertex touches a wall, too, from half of the first segment to its end, and in half of the third."""
+    wall = ContactGeometry(Point(np.array([0.1, 0.0, 0.0])), Plane(X, 0.4))
+    segments, beliefs = list(segmentation.segments), list(segmentation.beliefs)
+    for number, tick in ((0, 15), (2, 75)):
+        start_ns = ORIGIN_NS + tick * TICK_NS
+        end_ns = segments[number].end_ns if number == 0 else start_ns + 9 * TICK_NS
+        further = (FurtherContact(Contact.VF, 0.8, start_ns, end_ns, wall, (Contact.EF,), 4),)
+        segments[number] = replace(segments[number], further=further)
+        beliefs = [replace(b, further=further) if start_ns <= b.stamp_ns <= end_ns else b for b in beliefs]
+    return Segmentation(tuple(segments), Beliefs.of(beliefs), Beliefs.of(beliefs))
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
+    tmp_path: Path, poses: Poses, segmentation: Segmentation, live: bool
+) -> None:
+    path = tmp_path / "two.rrd"
+    if live:
+        play(path, poses, with_a_wall(segmentation).filtered)
+    else:
+        write_rrd(path, Shown(poses, as_pieces(with_a_wall(segmentation)), None, CUBE_M))
+    lane = [value for _, value in rows(path, canvas.further_lane(1), "StateChange:state")]
+    assert [value[0] for value in lane if value] == [*([] if live else [""]), "v-f", "", "v-f", ""]
+    second = canvas.touching(1)
+    labels = [value for _, value in rows(path, second.label, "Points3D:labels")]
+    assert set(map(tuple, labels)) == {("+ v-f  0.80 or e-f",)}
+    drawn = [len(value) > 0 for _, value in rows(path, second.meshes[2], "Mesh3D:vertex_positions")]
+    changes = [a for a, b in zip(drawn, [None, *drawn], strict=False) if a is not b]
+    assert changes == [*([] if live else [False]), True, False, True, False]
+    first = [len(value) for _, value in rows(path, MESHES[2], "Mesh3D:vertex_positions")]
+    assert len({n for n in first if n}) <= 2, "no wall beside what the label is about"
 
 
 def test_live_tells_the_same_as_it_comes(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:

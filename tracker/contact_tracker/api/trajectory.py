@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact_tracker.config.quantities import TIMES_NS
 from contact_tracker.errors import NoPoses, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import gate
@@ -22,7 +23,6 @@ from contact_tracker.viewer.hull import vertices_from_metadata
 Order = Literal["xyzw", "wxyz"]
 Unit = Literal["s", "ms", "us", "ns"]
 
-_NS: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
 
 
@@ -170,6 +170,7 @@ def read(
     parent: str | None = None,
     child: str | None = None,
     relative_to: str | None = None,
+    unit: Unit | None = None,
 ) -> Trajectory:
     """The poses of a recording.
 
@@ -179,6 +180,7 @@ def read(
     topic : take poses of this topic, where there are several.
     parent, child : take poses of this frame in that; transforms between them are composed.
     relative_to : a frame, or the topic of another body, which may move: poses relative to it.
+    unit : of the times of a table; by default as their column is named, or else as they look.
 
     Raises
     ------
@@ -191,11 +193,13 @@ def read(
     """
     if parent is not None and child is None:
         raise UsageError("parent needs child, the frame of the body")
+    if unit is not None:
+        _refuse_other(unit)
     frame = child if parent is None else f"{parent}->{child}"
     text = os.fspath(path)
     if text == "-":
         raise UsageError("a recording is read from a file, not from standard input")
-    log = open_log(text, topic, frame, relative_to=relative_to)
+    log = open_log(text, topic, frame, relative_to=relative_to, time_unit=unit)
     poses = Poses.join(list(log.batches()))
     counts = dict(log.counts)
     if not len(poses):
@@ -216,12 +220,16 @@ def read(
     )
 
 
+def _refuse_other(unit: str) -> None:
+    if unit not in TIMES_NS:
+        raise UsageError(f"unit is {', '.join(map(repr, TIMES_NS))}, not {unit!r}")
+
+
 def _nanoseconds(
     stamps: ArrayLike, unit: str
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Stamps, which of them are a time at all, and which of these are in range."""
-    if unit not in _NS:
-        raise UsageError(f"unit is {', '.join(map(repr, _NS))}, not {unit!r}")
+    _refuse_other(unit)
     given = np.asarray(stamps)
     if given.ndim != 1:
         raise UsageError(f"stamps have the shape (N,), not {given.shape}")
@@ -234,13 +242,13 @@ def _nanoseconds(
         raise UsageError("stamps are no numbers") from error
     with np.errstate(all="ignore"):
         is_time = np.isfinite(numbers)
-        in_range = is_time & (np.abs(numbers.astype(float)) * _NS[unit] <= RANGE_NS)
+        in_range = is_time & (np.abs(numbers.astype(float)) * TIMES_NS[unit] <= RANGE_NS)
     sound = np.where(in_range, numbers, 0)
     if sound.dtype.kind in "iu":
-        return sound.astype(np.int64) * _NS[unit], is_time, in_range
+        return sound.astype(np.int64) * TIMES_NS[unit], is_time, in_range
     whole = np.floor(sound)  # so that seconds since 1970 lose nothing to the factor
-    rest_ns = np.round((sound - whole) * _NS[unit]).astype(np.int64)
-    return whole.astype(np.int64) * _NS[unit] + rest_ns, is_time, in_range
+    rest_ns = np.round((sound - whole) * TIMES_NS[unit]).astype(np.int64)
+    return whole.astype(np.int64) * TIMES_NS[unit] + rest_ns, is_time, in_range
 
 
 def _rows(values: ArrayLike, name: str, width: int) -> Array:

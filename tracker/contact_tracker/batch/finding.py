@@ -53,20 +53,31 @@ def _found(name: str) -> Iterator[Found]:
         if files is None:
             yield Found(name, "")
             return
-        inside = recordings_among(files)
+        inside = _some(name, recordings_among(files))
         yield from (Found(one, remote.joined(files[part] for part in parts)) for one, parts in inside.items())
     else:
-        name = os.path.abspath(name)
-        if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
-            yield Found(name, signature_of(name))
-            return
-        inside = recordings_among(_files_in(name))
-        yield from (Found(one, signature_of(one)) for one in inside)
+        yield from (Found(one, signature_of(one)) for one in recordings_in(os.path.abspath(name)))
+
+
+def recordings_in(name: str) -> list[str]:
+    """The recordings that a file or a folder of this machine stands for, in the order of their names.
+
+    Raises
+    ------
+    UnreadableRecording
+        A folder without recordings.
+    """
+    if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
+        return [name]
+    return list(_some(name, recordings_among(_files_in(name))))
+
+
+def _some(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
     if not inside:
         raise UnreadableRecording(
-            f"{name}: this folder holds no recording ({', '.join(SUFFIXES)}); others can be named one by "
-            "one, or on standard input"
+            f"{folder}: this folder holds no recording ({', '.join(SUFFIXES)}); name others one by one"
         )
+    return inside
 
 
 def _files_in(folder: str) -> Mapping[str, str]:

@@ -25,6 +25,7 @@ from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import warnings
 from contact_tracker.recording import PoseLog, open_log
+from contact_tracker.recording.wrench_evidence import RecordedEvidence, recorded_evidence
 from contact_tracker.tracking.belief import Detail
 
 _RECORDING: Final[dict[str, Kind]] = {"recording": "text"}
@@ -117,10 +118,10 @@ def _answer(
 
 def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     """The row, once the files are written."""
-    with _reading():
-        log = open_log(path, settings.topic, settings.frame, relative_to=settings.relative_to)
+    log, wrenches = _open(path, settings), _wrenches(path, settings)
     stream, tally = _Counted(log), Tally()
-    tracker = OfflineTracker(settings.model, settings.knowledge)
+    evidence = None if wrenches is None else wrenches.evidence
+    tracker = OfflineTracker(settings.model, settings.knowledge, wrenches=evidence)
     outliers, file, recording = 0, rows.file_of(name), rows.shown(name)
     targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
     with ExitStack() as stack:
@@ -142,7 +143,9 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
-    notes = [*filter(None, (log.note, log.assumption)), *([] if adapted is None else warnings(adapted))]
+    unused = wrenches.text if wrenches is not None and wrenches.evidence is None else None
+    notes = [*filter(None, (log.note, log.assumption, unused))]
+    notes += [] if adapted is None else warnings(adapted)
     return {
         **rows.base(name, settings),
         **tally.cells(),
@@ -161,6 +164,27 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         "file": file,
         **{f"{kind}_bytes": (folder / kind / file).stat().st_size for kind in targets},
     }
+
+
+def _open(path: str, settings: Settings) -> PoseLog:
+    with _reading():
+        return open_log(
+            path,
+            settings.topic,
+            settings.frame,
+            relative_to=settings.relative_to,
+            time_unit=settings.time_unit,
+        )
+
+
+def _wrenches(path: str, settings: Settings) -> RecordedEvidence | None:
+    if settings.wrench is None:
+        return None
+    log = _open(path, settings)
+    with _reading():
+        return recorded_evidence(
+            path, settings.wrench.topic, log, settings.model, settings.knowledge, settings.wrench.mass_kg
+        )
 
 
 class _Unread(UnreadableRecording):

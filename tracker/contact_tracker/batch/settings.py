@@ -1,11 +1,19 @@
 """How recordings are segmented, the same for all of a run, with a hash by which a result is known again."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from contact_tracker import __version__
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.saved_state.encoding import fingerprint
+
+
+class WrenchSettings(NamedTuple):
+    """The topic of measured wrenches, and the mass of the object where it is known."""
+
+    topic: str
+    mass_kg: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +23,9 @@ class Settings:
     Parameters
     ----------
     topic, frame, relative_to : which poses to take, as of ``recording.open_log``.
+    time_unit : of the times of tables, as of ``recording.open_log``.
     with_ticks : write what is believed of each tick, too.
+    wrench : where the wrenches are that decide where motion cannot tell contacts apart.
     model_hash : of the model with its noise, and of what is known.
     settings_hash : of all but ``with_ticks``, and of the version.
     """
@@ -26,6 +36,8 @@ class Settings:
     frame: str | None
     relative_to: str | None
     with_ticks: bool
+    time_unit: str | None
+    wrench: WrenchSettings | None
     model_hash: str
     settings_hash: str
 
@@ -37,8 +49,12 @@ def settings_of(
     frame: str | None = None,
     relative_to: str | None = None,
     with_ticks: bool = False,
+    time_unit: str | None = None,
+    wrench: WrenchSettings | None = None,
 ) -> Settings:
     """The settings with their hashes."""
     model_hash = fingerprint((model, knowledge))
-    settings_hash = fingerprint((__version__, model_hash, topic, frame, relative_to))
-    return Settings(model, knowledge, topic, frame, relative_to, with_ticks, model_hash, settings_hash)
+    which = topic, frame, relative_to, time_unit
+    settings_hash = fingerprint((__version__, model_hash, which, tuple(wrench or ())))
+    chosen = topic, frame, relative_to, with_ticks, time_unit, wrench
+    return Settings(model, knowledge, *chosen, model_hash, settings_hash)

@@ -40,6 +40,7 @@ class Source:
     believe_truth: bool = True
     knowledge: PriorMap = EMPTY_MAP
     relative_to: str | None = None
+    time_unit: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +117,9 @@ def judge(source: Source, model: Model) -> Judged:
 
 def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
     truth = read_truth(source.name)
-    log = open_log(source.name, source.topic, source.frame, relative_to=source.relative_to)
+    log = open_log(
+        source.name, source.topic, source.frame, relative_to=source.relative_to, time_unit=source.time_unit
+    )
     poses = Poses.collect(log)
     if not len(poses):
         raise NoPoses(f"{source.name}: no pose that can be used")

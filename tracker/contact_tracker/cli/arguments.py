@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.atomic_file import why_not_replaceable
+from contact_tracker.config.quantities import TIMES_NS
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
 
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
+LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
 """A longer time in seconds, about 30 years, is a slip of the hand."""
 
@@ -55,6 +57,17 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         "--relative-to",
         metavar="TOPIC|FRAME",
         help="poses in this frame, or relative to the body of this topic, which may move",
+    )
+    add_time_unit(parser)
+
+
+def add_time_unit(parser: argparse.ArgumentParser) -> None:
+    """``--time-unit``."""
+    parser.add_argument(
+        "--time-unit",
+        choices=tuple(TIMES_NS),
+        help="of the times in a table: s, ms, us or ns (default: as their column is named, or as they look)",
+        metavar="UNIT",
     )
 
 

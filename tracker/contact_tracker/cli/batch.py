@@ -12,6 +12,7 @@ from contact_tracker.cli.arguments import add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
+from contact_tracker.cli.wrench import add_wrench, asked_for_wrenches
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
@@ -47,6 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_source(parser)
     add_model(parser)
     add_known(parser)
+    add_wrench(parser)
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--processes",
@@ -78,10 +80,18 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.batch.dataset import open_dataset
     from contact_tracker.batch.finding import find
     from contact_tracker.batch.run import Batch
-    from contact_tracker.batch.settings import settings_of
+    from contact_tracker.batch.settings import WrenchSettings, settings_of
 
-    chosen = args.topic, args.frame, args.relative_to, args.ticks
-    settings = settings_of(model_of(args), knowledge_of(args), *chosen)
+    settings = settings_of(
+        model_of(args),
+        knowledge_of(args),
+        args.topic,
+        args.frame,
+        args.relative_to,
+        args.ticks,
+        args.time_unit,
+        WrenchSettings(args.wrench, args.mass) if asked_for_wrenches(args) else None,
+    )
     recordings = list(find(_names(args.logs)))
     shown = 0
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker import __version__
-from contact_tracker.cli.arguments import add_source, output_file
+from contact_tracker.cli.arguments import LOGS_HELP, add_source, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.replacement import add_overwrite, files_read
@@ -35,7 +35,7 @@ WIDTH: Final = 108
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS_HELP)
     add_source(parser)
     add_known(parser)
     parser.add_argument(
@@ -138,7 +138,7 @@ def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
 
     names = recordings(args.logs, "calibrate")
-    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to
+    chosen = args.topic, args.frame, not args.unlabelled, knowledge_of(args), args.relative_to, args.time_unit
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
@@ -188,6 +188,7 @@ def _command(args: argparse.Namespace) -> str:
     words += ["--topic", args.topic] if args.topic else []
     words += ["--frame", args.frame] if args.frame else []
     words += ["--relative-to", args.relative_to] if args.relative_to else []
+    words += ["--time-unit", args.time_unit] if args.time_unit else []
     words += ["--known", os.path.relpath(args.known)] if args.known else []
     words += ["--start", start] if args.start != "default" else []
     words += ["--unlabelled"] if args.unlabelled else []

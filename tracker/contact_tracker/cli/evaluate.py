@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import add_model, add_source, model_of
+from contact_tracker.cli.arguments import LOGS_HELP, add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
@@ -24,7 +24,7 @@ EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help="MCAP files, or folders to search for them")
+    parser.add_argument("logs", nargs="+", metavar="LOG", help=LOGS_HELP)
     add_source(parser)
     add_model(parser)
     add_known(parser)
@@ -64,7 +64,7 @@ def _evaluate(
 
     judge = Judge(need_truth(name, args.topic, args.frame))
     wrenches = evidence_of(name, args, model, knowledge)
-    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to)
+    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge, wrenches=wrenches)
         for piece in watched(log, lambda poses: tracker.pieces(poses, set_done), judge.poses):

@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.arguments import LOG_HELP
+from contact_tracker.cli.arguments import LOG_HELP, add_time_unit
 from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import show, warn
 from contact_tracker.errors import NoPoses
@@ -26,6 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", metavar="LOG", help=LOG_HELP)
     parser.add_argument("--topic", help="the sources on this topic only")
     parser.add_argument("--frame", help="the sources of this frame only: PARENT->CHILD, or CHILD")
+    add_time_unit(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
 
 
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.outputs.summary import summary_json, summary_lines
     from contact_tracker.recording import summarise
 
-    summary = summarise(args.log)
+    summary = summarise(args.log, args.time_unit)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and not chosen:
         raise NoPoses(

@@ -109,7 +109,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         require_library(args.output)
     state = adaptation.start(model, args.lag, knowledge)
     follow = Follow() if args.follow else None
-    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to)
+    log = open_log(args.log, args.topic, args.frame, follow, True, args.relative_to, args.time_unit)
     source = Source(log, args.log, args)
     with _viewer(args, source, sink) as viewer, StatusLine() as status, _Ticks(args.output, check) as ticks:
         printer = _Printer(args.json, source, status)

@@ -80,7 +80,7 @@ def build_parser() -> argparse.ArgumentParser:
         )
         command.configure(sub)
         _add_verbosity(sub)
-        sub.set_defaults(run=command.run, parser=sub)
+        sub.set_defaults(run=command.run, parsers=(sub, commands.choices))
     return parser
 
 
@@ -136,7 +136,7 @@ def _run(argv: Sequence[str] | None) -> int:
         args, unknown = parser.parse_known_args(argv)
         if unknown:
             raise UsageError(
-                f"unrecognized arguments: {' '.join(unknown)}{meant_option(unknown, args.parser)} "
+                f"unrecognized arguments: {' '.join(unknown)}{meant_option(unknown, *args.parsers)} "
                 f"(see contact-tracker {args.command} --help)"
             )
         set_verbosity(args.verbosity)

@@ -96,7 +96,7 @@ def _segment(
     read = [*args.logs, *files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read)
     wrenches = evidence_of(args.log, args, model, knowledge)
-    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to)
+    log = open_log(args.log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     source = Source(log, args.log, args)
     tracker = OfflineTracker(model, knowledge, executor, wrenches)
     with progress("segment", "poses", source.expected) as set_done:

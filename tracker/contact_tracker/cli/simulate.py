@@ -1,7 +1,7 @@
 """``contact-tracker simulate``: labelled recordings with exact truth."""
 
 import argparse
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.replacement import add_overwrite
@@ -9,6 +9,9 @@ from contact_tracker.cli.status import DONE
 from contact_tracker.cli.terminal import say, show
 from contact_tracker.errors import UsageError
 from contact_tracker.exports.replacement import check_output
+
+if TYPE_CHECKING:
+    from contact_tracker.simulate.scenarios import Further
 
 HELP: Final = "make a labelled recording"
 DESCRIPTION: Final = """\
@@ -49,6 +52,12 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
+def _when(further: "Further") -> str:
+    """When a second contact holds, in words; nothing where it always does."""
+    since = "" if further.start_s is None else f" from {further.start_s:g} s"
+    return since + ("" if further.end_s is None else f" to {further.end_s:g} s")
+
+
 def _list(seed: int) -> int:
     from contact_tracker.simulate import SCENARIOS
 
@@ -56,7 +65,7 @@ def _list(seed: int) -> int:
         made = scenario(seed)
         contacts = " ".join(phase.contact.value for phase in made.phases)
         if made.further is not None:
-            contacts += f" + {made.further.contact.value}"
+            contacts += f" + {made.further.contact.value}{_when(made.further)}"
         seconds = sum(phase.duration_s for phase in made.phases)
         size = f"{made.rate_hz:5.0f} Hz {seconds:5.0f} s"
         show(f"{name:<18}{size}  {made.object} on {made.surroundings}: {contacts}")

@@ -1,7 +1,7 @@
 """What a misspelt command or option was probably meant to be."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
 
@@ -11,10 +11,19 @@ def meant(word: str, names: Iterable[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def meant_option(words: Iterable[str], parser: argparse.ArgumentParser) -> str:
-    """The same of the first word that looks like an option of ``parser``."""
+def meant_option(
+    words: Iterable[str], parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]
+) -> str:
+    """The same of the first word that looks like an option of ``parser``, or is one of other commands."""
     for word in words:
         if word.startswith("-"):
-            options = [name for action in parser._actions for name in action.option_strings]
-            return meant(word.partition("=")[0], options)
+            option = word.partition("=")[0]
+            others = [name for name, other in commands.items() if option in _options(other)]
+            if others:
+                return f"; {option} is an option of {' and '.join(others)}"
+            return meant(option, _options(parser))
     return ""
+
+
+def _options(parser: argparse.ArgumentParser) -> list[str]:
+    return [name for action in parser._actions for name in action.option_strings]

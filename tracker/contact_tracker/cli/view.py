@@ -102,7 +102,11 @@ def _view(
     from contact_tracker.viewer.offline import Shown
 
     tracker = OfflineTracker(model, knowledge)
-    source = Source(open_log(log, args.topic, args.frame, relative_to=args.relative_to), log, args)
+    source = Source(
+        open_log(log, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit),
+        log,
+        args,
+    )
     truth, vertices_m = read_truth(log), vertices_from_metadata(read_metadata(log))
     with progress("segment", "poses", source.expected) as set_done:
 

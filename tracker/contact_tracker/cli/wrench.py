@@ -38,31 +38,25 @@ def evidence_of(
     UsageError
         The topic is not there or cannot be used, or the recording cannot be read twice.
     """
-    if args.wrench is None:
-        if args.mass is not None:
-            raise UsageError("--mass is of use with --wrench only")
+    if not asked_for_wrenches(args):
         return None
     if name == "-":
         raise UsageError("--wrench reads the recording twice, which standard input does not allow")
-    from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
-    from contact_tracker.motion.poses import Poses
     from contact_tracker.recording import open_log
-    from contact_tracker.recording.wrenches import read_wrenches
+    from contact_tracker.recording.wrench_evidence import recorded_evidence
 
-    log = open_log(name, args.topic, args.frame, relative_to=args.relative_to)
-    poses = Poses.join(list(log.batches()))
-    if not len(poses):
+    chosen = args.topic, args.frame
+    log = open_log(name, *chosen, relative_to=args.relative_to, time_unit=args.time_unit)
+    with progress(f"{name}: load", "poses", log.source.messages) as set_done:
+        found = recorded_evidence(name, args.wrench, log, model, knowledge, args.mass, set_done)
+    if found is None:
         return None  # the command itself says so
-    found = read_wrenches(name, args.wrench, log.source, poses, log.stamping.by_log_time)
-    noted = f"; dropped {found.dropped}" if found.dropped else ""
-    try:
-        with progress(f"{name}: load", "poses", len(poses)) as set_done:
-            evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, args.mass, set_done)
-    except NoLoad as reason:
-        warn(f"{name}: {args.wrench} is not used: {reason}")
-        return None
-    say(
-        f"{name}: {len(found.wrenches)} wrenches in the frame {found.frame_id or '(none)'}{noted}; "
-        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
-    )
-    return evidence
+    (warn if found.evidence is None else say)(f"{name}: {found.text}")
+    return found.evidence
+
+
+def asked_for_wrenches(args: argparse.Namespace) -> bool:
+    """Whether ``--wrench`` is there; raises UsageError where ``--mass`` is without it."""
+    if args.wrench is None and args.mass is not None:
+        raise UsageError("--mass is of use with --wrench only")
+    return args.wrench is not None

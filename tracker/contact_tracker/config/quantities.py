@@ -1,4 +1,4 @@
-"""Standard deviations with their units, as users write them."""
+"""Units, and standard deviations with them, as users write them."""
 
 import math
 import re
@@ -6,6 +6,8 @@ from typing import Final
 
 LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 ANGLES: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+TIMES_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+"""In nanoseconds."""
 _UNITS: Final = LENGTHS | ANGLES
 _QUANTITY: Final = re.compile(r"([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-z]+)")
 _PLAUSIBLE: Final = (1e-9, 1.0)

@@ -111,10 +111,11 @@ class PoseLog:
 
     @property
     def assumption(self) -> str | None:
-        """One line if the known definition of a type was used instead of one in the file."""
+        """One line if the known definition of a type was used instead of one in the file, or if the unit of
+        times is a guess."""
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
-        return assumption_text(count, self.source.type, why) if count and why else None
+        return assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
 
     def __iter__(self) -> Iterator[Pose]:
         return self._poses
@@ -244,6 +245,7 @@ def open_log(
     follow: Follow | None = None,
     count_late: bool = False,
     relative_to: str | None = None,
+    time_unit: str | None = None,
 ) -> PoseLog:
     """Open the poses of a recording.
 
@@ -257,6 +259,8 @@ def open_log(
     count_late : poses of a source that shows up later, and would have fitted, are counted; else, and without
         ``follow``, iteration ends with AmbiguousSource.
     relative_to : a frame, or the topic of another body: poses in it instead of in the frame of their header.
+    time_unit : ``s``, ``ms``, ``us`` or ``ns``, of the times of a table; by default as their column is named,
+        or else as they look.
 
     Raises
     ------
@@ -269,7 +273,7 @@ def open_log(
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
     wanted = FrameFilter(topic, relative_to) if is_chain else ChannelFilter(topic)
-    reading = Reading(path, wanted, follow)
+    reading = Reading(path, wanted, follow, time_unit)
     decoder = MessageDecoder(reading.budget)
     items = iter(reading)
     known = {} if follow else poses_by_source(peek(path, wanted), decoder)

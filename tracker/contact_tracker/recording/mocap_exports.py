@@ -8,18 +8,27 @@ angles or a helical vector, which most exports do not tell.
 
 import csv
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, pairwise
 from typing import Final
 
 from contact_tracker.errors import UnreadableRecording
-from contact_tracker.recording.table_layouts import Body, TableLayout, are_numbers, metres
+from contact_tracker.recording.table_layouts import (
+    BLANKS,
+    Body,
+    TableLayout,
+    are_numbers,
+    metres,
+    number,
+    separator_after,
+)
 
 _ROLES: Final = ("PX", "PY", "PZ", "RX", "RY", "RZ", "RW")
 _RIGID_BODY: Final = "Rigid Body"
 _BONE: Final = "Bone"
 _SECTIONS: Final = ("Objects", "Segments")
 _OTHER_SECTIONS: Final = ("Trajectories", "Model Outputs", "Devices", "Joints", "Events")
+_ROUNDED_S: Final = 0.00051
 _ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
 
 
@@ -35,10 +44,13 @@ def is_vicon(first: str) -> bool:
 
 def motive_layout(lines: Sequence[str]) -> TableLayout:
     """The layout of an export of Motive, formats 1.2 to 1.25; raises UnreadableRecording."""
-    cells = _cells(lines)
+    separator = separator_after("Format Version", next(line for line in lines if line.strip()))
+    cells = _cells(lines, separator)
     first = next(row for row in cells if row[0])
     if len(first) < 2:
-        raise UnreadableRecording("its columns are not separated by commas: export it so from Motive")
+        raise UnreadableRecording(
+            "its columns are separated by nothing known: export it from Motive with commas"
+        )
     about = dict(zip(first[::2], first[1::2], strict=False))
     rotation = about.get("Rotation Type", "Quaternion")
     if rotation != "Quaternion":
@@ -60,7 +72,22 @@ def motive_layout(lines: Sequence[str]) -> TableLayout:
         raise UnreadableRecording(
             "no rigid body has both position and quaternion, in global coordinates: export it with both"
         )
-    return TableLayout("Motive", ",", head + 1, 1, 10.0**9, bodies, is_ragged=True)
+    time, time_ns = _motive_times(about, cells[head + 1 :])
+    return TableLayout(
+        "Motive", separator, head + 1, time, time_ns, bodies, is_ragged=True, has_own_unit=True
+    )
+
+
+def _motive_times(about: Mapping[str, str], rows: Sequence[Sequence[str]]) -> tuple[int, float]:
+    """The column of times and its unit in nanoseconds: frames where times are those of the frames, rounded to
+    milliseconds as Motive 2.3 and 3 write them; else seconds."""
+    try:
+        rate = number(about.get("Export Frame Rate", ""))
+        times = [(number(row[0]), number(row[1])) for row in rows if len(row) > 1]
+    except ValueError:
+        return 1, 1e9
+    fits = rate > 0 and all(abs(frame / rate - time) <= _ROUNDED_S for frame, time in times)
+    return (0, 1e9 / rate) if times and fits else (1, 1e9)
 
 
 def _note(found: dict[tuple[str, str], dict[str, int]], body: tuple[str, str], role: str, place: int) -> None:
@@ -85,13 +112,15 @@ def _bodies(found: dict[tuple[str, str], dict[str, int]], unit_m: float) -> tupl
 def vicon_layout(lines: Sequence[str]) -> TableLayout:
     """The layout of the first section of an export of Vicon; raises UnreadableRecording."""
     begin = next(i for i, line in enumerate(lines) if line.strip())
-    cells = _cells(lines[begin:])
+    head = next((line for line in lines[begin:] if line.strip(BLANKS).startswith("Frame")), "")
+    separator = separator_after("Frame", head)
+    cells = _cells(lines[begin:], separator)
     section = cells[0][0]
     if section not in _SECTIONS:
         raise UnreadableRecording(
             f"its section is {section}: export Objects or Segments from Vicon, as the first section"
         )
-    if len(cells) < 5 or not are_numbers(cells[1][:1]) or not float(cells[1][0]) > 0:
+    if len(cells) < 5 or not are_numbers(cells[1][:1]) or not number(cells[1][0]) > 0:
         raise UnreadableRecording(f"its section {section} lacks rate, names, columns or units above its rows")
     names, axes, units = cells[2], cells[3], cells[4]
     bodies, angles = list[Body](), list[str]()
@@ -108,7 +137,10 @@ def vicon_layout(lines: Sequence[str]) -> TableLayout:
         raise UnreadableRecording(_refused(angles[0]))
     if not bodies:
         raise UnreadableRecording("no object with TX to TZ and RX to RW: export quaternions from Vicon")
-    return TableLayout("Vicon", ",", begin + 5, 0, 1e9 / float(cells[1][0]), tuple(bodies), is_ragged=True)
+    frame_ns = 1e9 / number(cells[1][0])
+    return TableLayout(
+        "Vicon", separator, begin + 5, 0, frame_ns, tuple(bodies), is_ragged=True, has_own_unit=True
+    )
 
 
 def _refused(name: str) -> str:
@@ -127,10 +159,10 @@ def _short(name: str) -> str:
     return subject if segment in ("", subject) else plain
 
 
-def _cells(lines: Iterable[str]) -> list[list[str]]:
+def _cells(lines: Iterable[str], separator: str) -> list[list[str]]:
     """The values of each line; of an empty one an empty value."""
     try:
-        rows = [next(csv.reader([line.replace("\0", "")]), []) for line in lines]
+        rows = [next(csv.reader([line.replace("\0", "")], delimiter=separator), []) for line in lines]
     except csv.Error as error:
         raise UnreadableRecording(f"the rows above its columns cannot be read: {error}") from error
     return [[cell.strip() for cell in row] or [""] for row in rows]

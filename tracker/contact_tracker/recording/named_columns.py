@@ -3,20 +3,16 @@
 All that is decided here is decided by the first lines, or by the names of the columns.
 """
 
+import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.mocap_exports import is_motive, is_vicon, motive_layout, vicon_layout
-from contact_tracker.recording.table_layouts import LENGTHS_M, Body, TableLayout, are_numbers
+from contact_tracker.recording.table_layouts import BLANKS, LENGTHS_M, Body, TableLayout, are_numbers
+from contact_tracker.recording.time_units import NAMED_NS
 
-_TIME_UNITS: Final[Mapping[str, int]] = {
-    **dict.fromkeys(("s", "sec", "secs", "seconds"), 10**9),
-    **dict.fromkeys(("ms", "milliseconds"), 10**6),
-    **dict.fromkeys(("us", "microseconds"), 10**3),
-    **dict.fromkeys(("ns", "nsec", "nanoseconds"), 1),
-}
 _UNIT: Final = re.compile(r"[\s_]*[\[(]([^\])]*)[\])]\s*$|_(mm|cm|m|s|ms|us|ns)$")
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_?(?:t|time|times|time_?stamp|stamp)")
 _QUATERNION: Final = re.compile(
@@ -26,10 +22,17 @@ _POSITION: Final = re.compile(
     r"(.*?)[._/: -]*(?:(?<![a-z])(?:p|t|pos|position|trans|translation|p_\w+)[._/: -]*)?(?<![a-z])([xyz])"
 )
 _PREFIXED: Final = re.compile(r"(.*?)[._/: -]*(?<![a-z])[pt]([xyz])")
+_ANGLE: Final = re.compile(
+    r"(?:.*[./: _-])?(?:roll|pitch|yaw|(?:r|rot|rotation|euler|angle|rotvec|axis_?angle)[._/: -]*[xyz])"
+    r"(?:_(?:deg|rad))?"
+)
+"""One of three numbers that are a rotation."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _TUM_NAMES: Final = 8
 _NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _SHOWN: Final = 12
+_MARKS: Final = (";", "\t", ",")
+"""What may separate values; a comma may be the decimal point as well."""
 MOST_COLUMNS: Final = 5000
 _LONGEST_NAME: Final = 200
 
@@ -43,10 +46,8 @@ def layout_of_text(lines: Sequence[str]) -> TableLayout:
         return vicon_layout(lines)
     skip = _comments(lines)
     data = next((line for line in lines[skip:] if line.strip()), "")
-    separator = next((mark for mark in (",", ";", "\t") if mark in data), None)
-    if separator == "\t" and len(data.split("\t")) < len(data.split()) == _TUM_NAMES:
-        separator = None  # blanks and tabs as they came
-    values = data.split(separator)
+    separator = _separator(data)
+    values = _cells(data, separator)
     names = _header(lines[skip - 1] if skip else "", separator, len(values))
     if are_numbers(values):
         if names is None and separator is None and len(values) == _TUM_NAMES:
@@ -56,7 +57,8 @@ def layout_of_text(lines: Sequence[str]) -> TableLayout:
                 f"its {len(values)} columns have no names: needed are {_NEEDED}, or the eight of TUM"
             )
     else:
-        names, skip = [value.strip().strip('"') for value in values], lines.index(data) + 1
+        names, skip = values, lines.index(data) + 1
+    _refuse_wider(lines[skip:], separator, len(names))
     return layout_of_names(names, "table", separator, skip)
 
 
@@ -80,10 +82,49 @@ def layout_of_names(names: Sequence[str], kind: str, separator: str | None, skip
         if columns.keys() >= set(roles)
     ]
     if time is None or not bodies:
-        shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-        lacking = "no column of times" if bodies else "no columns of a pose"
-        raise UnreadableRecording(f"{lacking} among {shown}: needed are {_NEEDED}")
+        raise UnreadableRecording(_lacking(names, bool(bodies)))
     return TableLayout(kind, separator, skip, time, time_ns, tuple(bodies))
+
+
+def _separator(data: str) -> str | None:
+    """What separates the values of a line: None for any white space."""
+    words = data.split()
+    if len(words) == _TUM_NAMES and are_numbers(words):
+        return None  # blanks and tabs as they came, commas as decimal points
+    return next((mark for mark in _MARKS if mark in data), None)
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    """The values in a line, those in quotes without them."""
+    if separator is None:
+        return line.split()
+    return [value.strip(BLANKS) for value in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _refuse_wider(rows: Sequence[str], separator: str | None, names: int) -> None:
+    """Raise UnreadableRecording if rows have more values than there are ``names``: which is whose is open."""
+    for row in rows if separator is not None else ():
+        values = _cells(row, separator)
+        many = max((i for i, value in enumerate(values, 1) if value), default=0)
+        if many > names:
+            raise UnreadableRecording(
+                f"rows have {many} values under {names} names: name all columns, and where these are decimal "
+                "commas, write points, or separate values by semicolons"
+            )
+
+
+def _lacking(names: Sequence[str], has_pose: bool) -> str:
+    """What columns of these names lack."""
+    shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+    lacking = "no column of times" if has_pose else "no columns of a pose"
+    angles = [name for name in names if _ANGLE.fullmatch(_split_unit(name)[0])]
+    if has_pose or len(angles) < 3:
+        return f"{lacking} among {shown}: needed are {_NEEDED}"
+    return (
+        f"its rotations are three numbers, {', '.join(angles[:3])}, of a convention that it does not say: "
+        "needed are qx, qy, qz, qw; scipy's Rotation.from_euler('xyz', angles, degrees=True).as_quat() makes "
+        "them, with the order and unit of your angles, or Rotation.from_rotvec of rotation vectors"
+    )
 
 
 def _comments(lines: Sequence[str]) -> int:
@@ -93,7 +134,7 @@ def _comments(lines: Sequence[str]) -> int:
 
 def _header(comment: str, separator: str | None, count: int) -> list[str] | None:
     """The names that a comment gives to so many columns."""
-    names = [name.strip() for name in comment.lstrip("# ").strip().split(separator)]
+    names = _cells(comment.lstrip("# ").strip(), separator) if comment.strip() else []
     has_axes = {"x", "y", "z"} <= {(_axis(_split_unit(name)[0]) or ("", ""))[1] for name in names}
     return names if len(names) == count and has_axes else None
 
@@ -112,7 +153,7 @@ def _time_column(names: Sequence[str]) -> tuple[int | None, float | None]:
     for place, name in enumerate(names):
         plain, unit = _split_unit(name)
         if _TIME.fullmatch(plain):
-            return place, _TIME_UNITS.get(unit)
+            return place, NAMED_NS.get(unit)
     return None, None
 
 

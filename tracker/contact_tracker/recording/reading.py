@@ -18,7 +18,7 @@ from contact_tracker.recording.damage import DamageReport
 from contact_tracker.recording.items import PARSE_ERRORS, Channel, Item
 from contact_tracker.recording.limits import RECORD_LIMIT, WorkBudget
 from contact_tracker.recording.log_order import in_log_order
-from contact_tracker.recording.tables import is_table, read_table
+from contact_tracker.recording.tables import OWN_UNIT, is_table, read_table
 
 STDIN: Final = "-"
 _COMPRESSED: Final = (".zstd", ".zst")
@@ -131,9 +131,15 @@ def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
         return
     if not all(_may_follow(a, b) for a, b in pairwise([(part, _interval_ns(part)) for part in parts])):
         names = [os.path.basename(part) for part in parts]
+        formats = sorted({os.path.splitext(_plain(name))[1].lower() for name in names})
+        how = (
+            f"of different formats ({', '.join(formats)})"
+            if len(formats) > 1
+            else "that do not follow each other"
+        )
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         raise AmbiguousSource(
-            f"{path} holds recordings that do not follow each other: {', '.join(names[:_NAMED])}{more}; "
+            f"{path} holds recordings {how}: {', '.join(names[:_NAMED])}{more}; "
             f"name one of them (parts of one recording are taken together beside a {_METADATA})"
         )
 
@@ -173,6 +179,11 @@ class Reading:
     path : file, folder or ``-``.
     wanted : messages of other channels are skipped unread.
     follow : wait for what is still being written; a folder is complete once it has a metadata.yaml.
+    time_unit : of the times of a table, as of ``config.quantities.TIMES_NS``; by default what they look like.
+
+    Attributes
+    ----------
+    assumption : one line on what a table does not say, or None.
 
     Raises
     ------
@@ -182,13 +193,24 @@ class Reading:
         A folder of recordings of their own.
     """
 
-    def __init__(self, path: str, wanted: Callable[[Channel], bool], follow: Follow | None = None) -> None:
+    def __init__(
+        self,
+        path: str,
+        wanted: Callable[[Channel], bool],
+        follow: Follow | None = None,
+        time_unit: str | None = None,
+    ) -> None:
         path = recording_of(path)
         if follow is None:
             refuse_unrelated(path, parts_of(path))
+        for part in () if time_unit is None else parts_of(path):
+            if not is_table(part, _begin(part)):
+                raise UnreadableRecording(f"{_shown(part)}: {OWN_UNIT}")
         self.path = path
         self._wanted = wanted
         self._follow = follow
+        self._time_unit = time_unit
+        self.assumption: str | None = None
         self._damage = DamageReport()
         self.budget = WorkBudget()
 
@@ -215,7 +237,7 @@ class Reading:
         prefix = "" if single else f"{os.path.basename(part)}: "
         begin = _begin(part)
         _refuse_packed(part, begin)
-        read = read_bag if is_bag(begin) else read_table if is_table(part, begin) else None
+        read = read_bag if is_bag(begin) else self._table if is_table(part, begin) else None
         if read is not None:
             if self._follow:
                 raise UnreadableRecording("only an MCAP file can be followed")
@@ -227,6 +249,14 @@ class Reading:
                 yield from self._sorted(stream, summary, prefix)
                 return
             yield from self._read(RecordLoop(stream, self._wanted, summary), prefix)
+
+    def _table(
+        self, part: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+    ) -> Iterator[Item]:
+        return read_table(part, wanted, report, budget, self._assume, self._time_unit)
+
+    def _assume(self, text: str) -> None:
+        self.assumption = text
 
     def _read(self, loop: RecordLoop, prefix: str) -> Iterator[Item]:
         try:

@@ -1,5 +1,6 @@
 """What a recording holds, as ``contact-tracker info`` shows it."""
 
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -77,7 +78,8 @@ class RecordingSummary:
     metadata : records by name. attachments : their names.
     undecodable : messages of pose topics that are not what their schema promises.
     damage : one line if it is truncated or damaged.
-    assumptions : one line for each source whose type was not defined in the file, or not usably.
+    assumptions : one line for each source whose type was not defined in the file, or not usably, or for times
+        whose unit is a guess.
     """
 
     sources: tuple[SourceSummary, ...]
@@ -90,8 +92,8 @@ class RecordingSummary:
     assumptions: tuple[str, ...] = ()
 
 
-def summarise(path: str) -> RecordingSummary:
-    """Read a whole recording once, in bounded memory.
+def summarise(path: str, time_unit: str | None = None) -> RecordingSummary:
+    """Read a whole recording once, in bounded memory; ``time_unit`` is that of ``open_log``.
 
     Raises
     ------
@@ -101,7 +103,7 @@ def summarise(path: str) -> RecordingSummary:
     topics: Counter[Channel] = Counter()
     metadata: dict[str, Mapping[str, str]] = {}
     attachments: list[str] = []
-    reading = Reading(path, lambda channel: True)
+    reading = Reading(path, lambda channel: True, time_unit=time_unit)
     tallies = _Tallies(MessageDecoder(reading.budget))
     for item in reading:
         match item:
@@ -124,8 +126,13 @@ def summarise(path: str) -> RecordingSummary:
         tallies.undecodable,
         reading.damage,
         tallies.more_sources,
-        tallies.assumptions,
+        (*tallies.assumptions, *_assumed(reading)),
     )
+
+
+def _assumed(reading: Reading) -> tuple[str, ...]:
+    text = reading.assumption
+    return () if text is None else (f"{os.path.basename(reading.path)}: {text}",)
 
 
 class _Tallies:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.quantities import TIMES_NS
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.decoding import row_channel
 from contact_tracker.recording.extras import MissingExtra, need
@@ -15,7 +16,8 @@ from contact_tracker.recording.items import Channel, RawMessage
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.named_columns import MOST_COLUMNS, layout_of_names, layout_of_text
 from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
-from contact_tracker.recording.table_layouts import TableLayout
+from contact_tracker.recording.table_layouts import BLANKS, TableLayout
+from contact_tracker.recording.time_units import unit_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -28,6 +30,7 @@ _ROWS: Final = 10_000
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 _NEVER: Final = np.iinfo(np.int64).min
 _MOST_NS: Final = 2.0**62
+OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 _ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
 """So begins what polars would decompress."""
 _PRINTABLE: Final = bytes(range(32, 127)) + b"\t\r\n\xef\xbb\xbf"
@@ -49,7 +52,12 @@ def _is_utf8(begin: bytes) -> bool:
 
 
 def read_table(
-    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+    path: str,
+    wanted: Callable[[Channel], bool],
+    report: Callable[[str], None],
+    budget: WorkBudget,
+    assume: Callable[[str], None],
+    time_unit: str | None = None,
 ) -> Iterator[RawMessage]:
     """The poses of a table row by row; log times are the times in it.
 
@@ -58,6 +66,8 @@ def read_table(
     wanted : bodies of other channels are left out.
     report : is told in a line of rows that cannot be read.
     budget : bounds what a compressed table may become.
+    assume : is told in a line of what the table does not say.
+    time_unit : of ``config.quantities.TIMES_NS``, of a table whose format has none.
 
     Raises
     ------
@@ -77,7 +87,9 @@ def read_table(
         (channel, body) for channel, body in zip(channels, layout.bodies, strict=True) if wanted(channel)
     ]
     batches = frame.collect_batches(chunk_size=_ROWS, maintain_order=True) if chosen else iter(())
-    scale, lost = layout.time_ns, 0
+    if time_unit is not None and layout.has_own_unit:
+        raise UnreadableRecording(OWN_UNIT)
+    scale, lost = TIMES_NS[time_unit] if time_unit is not None else layout.time_ns, 0
     while True:
         try:
             batch = next(batches)
@@ -86,7 +98,11 @@ def read_table(
         except Exception as error:
             report(f"it is damaged: {_line(error)}")
             break
-        scale = scale or _unit_of(polars, batch)
+        if scale is None:
+            unit, assumption = unit_of(_times(polars, batch))
+            scale = TIMES_NS[unit]
+            if assumption is not None:
+                assume(assumption)
         stamps = _stamps_ns(polars, batch, scale)
         good = stamps != _NEVER
         lost += int((~good).sum())
@@ -138,9 +154,10 @@ def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, p
         columns = [words.list.get(place, null_on_oob=True) for place in range(last + 1)]
     else:
         columns = [polars.col(name) for name in names]
-    frame = frame.select(
-        column.str.strip_chars('" \t').alias(str(place)) for place, column in enumerate(columns)
-    )
+    cells = (column.str.strip_chars(BLANKS) for column in columns)
+    if layout.separator != "," or any('"' in line for line in lines):  # else no cell has a comma
+        cells = (cell.str.replace(",", ".", literal=True) for cell in cells)
+    frame = frame.select(cell.alias(str(place)) for place, cell in enumerate(cells))
     return layout, _chosen(polars, frame, layout)
 
 
@@ -170,10 +187,10 @@ def _rows_of_section(path: str, skip: int) -> int:
     return many
 
 
-def _unit_of(polars: Any, batch: "pl.DataFrame") -> float:
-    """The unit of times in nanoseconds, by their size: of dates since 1973 units differ by three digits."""
-    first = abs(float(batch["time"].cast(polars.Float64, strict=False).drop_nulls().head(1).sum()))
-    return next((unit for least, unit in ((1e17, 1.0), (1e14, 1e3), (1e11, 1e6)) if first >= least), 1e9)
+def _times(polars: Any, batch: "pl.DataFrame") -> NDArray[np.float64]:
+    """The times of the rows that have one, in the unit of the table."""
+    floats = batch["time"].cast(polars.Float64, strict=False).drop_nulls().to_numpy()
+    return np.asarray(floats[np.isfinite(floats)], np.float64)
 
 
 def _stamps_ns(polars: Any, batch: "pl.DataFrame", scale: float) -> NDArray[np.int64]:

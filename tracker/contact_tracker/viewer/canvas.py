@@ -12,6 +12,7 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.text import alternatives
 from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.viewer.hull import Hull
 from contact_tracker.viewer.palette import COLOUR, COLOURS, GREY, OBJECT
 from contact_tracker.viewer.scene import Drawing
@@ -70,6 +71,11 @@ def touching(number: int = 0) -> Touching:
     return Touching(meshes, f"world/surroundings/label{end}")
 
 
+def further_lane(number: int) -> str:
+    """The entity of what further contact ``number``, 1 and more, is over time."""
+    return "state/further" if number == 1 else f"state/further_{number}"
+
+
 def new_recording(name: str | None = None) -> rr.RecordingStream:
     """A stream with the timelines of the data only; ``name`` is for people."""
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid4())
@@ -93,13 +99,13 @@ class Canvas:
         self._origin_ns = origin_ns
         self._static(BODY, rr.TransformAxes3D(axes_m))
         for entity in (TRUTH, SMOOTHED, FILTERED):
-            names = [state.value for state in STATES]
-            self._static(entity, rr.StateConfiguration(values=names, labels=names, colors=COLOURS))
+            self._lane(entity)
         for entity in (P_SMOOTHED, P_FILTERED):
             self._lines(entity, STATES)
         for entity in (RESIDUAL, PAPER):
             self._lines(entity, CONTACTS)
         self._static(LEGEND, rr.TextDocument(_LEGEND, media_type=rr.MediaType.MARKDOWN))
+        self.most_further = 0
         self._labelled: set[str] = set()
         self._named: list[str] = []
         if hull is not None:
@@ -135,6 +141,12 @@ class Canvas:
         """What holds from each stamp on; None for nothing known."""
         names = [None if contact is None else contact.value for contact in contacts]
         self._send(entity, stamp_ns, lambda rows: rr.StateChange.columns(state=_texts(names[rows])))
+
+    def have_further(self, most: int) -> None:
+        """Lanes for so many further contacts."""
+        while self.most_further < most:
+            self.most_further += 1
+            self._lane(further_lane(self.most_further))
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
         """Values (N, K) of the K series of an entity; nan leaves a gap."""
@@ -225,6 +237,10 @@ class Canvas:
         colours = [COLOUR[contact] for contact in contacts]
         self._static(entity, rr.SeriesLines(colors=colours, names=names, widths=[1.6] * len(names)))
 
+    def _lane(self, entity: str) -> None:
+        names = [state.value for state in STATES]
+        self._static(entity, rr.StateConfiguration(values=names, labels=names, colors=COLOURS))
+
     def _static(self, entity: str, what: rr.AsComponents) -> None:
         self._recording.log(entity, what, static=True, strict=True)
 
@@ -261,6 +277,11 @@ def caption(
     """``f-f  0.97 or e-f``; ``is_open``: nobody knows where along their normal the faces are."""
     rest = f" or {alternatives(others)}" if others else ""
     return f"{contact.value}  {probability:.2f}{rest}{', height unknown' if is_open else ''}"
+
+
+def further_caption(one: FurtherContact) -> str:
+    """``+ v-f  0.97 or e-f``."""
+    return f"+ {caption(one.contact, one.probability, one.inseparable)}"
 
 
 def _texts(names: Sequence[str | None]) -> list[str]:

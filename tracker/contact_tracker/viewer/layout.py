@@ -37,7 +37,7 @@ def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
             )
         )
     over_time = rrb.Vertical(
-        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[12, 14, 8, 13]
+        _states(everything), smoothed, filtered, rrb.Tabs(*minima), row_shares=[15, 14, 7, 12]
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE)
     return _blueprint(over_time, panel, "expanded" if is_one_of_several else "collapsed")
@@ -53,7 +53,7 @@ def live() -> rrb.Blueprint:
         _states(recent),
         _plot(canvas.P_FILTERED, "Probability", recent, top=1.05, legend=True),
         _plot(canvas.RESIDUAL, "Residual over 25 ticks of motion (1 = noise)", recent, top=3.0, legend=True),
-        row_shares=[3, 4, 4],
+        row_shares=[4, 4, 4],
     )
     panel = rrb.TimePanel(state="collapsed", timeline=canvas.TIMELINE, play_state="following")
     return _blueprint(over_time, panel)

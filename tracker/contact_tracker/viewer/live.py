@@ -17,10 +17,10 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.viewer import canvas, layout
 from contact_tracker.viewer.camera import Camera
-from contact_tracker.viewer.canvas import Canvas, caption
+from contact_tracker.viewer.canvas import Canvas, caption, further_caption
 from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw_all
+from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
 _CLOSE_S: Final = 5.0
@@ -62,6 +62,7 @@ class LiveViewer:
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
         self._formation = FormationChanges()
+        self._further: dict[int, Contact | None] = {}
         (sink or to_viewer())(self._recording, layout.live())
 
     def pose(self, pose: Pose) -> None:
@@ -105,17 +106,34 @@ class LiveViewer:
             self._drawn_ns = belief.stamp_ns
         text = caption(contact, p, belief.inseparable, self._is_open)
         sheet.fade(stamp, [contact], np.array([p]), [text])
+        for number, one in enumerate(belief.further, 1):
+            sheet.fade(stamp, [one.contact], np.array([one.probability]), [further_caption(one)], number)
+        self._lanes(sheet, belief)
+
+    def _lanes(self, sheet: Canvas, belief: Belief) -> None:
+        """Which contacts hold beside the label, where that has changed."""
+        now = [one.contact for one in belief.further]
+        sheet.have_further(len(now))
+        for number in range(1, sheet.most_further + 1):
+            contact = now[number - 1] if number <= len(now) else None
+            if self._further.get(number) is not contact:
+                self._further[number] = contact
+                sheet.states(canvas.further_lane(number), np.array([belief.stamp_ns], np.int64), [contact])
 
     def _draw(self, sheet: Canvas, belief: Belief, tick: Poses) -> None:
-        geometry = belief.geometry
-        touching = [*filter(None, [geometry]), *(one.geometry for one in belief.further)]
-        drawing = draw_all(touching, tick, self._extent, self._camera.up)
+        geometry, up = belief.geometry, self._camera.up
+        drawing = None if geometry is None else draw(geometry, tick, self._extent, up)
         if geometry is not None and drawing is not None:
             lasted_ns = int(belief.stamp_ns - self._drawn_ns) if self._drawn_ns else 0
             if is_settled(belief) and self._camera.see(geometry, drawing, tick, lasted_ns):
                 sheet.stand(self._camera.frame())
         self._is_open = drawing is not None and drawing.is_open
-        sheet.drawings(np.array([belief.stamp_ns], np.int64), [drawing])
+        stamp = np.array([belief.stamp_ns], np.int64)
+        sheet.drawings(stamp, [drawing])
+        further = [draw(one.geometry, tick, self._extent, up) for one in belief.further]
+        gone = [None] * max(sheet.most_further - len(further), 0)
+        for number, beside in enumerate([*further, *gone], 1):
+            sheet.drawings(stamp, [beside], number)
 
     def close(self) -> None:
         """See the rest delivered; the viewer stays open."""

@@ -11,22 +11,22 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import Curves
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Segment, SegmentPart
+from contact_tracker.tracking.belief import FurtherContact, Segment, SegmentPart
 from contact_tracker.tracking.pose_buffer import Waiting
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.camera import Camera
-from contact_tracker.viewer.canvas import Canvas, Stamps, caption
+from contact_tracker.viewer.canvas import Canvas, Stamps, caption, further_caption
 from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
-from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw_all
+from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, draw
 
 
 class OpenFaces(NamedTuple):
     """Two faces of which only the distance is known, drawn below the object, as ``up`` (3,) was then."""
 
     start_ns: int
-    geometries: tuple[ContactGeometry, ...]
+    geometry: ContactGeometry
     poses: Poses
     up: Array
 
@@ -101,23 +101,42 @@ class Painter:
         """The geometry of each segment from its start, nothing where there is none; its event."""
         poses, segments = self._waiting.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
-        parts = [part for segment in segments for part in segment.parts]
-        drawings: list[Drawing | None] = []
-        for part in parts:
-            first = int(np.searchsorted(poses.stamp_ns, part.start_ns))
-            last = int(np.searchsorted(poses.stamp_ns, part.end_ns, side="right"))
-            first = min(first, len(poses) - 1)
-            within = poses[first : max(last, first + 1)]
-            drawings.append(self._drawn(part, within))
-        self._sheet.drawings(np.array([part.start_ns for part in parts], np.int64), drawings)
+        drawings = [self._drawn(one, _within(poses, one.start_ns, one.end_ns)) for one in segments]
+        self._sheet.drawings(starts, drawings)
+        self._further(poses, segments)
         self._joins_and_leaves(segments)
-        firsts = np.cumsum([0, *(len(segment.parts) for segment in segments)])[:-1]
-        self._fade(found, [(one := drawings[i]) is not None and one.is_open for i in firsts])
+        self._fade(found, [one is not None and one.is_open for one in drawings])
         contacts, origin = [s.contact for s in segments], self._origin_ns
         texts = [event(s.start_ns - origin, s.probability, s.geometry, s.inseparable) for s in segments]
         self._sheet.events(starts, contacts, texts)
         self._sheet.inseparable(starts, [s.inseparable for s in segments])
         self._changes(canvas.SMOOTHED, starts, contacts)
+
+    def _further(self, poses: Poses, segments: Sequence[Segment]) -> None:
+        """Each contact beside those of the segments: drawn, named and in a lane from its start to its end."""
+        self._sheet.have_further(max((len(segment.further) for segment in segments), default=0))
+        parts = [(segment, part) for segment in segments for part in segment.parts]
+        starts = np.array([part.start_ns for _, part in parts], np.int64)
+        for number in range(1, self._sheet.most_further + 1):
+            held = [_further_of(segment, part, number) for segment, part in parts]
+            drawings = [
+                None if one is None else self._beside(one, _within(poses, part.start_ns, part.end_ns))
+                for one, (_, part) in zip(held, parts, strict=True)
+            ]
+            self._sheet.drawings(starts, drawings, number)
+            named = [one for one in held if one is not None]
+            self._sheet.fade(
+                starts[[one is not None for one in held]],
+                [one.contact for one in named],
+                np.array([one.probability for one in named]),
+                [further_caption(one) for one in named],
+                number,
+            )
+            lane = canvas.further_lane(number)
+            self._changes(lane, starts, [None if one is None else one.contact for one in held])
+
+    def _beside(self, one: FurtherContact, within: Poses) -> Drawing:
+        return draw(one.geometry, within, self._extent, self._camera.up)
 
     def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
         """Events of further contacts."""
@@ -132,17 +151,17 @@ class Painter:
             stamps, contacts, texts = zip(*sorted(rows, key=lambda row: row[0]), strict=True)
             self._sheet.events(np.array(stamps, np.int64), contacts, texts)
 
-    def _drawn(self, part: SegmentPart, within: Poses) -> Drawing | None:
-        """``within`` are the poses of the part."""
-        up = self._camera.up
-        drawing = draw_all(part.geometries, within, self._extent, up)
-        if drawing is None:
+    def _drawn(self, segment: Segment, within: Poses) -> Drawing | None:
+        """``within`` are the poses of the segment."""
+        if segment.geometry is None:
             return None
-        if self._camera.see(part.geometries[0], drawing, within, part.end_ns - part.start_ns):
+        up = self._camera.up
+        drawing = draw(segment.geometry, within, self._extent, up)
+        if self._camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
             self._sheet.stand(self._camera.frame())  # as well as one knows by now
         if drawing.is_open:
             few = within[:: 1 + len(within) // ENOUGH_POSES]
-            self._open.append(OpenFaces(part.start_ns, part.geometries, few, up))
+            self._open.append(OpenFaces(segment.start_ns, segment.geometry, few, up))
         return drawing
 
     def _turn_over(self) -> None:
@@ -150,7 +169,7 @@ class Painter:
         up = self._camera.up
         wrong = [faces for faces in self._open if faces.up @ up < 0.0]
         stamps = np.array([faces.start_ns for faces in wrong], np.int64)
-        drawings = [draw_all(faces.geometries, faces.poses, self._extent, up) for faces in wrong]
+        drawings = [draw(faces.geometry, faces.poses, self._extent, up) for faces in wrong]
         if drawings:
             self._sheet.drawings(stamps, drawings)
 
@@ -181,3 +200,16 @@ class Painter:
         self._sheet.states(entity, stamp_ns[kept], [contacts[i] for i in kept])
         if len(contacts):
             self._last[entity] = contacts[-1]
+
+
+def _within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
+    """The poses between two stamps, one at least."""
+    first = int(np.searchsorted(poses.stamp_ns, start_ns))
+    last = int(np.searchsorted(poses.stamp_ns, end_ns, side="right"))
+    first = min(first, len(poses) - 1)
+    return poses[first : max(last, first + 1)]
+
+
+def _further_of(segment: Segment, part: SegmentPart, number: int) -> FurtherContact | None:
+    """Further contact ``number``, 1 and more, of a segment, if it holds in this part."""
+    return next((one for one in segment.further[number - 1 : number] if one in part.further), None)

@@ -1,0 +1,57 @@
+"""What the wrenches in a recording say of its contacts: it is read once for that, before it is tracked."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
+from contact_tracker.config.parameters import Model
+from contact_tracker.landmarks.prior_map import PriorMap
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording.log import PoseLog
+from contact_tracker.recording.wrenches import read_wrenches
+from contact_tracker.wrenches.contact_evidence import WrenchEvidence
+
+
+class RecordedEvidence(NamedTuple):
+    """``evidence`` is None where the wrenches say nothing; ``text`` is one line, on the load or why so."""
+
+    evidence: WrenchEvidence | None
+    text: str
+
+
+def recorded_evidence(
+    path: str,
+    topic: str,
+    log: PoseLog,
+    model: Model,
+    knowledge: PriorMap,
+    mass_kg: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> RecordedEvidence | None:
+    """What the wrenches on ``topic`` say; None of a recording without poses.
+
+    Parameters
+    ----------
+    log : the poses of the same recording, all of which are read here.
+    mass_kg : of the object, where it is known.
+    progress : called now and then with the number of poses read so far.
+
+    Raises
+    ------
+    UsageError
+        The topic is not there or cannot be used.
+    """
+    poses = Poses.join(list(log.batches()))
+    if not len(poses):
+        return None
+    found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
+    try:
+        evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, mass_kg, progress)
+    except NoLoad as reason:
+        return RecordedEvidence(None, f"{topic} is not used: {reason}")
+    noted = f"; dropped {found.dropped}" if found.dropped else ""
+    return RecordedEvidence(
+        evidence,
+        f"{len(found.wrenches)} wrenches in the frame {found.frame_id or '(none)'}{noted}; "
+        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
+    )
