@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.flat import flat
+from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
 
 Array = NDArray[np.float64]
@@ -89,6 +90,7 @@ class Belief:
     inseparable : states that the motion since the onset does not tell from ``contact``.
     restricted : probability that the object is moved in fewer directions than it could be, on purpose.
     further : contacts beside the labelled one.
+    joint : in which the object moves, as found offline.
     """
 
     stamp_ns: int
@@ -100,6 +102,7 @@ class Belief:
     inseparable: tuple[Contact, ...] = ()
     p_deliberate: float = 0.0
     further: tuple[FurtherContact, ...] = ()
+    joint: Joint | None = None
 
     @property
     def constraints(self) -> int:
@@ -131,6 +134,7 @@ class Belief:
             "geometry": self.geometry.to_json() if self.geometry else {},
             "contacts": self.contacts_json,
             "constraints": self.constraints,
+            "joint": self.joint.to_json() if self.joint else {},
             "inseparable_names": " ".join(self.inseparable),
             "object": flat(self.geometry.object if self.geometry else None),
             "environment": flat(self.geometry.environment if self.geometry else None),
@@ -153,7 +157,7 @@ class Segment:
 
     ``probability`` is the smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are
     the states that the segment's motion does not tell from ``contact``; ``further`` contacts hold beside it
-    for all of the segment or a part.
+    for all of the segment or a part; the motion is that of a ``joint``.
     """
 
     start_ns: int
@@ -163,6 +167,7 @@ class Segment:
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...] = ()
     further: tuple[FurtherContact, ...] = ()
+    joint: Joint | None = None
 
     @property
     def contacts_json(self) -> list[dict[str, Any]]:

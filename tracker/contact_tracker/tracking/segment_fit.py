@@ -19,6 +19,8 @@ from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_bir
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
+from contact_tracker.joints.evidence import find_joint
+from contact_tracker.joints.geometry import Joint, joint_of
 from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
@@ -69,16 +71,21 @@ class FittedFormation(NamedTuple):
     further: tuple[FittedContact, ...] = ()
     is_open: bool = False
 
+    @property
+    def constraints(self) -> int:
+        """That all contacts put on the motion together; none without further ones."""
+        return max((one.constraints for one in self.further), default=0)
+
 
 NO_FORMATION: Final = FittedFormation()
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """Of one segment, as in ``Belief``: its ``contact``; ``curved`` is the probability in each tick (n,), or
-    (1,) in all of them, that it is free motion only in so far as none of the six contacts is; where wrenches
-    have chosen the contact among those that motion does not tell apart, the ``share`` (7,) of each in their
-    probability."""
+    """Of one segment, as in ``Belief``: its ``contact`` and ``joint``; ``curved`` is the probability in each
+    tick (n,), or (1,) in all of them, that it is free motion only in so far as none of the six contacts is;
+    where wrenches have chosen the contact among those that motion does not tell apart, the ``share`` (7,) of
+    each in their probability."""
 
     contact: Contact
     geometry: ContactGeometry | None
@@ -87,6 +94,18 @@ class SegmentFit:
     curved: Array
     share: Array | None = None
     formation: FittedFormation = NO_FORMATION
+    joint: Joint | None = None
+
+    @property
+    def leaves_constraints_unnamed(self) -> bool:
+        """Whether the motion keeps more constraints than those of the contacts that are named."""
+        more = self.joint is not None and self.joint.kind.constraints > self.constraints
+        return self.formation.is_open or more
+
+    @property
+    def constraints(self) -> int:
+        """Those of the contacts that are named."""
+        return max(self.formation.constraints, self.contact.codimension)
 
 
 def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
@@ -99,7 +118,24 @@ def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
 
 
 def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
-    """By the fit of each contact to the segment's ``window``."""
+    """By the fit of each contact to the segment's ``window``, and by joints."""
+    fit = _judged_contact(segment, window, fits)
+    banks = zip(CONTACT_MODELS, fits, strict=True)
+    known = [KnownContact(contact, bank.x[0]) for contact, bank in banks if len(bank)]
+    found = find_joint(window, scales_of(segment.model), known, fit.constraints)
+    if found is None:
+        return fit
+    probability = float(expit(segment.model.certainty.posterior_power * found.log_odds))
+    near_m = window.zeta[:, T].mean(axis=0)
+    fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origin_m))
+    if not fit.leaves_constraints_unnamed or fit.share is not None:
+        return fit
+    others = tuple(other for other in STATES if other is not fit.contact and segment.knowledge.allows(other))
+    restricted = max(fit.restricted, ambiguity.p_deliberate(True, window, segment.model.tick_s))
+    return replace(fit, inseparable=others, restricted=restricted)
+
+
+def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, knowledge, label = segment.model, segment.knowledge, segment.contact
     freedom = ambiguity.freedom_of(label, window, older=False)
     rivals = ambiguity.CompetingEvidence(
@@ -198,19 +234,26 @@ class FinishedSegment(NamedTuple):
                 if fit.share is None
                 else ambiguity.shared(given, fit.share)
             )
-            belief["probability"] = ambiguity.at_most(shared, contact) if fit.formation.is_open else shared
+            belief["probability"] = (
+                ambiguity.at_most(shared, contact) if fit.leaves_constraints_unnamed else shared
+            )
             belief["inseparable"] = [state in states for state in STATES]
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["restricted"] = restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
+        beliefs["joint"] = -1 if fit.joint is None else 0
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"])
         probability = float(beliefs["probability"][:, column].mean())
         inseparable = CONTACTS if np.mean(curved > 0.5) > 0.5 else fit.inseparable
-        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, inseparable, further)
-        return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)], formations)
+        segment = Segment(
+            start_ns, self.end_ns, contact, probability, fit.geometry, inseparable, further, fit.joint
+        )
+        geometries = [] if fit.geometry is None else [pack(fit.geometry)]
+        joints = [] if fit.joint is None else [fit.joint]
+        return segment, Beliefs(beliefs, geometries, formations, joints)
 
     def _further(self, formation: FittedFormation) -> tuple[FurtherContact, ...]:
         """With times; in the order in which they join."""
