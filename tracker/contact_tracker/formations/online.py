@@ -4,7 +4,7 @@ Now and then constraints are looked for that the last ticks keep; if there may b
 one after the other, one in a tick. What was found is weighed anew in every tick.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from contact_tracker.formations.further import (
     best_of,
     found_in,
     inseparable_kinds,
-    longest,
+    possible,
     promising_kinds,
     refined,
     weigh,
@@ -29,7 +29,7 @@ from contact_tracker.formations.further import (
 from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
-from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,8 @@ longer, up to so many ticks."""
 REFIT_SHARE: Final = 0.5
 """Elements are fitted again after so much of the time for which they had touched at the last fit."""
 REMEMBERED: Final = 3
+COUNTED_TICKS: Final = 20
+"""Constraints are counted in so many of the last ticks."""
 
 
 class Elements(NamedTuple):
@@ -63,8 +65,6 @@ class Held(NamedTuple):
     elements: Elements
     geometry: ContactGeometry
     inseparable: tuple[Contact, ...]
-    constraints: int
-    """Of the first contact and all further ones up to this one."""
     log_odds: float
     since: int
     holds: bool
@@ -79,7 +79,8 @@ class Beside(NamedTuple):
     are still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds``
     says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
     last look, ``wait`` is how many there must be. ``is_open``: more constraints are kept than those of the
-    contacts that are reported, by motion that does not show which.
+    contacts that are reported, by motion that does not show which. ``constraints`` are those of the first and
+    of all that hold.
     """
 
     first: Elements | None = None
@@ -92,6 +93,7 @@ class Beside(NamedTuple):
     waited: float = 0.0
     wait: float = LOOK_TICKS
     is_open: bool = False
+    constraints: int = 0
 
 
 NOTHING_BESIDE: Final = Beside()
@@ -113,12 +115,21 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
         held.append(now)
         for run in runs:
             motion = motion.keeping(one.elements.known.c, *run)
-    beside = beside._replace(held=tuple(held))
+    beside = beside._replace(held=tuple(held), constraints=_count(held, motion, first))
     if sum(one.holds for one in held) >= MOST:
         return beside._replace(queue=(), found=())
     if beside.queue:
         return _searched(beside, ticks, motion, first, origin_m)
     return _looked(beside, ticks, motion) if looks else beside
+
+
+def _count(held: Sequence[Held], motion: ConditionalMotion, first: KnownContact) -> int:
+    """Constraints that the first contact puts on the last ticks, with those beside it that hold now."""
+    holding = [one.elements.known.c for one in held if one.holds]
+    if not holding:
+        return first.model.contact.codimension
+    last = motion.cut(max(len(motion) - COUNTED_TICKS, 0), len(motion))
+    return count_constraints(last, [first.c, *holding])
 
 
 def interrupted(beside: Beside) -> Beside:
@@ -160,7 +171,7 @@ def _weighed(
     now = one._replace(holds=one.holds or log_odds > SURE_NATS, log_odds=log_odds, since=since)
     newest = int(ticks.window.index[-1])
     if now.holds and newest >= one.refit_at:
-        better, fitted = refined(ticks, motion, candidate)
+        better, fitted = refined(ticks, motion, candidate, last)
         now = now._replace(
             elements=Elements(one.elements.contact, better.known.x),
             geometry=fitted.geometry(ticks.scales, origin_m),
@@ -179,7 +190,7 @@ def _looked(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) ->
     candidates = [weigh(ticks, motion, one.known) for one in beside.remembered]
     best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
     if best is not None:
-        return _with_all_kinds(beside, best, longest(best.presence))
+        return _with_all_kinds(beside, best, ticks)
     for span in SPANS:
         some = motion.cut(len(motion) - min(span, len(motion)), len(motion))
         models = promising_kinds(some)
@@ -202,18 +213,20 @@ def _searched(
     if queue:
         return beside
     candidates = [*_candidates(beside, ticks, motion)]
+    if beside.kinds:
+        candidates = possible(ticks, candidates)
     best = best_of(candidates)
     if best is None:
         return beside._replace(found=(), wait=min(2.0 * beside.wait, LONGEST_WAIT_TICKS), is_open=False)
     if beside.kinds:
         return _accepted(beside, best, candidates, ticks, motion, first, origin_m)
-    return _with_all_kinds(beside, best, longest(best.presence))
+    return _with_all_kinds(beside, best, ticks)
 
 
-def _with_all_kinds(beside: Beside, best: Candidate, run: Run) -> Beside:
+def _with_all_kinds(beside: Beside, best: Candidate, ticks: FormationTicks) -> Beside:
     """About to search for all kinds in the ticks in which the best one holds: others may explain as much."""
-    elements = Elements(best.known.model.contact, best.known.x)
-    return beside._replace(queue=CONTACTS, span=run.end - run.first, found=(elements,), kinds=True)
+    elements, run = Elements(best.known.model.contact, best.known.x), best.presence.runs[-1]
+    return beside._replace(queue=ticks.kinds, span=run.end - run.first, found=(elements,), kinds=True)
 
 
 def _candidates(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
@@ -238,24 +251,25 @@ def _accepted(
 ) -> Beside:
     """With the best candidate among those that hold, if the motion uses the freedom that all leave."""
     beside = beside._replace(queue=(), found=(), kinds=False, wait=LOOK_TICKS)
-    best, elements = refined(ticks, motion, best)
+    best, elements = refined(ticks, motion, best, best.presence.runs[-1])
+    if not _is_now(best.presence, motion):
+        return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
     holding = [one for one in beside.held if one.holds]
-    before = holding[-1].constraints if holding else first.model.contact.codimension
-    run = longest(best.presence)
-    contacts = [first.c, *(one.elements.known.c for one in holding), best.known.c]
-    constraints = count_constraints(motion.cut(*run), contacts)
+    run = best.presence.runs[-1]
+    contacts = [first.c, *(one.elements.known.c for one in holding)]
+    before = count_constraints(motion.cut(*run), contacts) if holding else first.model.contact.codimension
+    constraints = count_constraints(motion.cut(*run), [*contacts, best.known.c])
     uses_freedom = used_directions(ticks.window.cut(*run)) >= DIRECTIONS - constraints
-    if constraints <= before or not uses_freedom or not _is_now(best.presence, motion):
+    if constraints <= before or not uses_freedom:
         return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
     kind, last = best.known.model.contact, best.presence.runs[-1]
     held = Held(
         Elements(kind, best.known.x),
         elements.geometry(ticks.scales, origin_m),
         inseparable_kinds(best, candidates, constraints - before),
-        constraints,
         best.presence.log_odds,
         int(ticks.window.index[last.first]),
         True,
         _refit_at(int(ticks.window.index[-1]), last),
     )
-    return beside._replace(held=(*holding, held), is_open=False)
+    return beside._replace(held=(*holding, held), is_open=False, constraints=constraints)

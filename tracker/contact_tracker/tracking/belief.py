@@ -37,7 +37,8 @@ class FurtherContact:
     contact, probability, geometry : its kind, that it is there at all, and its elements.
     start_ns, end_ns : from when to when it holds (both included); without an end it still does.
     inseparable : kinds that the motion does not tell from ``contact``, given the contacts before this one.
-    constraints : that the labelled contact and the further ones up to this one put on the motion together.
+    constraints : that all contacts put on the motion together that hold at the time; of a segment's, the most
+        while this one holds.
     """
 
     contact: Contact
@@ -88,9 +89,11 @@ class Belief:
         (1: at the noise) that its objective function leaves at its minimum over the last 25 ticks with
         motion, or a little more; nan before there was so much motion.
     inseparable : states that the motion since the onset does not tell from ``contact``.
-    restricted : probability that the object is moved in fewer directions than it could be, on purpose.
+    p_restricted : probability that the object is moved in fewer directions than it could be, on purpose.
     further : contacts beside the labelled one.
     joint : in which the object moves, as found offline.
+    is_open : whether the motion keeps more constraints than those of the contacts that are named, as noticed
+        online.
     """
 
     stamp_ns: int
@@ -100,9 +103,10 @@ class Belief:
     geometry: ContactGeometry | None
     residual: Array
     inseparable: tuple[Contact, ...] = ()
-    p_deliberate: float = 0.0
+    p_restricted: float = 0.0
     further: tuple[FurtherContact, ...] = ()
     joint: Joint | None = None
+    is_open: bool = False
 
     @property
     def constraints(self) -> int:
