@@ -137,8 +137,8 @@ def redistribute(
 
     The most probable contact among them gives to all the others, in proportion to the probability
     ``p_restricted`` that the restriction of the motion is on purpose (T30). That contact is the label itself,
-    except on a Viterbi path or with a lag. Free motion gives only where every contact is consistent with it. The most
-    probable state stays the most probable one, and the sum stays 1.
+    except on a Viterbi path or with a lag. Free motion gives only where every contact is consistent with it.
+    The most probable state stays the most probable one, and the sum stays 1.
     """
     is_free = label is Contact.FREE
     if not others or (is_free and len(others) < len(STATES) - 1):
