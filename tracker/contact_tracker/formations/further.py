@@ -31,6 +31,8 @@ SURE_NATS: Final = 2.5
 """A further contact is reported that is so much more probable than none."""
 DECISIVE: Final = 3.0
 """Nats that tell two kinds apart."""
+LEAST_GAIN: Final = 25.0
+"""Nats that the elements of a single constraint cost, at least, where so few ticks tell them."""
 SAME_GAIN: Final = 0.9
 FITS: Final = 1.5
 """A whitened residual beyond which elements are those of no contact."""
@@ -158,7 +160,7 @@ def _further_contacts(
         if more <= before or used_directions(window.cut(*run)) < DIRECTIONS - more:
             # what is moved in fewer directions than it could be is held back by something else
             return found, True
-        others = inseparable_kinds(best, some, more - before)
+        others = inseparable_kinds(segment, motion, best, some, more - before)
         found.append(Further(elements, best.presence.runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
@@ -204,9 +206,15 @@ def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]
     return [(span, models) for _, span, models in rated[:TRIED_SPANS]]
 
 
-def promising_kinds(motion: ConditionalMotion) -> list[ContactModel]:
-    """Kinds of single constraints of which the ticks may keep one more; mostly none."""
-    return [*_ratios(motion)]
+def promising_kinds(motion: ConditionalMotion) -> tuple[float, list[ContactModel]]:
+    """Kinds of single constraints of which the ticks may keep one more, mostly none, and what they would
+    explain at most (nats).
+
+    In few ticks only one that motion could violate so much that this is worth more than its elements cost.
+    """
+    least = float(np.expm1(2.0 * LEAST_GAIN / len(motion)))
+    ratios = {model: ratio for model, ratio in _ratios(motion).items() if ratio > least}
+    return 0.5 * len(motion) * float(np.log1p(max(ratios.values(), default=0.0))), [*ratios]
 
 
 def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
@@ -260,13 +268,18 @@ def longest(presence: Presence) -> Run:
     return max(presence.runs, key=lambda run: run.end - run.first)
 
 
-def inseparable_kinds(best: Candidate, others: Sequence[Candidate], new: int) -> tuple[Contact, ...]:
+def inseparable_kinds(
+    segment: FormationTicks, motion: ConditionalMotion, best: Candidate, others: Sequence[Candidate], new: int
+) -> tuple[Contact, ...]:
     """Kinds that explain as much as the ``best``, which puts so many ``new`` constraints on the motion.
 
-    What a kind contains explains as much if it has as many.
+    What a kind contains explains as much if it has as many. Elements as a search leaves them may fit less
+    well than the best, which were refined: then these are refined, too.
     """
     alike = {best.known.model.contact}
     for one in others:
+        if one.rms > AS_WELL and one.gain > SAME_GAIN * best.gain:
+            one, _ = refined(segment, motion, one, one.presence.runs[-1])
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
         fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > SAME_GAIN * best.gain
         if near or fits:

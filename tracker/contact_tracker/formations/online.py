@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.conditional import ConditionalMotion, count_constraints
 from contact_tracker.formations.further import (
+    DECISIVE,
     MOST,
     SURE_NATS,
     Candidate,
@@ -35,15 +36,17 @@ Array = NDArray[np.float64]
 
 LONGEST_TICKS: Final = 150
 """So many of the last ticks are weighed."""
-SPANS: Final = (40, 100)
+SPANS: Final = (30, 50, 100)
 """In the last so many ticks constraints are looked for."""
-LOOK_TICKS: Final = 10.0
+LOOK_TICKS: Final = 5.0
 LONGEST_WAIT_TICKS: Final = 20.0
 """After so many ticks with motion they are looked for again; after each vain search the next one waits
 longer, up to so many ticks."""
 REFIT_SHARE: Final = 0.5
 """Elements are fitted again after so much of the time for which they had touched at the last fit."""
 REMEMBERED: Final = 3
+AT_ONCE: Final = 2
+"""Kinds that are searched for in one tick."""
 COUNTED_TICKS: Final = 20
 """Constraints are counted in so many of the last ticks."""
 
@@ -80,7 +83,8 @@ class Beside(NamedTuple):
     says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
     last look, ``wait`` is how many there must be. ``is_open``: more constraints are kept than those of the
     contacts that are reported, by motion that does not show which. ``constraints`` are those of the first and
-    of all that hold.
+    of all that hold. ``rejudged`` is the number of the held one that is to be compared with other kinds, by
+    more ticks than at first; -1 where a new one is searched for.
     """
 
     first: Elements | None = None
@@ -94,6 +98,7 @@ class Beside(NamedTuple):
     wait: float = LOOK_TICKS
     is_open: bool = False
     constraints: int = 0
+    rejudged: int = -1
 
 
 NOTHING_BESIDE: Final = Beside()
@@ -109,13 +114,21 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
     if not beside.held and not looks:
         return beside
     motion = motion.keeping(first.c)
-    held = []
-    for one in beside.held:
+    before, held = beside.held, []
+    for one in before:
         now, runs = _weighed(one, ticks, motion, origin_m)
         held.append(now)
         for run in runs:
             motion = motion.keeping(one.elements.known.c, *run)
     beside = beside._replace(held=tuple(held), constraints=_count(held, motion, first))
+    if beside.rejudged >= 0:
+        return _rejudged(beside, ticks, first, origin_m)
+    refitted = [
+        i for i, (one, now) in enumerate(zip(before, held, strict=True)) if now.refit_at > one.refit_at
+    ]
+    if refitted and not beside.queue:
+        elements = held[refitted[-1]].elements
+        return beside._replace(queue=ticks.kinds, found=(elements,), kinds=True, rejudged=refitted[-1])
     if sum(one.holds for one in held) >= MOST:
         return beside._replace(queue=(), found=())
     if beside.queue:
@@ -135,7 +148,7 @@ def _count(held: Sequence[Held], motion: ConditionalMotion, first: KnownContact)
 def interrupted(beside: Beside) -> Beside:
     """No contact is sure: nothing is reported beside it, and no search goes on."""
     held = tuple(one._replace(holds=False) for one in beside.held)
-    return beside._replace(held=held, queue=(), found=(), is_open=False)
+    return beside._replace(held=held, queue=(), found=(), is_open=False, rejudged=-1)
 
 
 def _beside(beside: Beside, first: KnownContact, motion: ConditionalMotion) -> Beside:
@@ -191,36 +204,95 @@ def _looked(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) ->
     best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
     if best is not None:
         return _with_all_kinds(beside, best, ticks)
-    for span in SPANS:
-        some = motion.cut(len(motion) - min(span, len(motion)), len(motion))
-        models = promising_kinds(some)
-        if models:
-            queue = tuple(model.contact for model in models)
-            return beside._replace(queue=queue, span=len(some), found=(), kinds=False)
-        if len(some) < span:
-            break
-    return beside._replace(is_open=False)
+    looks = [_Look.at(motion, min(span, len(motion))) for span in SPANS if span < 2 * len(motion)]
+    best_look = max(looks, key=lambda look: look.promise)
+    if not best_look.kinds:
+        return beside._replace(is_open=False)
+    return beside._replace(queue=best_look.kinds, span=best_look.span, found=(), kinds=False)
+
+
+class _Look(NamedTuple):
+    """In the last ``span`` ticks constraints of some ``kinds`` may be kept; how much they would explain."""
+
+    promise: float
+    span: int
+    kinds: tuple[Contact, ...]
+
+    @classmethod
+    def at(cls, motion: ConditionalMotion, span: int) -> "_Look":
+        promise, models = promising_kinds(motion.cut(len(motion) - span, len(motion)))
+        return cls(promise, span, tuple(model.contact for model in models))
 
 
 def _searched(
     beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact, origin_m: Array
 ) -> Beside:
-    """One kind more; after the last, what follows from all that was found."""
-    kind, *queue = beside.queue
+    """A few kinds more; after the last, what follows from all that was found."""
     run = Run(max(len(motion) - beside.span, 0), len(motion))
-    new = (Elements(kind, one.known.x) for one in found_in(ticks, motion, CONTACT_MODELS[kind.column], run))
-    beside = beside._replace(queue=tuple(queue), found=(*beside.found, *new))
-    if queue:
+    beside = _with_next_kinds(beside, ticks, motion, run)
+    if beside.queue:
         return beside
     candidates = [*_candidates(beside, ticks, motion)]
     if beside.kinds:
         candidates = possible(ticks, candidates)
     best = best_of(candidates)
+    if best is None and candidates:
+        best = best_of([_fitted(ticks, motion, max(candidates, key=lambda one: one.presence.log_odds))])
     if best is None:
-        return beside._replace(found=(), wait=min(2.0 * beside.wait, LONGEST_WAIT_TICKS), is_open=False)
+        # what holds now may be told when it has lasted longer
+        wait = LOOK_TICKS if candidates else min(2.0 * beside.wait, LONGEST_WAIT_TICKS)
+        return beside._replace(found=(), wait=wait, is_open=False)
     if beside.kinds:
         return _accepted(beside, best, candidates, ticks, motion, first, origin_m)
     return _with_all_kinds(beside, best, ticks)
+
+
+def _fitted(ticks: FormationTicks, motion: ConditionalMotion, one: Candidate) -> Candidate:
+    """With its elements at their best in all of its run, of which a part has told them."""
+    return refined(ticks, motion, one, one.presence.runs[-1])[0]
+
+
+def _with_next_kinds(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, run: Run) -> Beside:
+    """After a search for the next kinds in a run."""
+    some, queue = beside.queue[:AT_ONCE], beside.queue[AT_ONCE:]
+    new = (
+        Elements(kind, one.known.x)
+        for kind in some
+        for one in found_in(ticks, motion, CONTACT_MODELS[kind.column], run)
+    )
+    return beside._replace(queue=queue, found=(*beside.found, *new))
+
+
+def _rejudged(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m: Array) -> Beside:
+    """A few kinds more; after the last, what else a contact that holds may be by all ticks of its run."""
+    one, others = beside.held[beside.rejudged], list(beside.held)
+    del others[beside.rejudged]
+    motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
+    for other in others:
+        known = weigh(ticks, motion, other.elements.known) if other.holds else None
+        for run in known.presence.runs if known is not None else ():
+            motion = motion.keeping(other.elements.known.c, *run)
+    own = weigh(ticks, motion, one.elements.known)
+    if own is None or not one.holds or not _is_now(own.presence, motion):
+        return beside._replace(queue=(), found=(), kinds=False, rejudged=-1)
+    run = own.presence.runs[-1]
+    beside = _with_next_kinds(beside, ticks, motion, run)
+    if beside.queue:
+        return beside
+    candidates = [own, *possible(ticks, _candidates(beside, ticks, motion))]
+    best = max(candidates, key=lambda candidate: candidate.presence.log_odds)
+    if best.presence.log_odds < own.presence.log_odds + DECISIVE:
+        best = own
+    else:
+        best, fitted = refined(ticks, motion, best, best.presence.runs[-1])
+        elements = Elements(best.known.model.contact, best.known.x)
+        one = one._replace(elements=elements, geometry=fitted.geometry(ticks.scales, origin_m))
+    holding = [first.c, *(other.elements.known.c for other in others if other.holds)]
+    part = motion.cut(*run)
+    new = count_constraints(part, [*holding, best.known.c]) - count_constraints(part, holding)
+    held = list(beside.held)
+    held[beside.rejudged] = one._replace(inseparable=inseparable_kinds(ticks, motion, best, candidates, new))
+    return beside._replace(held=tuple(held), found=(), kinds=False, rejudged=-1)
 
 
 def _with_all_kinds(beside: Beside, best: Candidate, ticks: FormationTicks) -> Beside:
@@ -266,7 +338,7 @@ def _accepted(
     held = Held(
         Elements(kind, best.known.x),
         elements.geometry(ticks.scales, origin_m),
-        inseparable_kinds(best, candidates, constraints - before),
+        inseparable_kinds(ticks, motion, best, candidates, constraints - before),
         best.presence.log_odds,
         int(ticks.window.index[last.first]),
         True,
