@@ -23,6 +23,7 @@ LAYERS = (
     ("landmarks", "paper"),
     ("hypotheses",),
     ("formations",),
+    ("joints",),
     ("tracking",),
     ("adaptation",),
     ("extras",),

@@ -301,7 +301,7 @@ def test_parquet_whose_pages_cannot_be_told_is_refused(tmp_path: Path) -> None:
     parquet.write_table(pyarrow.table(table), path)
     whole = path.read_bytes()
     path.write_bytes(whole[:4] + b"\xff" * 40 + whole[44:])
-    with pytest.raises(UnreadableRecording, match="its pages cannot be told"):
+    with pytest.raises(UnreadableRecording, match="where its pages begin cannot be read"):
         open_log(str(path))
 
 

@@ -53,7 +53,7 @@ def same(a, b):
     return (
         json_line(a) == json_line(b)
         and np.array_equal(a.residual, b.residual, equal_nan=True)
-        and (a.p_deliberate, a.touching) == (b.p_deliberate, b.touching)
+        and (a.p_restricted, a.touching) == (b.p_restricted, b.touching)
         and elements[0] == elements[1]
     )
 

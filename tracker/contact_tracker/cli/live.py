@@ -117,7 +117,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         if args.state is not None:
             from contact_tracker.cli.saved_stream import SavedStream
 
-            saved = SavedStream(args.state, state, log, source, printer.changes, follow)
+            shown = printer.changes, printer.formation
+            saved = SavedStream(args.state, state, log, source, shown, follow)
             state = saved.state
 
         def tell(beliefs: "list[Belief]") -> None:
@@ -206,7 +207,7 @@ class _Printer:
 
         self.changes = Changes()
         self._as_json = as_json
-        self._formation = FormationChanges()
+        self.formation = FormationChanges()
         self._source = source
         self._status = status
 
@@ -228,7 +229,7 @@ class _Printer:
             if is_first:
                 self._status.print(CHANGES_HEADER)
             self._status.print(change_line(belief, self._source.origin_ns))
-        joins, leaves = self._formation.update(belief)
+        joins, leaves = self.formation.update(belief)
         if not self._as_json:
             for one in leaves:
                 self._status.print(leave_line(one, belief.stamp_ns, self._source.origin_ns))

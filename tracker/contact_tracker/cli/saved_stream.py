@@ -10,7 +10,7 @@ from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.cli.source import Source
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.interrupts import SIGNALS
-from contact_tracker.outputs.changes import Changes
+from contact_tracker.outputs.changes import Changes, FormationChanges
 from contact_tracker.recording import Follow, PoseLog
 from contact_tracker.recording.stamping import Stamping
 from contact_tracker.saved_state import Progress, is_same, load, save
@@ -41,7 +41,7 @@ class SavedStream:
         initial: AdaptiveState,
         log: PoseLog,
         source: Source,
-        shown: Changes,
+        shown: tuple[Changes, FormationChanges],
         follow: Follow | None,
     ) -> None:
         self.signal = 0
@@ -66,6 +66,7 @@ class SavedStream:
     def save(self, state: AdaptiveState) -> None:
         """Write the file."""
         log, source = self._log, self._source
+        changes, formation = self._shown
         progress = Progress(
             self._initial,
             state,
@@ -77,8 +78,9 @@ class SavedStream:
             source.first_ns,
             source.last_ns,
             source.used,
-            self._shown.label,
-            self._shown.settled,
+            changes.label,
+            changes.settled,
+            formation.before,
         )
         save(self._path, progress)
 
@@ -102,7 +104,8 @@ class SavedStream:
         is_same_log = saved.log == self._named() and not self._source.is_stdin
         self._log.carry_on(saved.gate, Stamping.of(saved.stamping), saved.taken, is_same_log)
         self._source.carry_on(saved.origin_ns, saved.first_ns, saved.last_ns, saved.used)
-        self._shown.label, self._shown.settled = saved.label, saved.settled
+        changes, formation = self._shown
+        changes.label, changes.settled, formation.before = saved.label, saved.settled, saved.further
         self.state = saved.now
 
     def _stop(self, number: int, _: FrameType | None) -> None:

@@ -4,7 +4,8 @@ from collections.abc import Iterable
 from typing import Any, Final, Literal
 
 from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.geometry.flat import NONE, flat
+from contact_tracker.geometry.flat import NONE, VERTEX, flat
+from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 
@@ -28,12 +29,20 @@ def _element_kinds(side: str) -> dict[str, Kind]:
 _GEOMETRY: Final = _element_kinds("object") | _element_kinds("environment")
 _LABEL: Final[dict[str, Kind]] = {"contact": "text", "probability": "number", "inseparable": "text"}
 _CONTACTS: Final[dict[str, Kind]] = {"contacts": "text"}
+_JOINT: Final[dict[str, Kind]] = {
+    "joint": "text",
+    "joint_probability": "number",
+    **{f"joint_axis_{axis}": "number" for axis in _AXES},
+    **{f"joint_point_{axis}_m": "number" for axis in _AXES},
+    "joint_pitch_m_per_rad": "number",
+}
+"""Of the joint as it stands in the world."""
 _TICK: Final[dict[str, Kind]] = {"stamp_ns": "integer", "onset_ns": "integer"}
 _SPAN: Final[dict[str, Kind]] = {"start_ns": "integer", "end_ns": "integer"}
 _NUMBER: Final[Kind] = "number"
 _POSTERIOR: Final = dict.fromkeys(PROBABILITIES, _NUMBER)
-BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS
-SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS
+BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT
+SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT
 
 
 def belief_columns(beliefs: Iterable[Belief]) -> Columns:
@@ -45,6 +54,7 @@ def belief_columns(beliefs: Iterable[Belief]) -> Columns:
         cells |= {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns, "contact": one.contact.value}
         cells |= {"probability": probability[one.contact.column], "inseparable": " ".join(one.inseparable)}
         cells["contacts"] = _kinds(one)
+        cells |= _joint_cells(one.joint)
         rows.add(cells, one.geometry)
     return rows.columns
 
@@ -56,8 +66,21 @@ def segment_columns(segments: Iterable[Segment]) -> Columns:
         cells: dict[str, Any] = {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
         cells |= {"probability": one.probability, "inseparable": " ".join(one.inseparable)}
         cells["contacts"] = _kinds(one)
+        cells |= _joint_cells(one.joint)
         rows.add(cells, one.geometry)
     return rows.columns
+
+
+def _joint_cells(joint: Joint | None) -> dict[str, Any]:
+    cells: dict[str, Any] = dict.fromkeys(_JOINT)
+    if joint is None:
+        return cells
+    values = flat(joint.environment)
+    if values["type"] != VERTEX:
+        cells |= {f"joint_axis_{axis}": value for axis, value in zip(_AXES, values["axis"], strict=True)}
+    cells |= {f"joint_point_{axis}_m": value for axis, value in zip(_AXES, values["point_m"], strict=True)}
+    cells |= {"joint": joint.kind.value, "joint_probability": float(joint.probability)}
+    return cells | {"joint_pitch_m_per_rad": joint.pitch_m_per_rad}
 
 
 def _kinds(one: Belief | Segment) -> str:
@@ -90,7 +113,7 @@ def _geometry_cells(geometry: ContactGeometry | None) -> dict[str, Any]:
         cells |= {f"{side}_type": values["type"], f"{side}_unobserved": values["unobserved"]}
         cells[f"{side}_name"] = values["name"] or None
         vectors = (
-            ("point", "point_sd") if values["type"] == "vertex" else ("axis", "axis_sd", "point", "point_sd")
+            ("point", "point_sd") if values["type"] == VERTEX else ("axis", "axis_sd", "point", "point_sd")
         )
         for name in vectors:
             unit = "_m" if name.startswith("point") else ""

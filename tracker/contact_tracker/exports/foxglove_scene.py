@@ -93,6 +93,7 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
             "geometry": {"type": "object"},
             "contacts": {"type": "array", "items": {"type": "object"}},
             "constraints": {"type": "integer"},
+            "joint": {"type": "object"},
             "inseparable_names": {"type": "string"},
             "object": element,
             "environment": element,

@@ -22,6 +22,8 @@ def write_srt(segments: Iterable[Segment], file: TextIO, origin_ns: Callable[[],
         named = " on ".join(names) if any(segment.touching) else ""
         lines = [f"{segment.contact.value} ({segment.probability:.2f}){others}", named]
         lines += [f"+ {one.contact.value} ({one.probability:.2f})" for one in part.further]
+        if segment.joint is not None:
+            lines.append(f"= {segment.joint.kind.value} ({segment.joint.probability:.2f})")
         text = "\n".join(filter(None, lines))
         file.write(f"{number}\n{_time(start_ms)} --> {_time(end_ms)}\n{text}\n\n")
 

@@ -5,7 +5,7 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.text import describe
+from contact_tracker.outputs.text import JOINT, describe, describe_joint
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.viewer.palette import COLOUR
@@ -69,9 +69,11 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
         start_s, end_s = ((t - origin_ns) * 1e-9 for t in (s.start_ns, s.end_ns))
         texts = (f"{start_s:.2f}", f"{end_s:.2f}", s.contact.value, f"{s.probability:.2f}")
         where = printable(describe(s.geometry, s.inseparable))
-        cells = "".join(f'<td style="{_CELL}">{escape(text)}</td>' for text in (*texts, where))
-        rows.append(f"<tr>{cells}</tr>")
+        rows.append(_row((*texts, where)))
         rows += [_further_row(one, s.end_ns, origin_ns) for one in s.further]
+        if s.joint is not None:
+            name, p = f"{JOINT}{s.joint.kind.value}", f"{s.joint.probability:.2f}"
+            rows.append(_row((*texts[:2], name, p, printable(describe_joint(s.joint)))))
     more = len(segments) - MOST_ROWS
     note = f"<p>and {more} more segments</p>" if more > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
@@ -80,7 +82,10 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
 def _further_row(one: FurtherContact, end_ns: int, origin_ns: int) -> str:
     start_s, end_s = ((t - origin_ns) * 1e-9 for t in (one.start_ns, one.end_ns or end_ns))
     where = printable(describe(one.geometry, one.inseparable))
-    texts = (f"{start_s:.2f}", f"{end_s:.2f}", f"+ {one.contact.value}", f"{one.probability:.2f}", where)
+    return _row((f"{start_s:.2f}", f"{end_s:.2f}", f"+ {one.contact.value}", f"{one.probability:.2f}", where))
+
+
+def _row(texts: Sequence[str]) -> str:
     cells = "".join(f'<td style="{_CELL}">{escape(text)}</td>' for text in texts)
     return f"<tr>{cells}</tr>"
 

@@ -39,7 +39,7 @@ def coefficients(model: ContactModel, x: Array) -> Array:
     return np.asarray(model.family.rows(x) @ _every(model))
 
 
-class TickEvidence(NamedTuple):
+class ConditionalEvidence(NamedTuple):
     """Of W ticks, for a further contact against motion that does without it, in nats."""
 
     log_ratio: Array
@@ -109,7 +109,7 @@ class ConditionalMotion:
         """Derivatives (W, K, 6) of residuals c (K, 25) by the pose."""
         return np.asarray(np.swapaxes(self.moved @ c.T, 1, 2))
 
-    def evidence(self, c: Array) -> TickEvidence:
+    def evidence(self, c: Array) -> ConditionalEvidence:
         """For a contact with the constraints c (K, 25), tick by tick."""
         gradient, residual = self.gradients(c), self.new @ c.T
         noise, free = gradient * self.noise_sd[:, None], gradient @ self.free
@@ -120,7 +120,7 @@ class ConditionalMotion:
         gain = 0.5 * (np.linalg.slogdet(loose)[1] - np.linalg.slogdet(held)[1])
         pull = np.linalg.solve(held, residual[..., None]) - np.linalg.solve(loose, residual[..., None])
         misfit = 0.5 * (residual * pull[..., 0]).sum(axis=1)
-        return TickEvidence(gain - misfit, gain, np.square(residual).mean(axis=1))
+        return ConditionalEvidence(gain - misfit, gain, np.square(residual).mean(axis=1))
 
 
 def count_constraints(motion: ConditionalMotion, contacts: Sequence[Array]) -> int:

@@ -1,6 +1,7 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,6 +29,8 @@ HOP_TICKS: Final = 15
 TRIED_SPANS: Final = 2
 SURE_NATS: Final = 2.5
 """A further contact is reported that is so much more probable than none."""
+LEAST_GAIN: Final = 25.0
+"""Nats that the elements of a single constraint cost, at least, where so few ticks tell them."""
 SAME_GAIN: Final = 0.9
 FITS: Final = 1.5
 """A whitened residual beyond which elements are those of no contact."""
@@ -48,19 +51,22 @@ class KnownContact(NamedTuple):
 class Further(NamedTuple):
     """A further contact, in ``runs`` of ticks, ``log_odds`` nats more probable than none.
 
-    ``inseparable`` kinds explain as much. ``constraints`` are those of it and of all that were found
-    before and hold when it does.
+    ``inseparable`` kinds explain as much.
     """
 
     elements: FittedElements
     runs: tuple[Run, ...]
     log_odds: float
     inseparable: tuple[Contact, ...]
-    constraints: int
 
     @property
     def contact(self) -> Contact:
         return self.elements.model.contact
+
+    @property
+    def known(self) -> KnownContact:
+        """With its elements."""
+        return KnownContact(self.elements.model, self.elements.x)
 
 
 class Formation(NamedTuple):
@@ -72,6 +78,8 @@ class Formation(NamedTuple):
 
     further: tuple[Further, ...]
     is_open: bool
+    ranks: Mapping[frozenset[int], int] = MappingProxyType({})
+    """Constraints of the first contact and of all further ones, by their numbers, that hold at once."""
 
 
 NOTHING: Final = Formation((), False)
@@ -92,6 +100,8 @@ class FormationTicks(NamedTuple):
     window: Window
     scales: EvidenceParameters
     leave_per_s: float
+    kinds: tuple[Contact, ...] = CONTACTS
+    """That may join; others are impossible."""
 
     @property
     def log_change(self) -> Array:
@@ -102,41 +112,69 @@ class FormationTicks(NamedTuple):
 
 def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
     """All contacts beside the ``first``, which lasts through the segment."""
-    window, found = segment.window, list[Further]()
-    known = list[tuple[KnownContact, tuple[Run, ...]]]()
-    if len(window) < LEAST_TICKS:
+    if len(segment.window) < LEAST_TICKS:
         return NOTHING
-    motion = ConditionalMotion.of(window, segment.scales).keeping(first.c)
+    free = ConditionalMotion.of(segment.window, segment.scales)
+    found, is_open = _further_contacts(segment, first, free)
+    return Formation(tuple(found), is_open, _ranks(free, first, found))
+
+
+def _ranks(
+    motion: ConditionalMotion, first: KnownContact, found: Sequence[Further]
+) -> dict[frozenset[int], int]:
+    holds = np.zeros((len(motion), len(found)), bool)
+    for number, one in enumerate(found):
+        for run in one.runs:
+            holds[slice(*run), number] = True
+    ranks = {}
+    for pattern in np.unique(holds, axis=0):
+        numbers = np.flatnonzero(pattern).tolist()
+        if numbers:
+            contacts = [first.c, *(found[number].known.c for number in numbers)]
+            ranks[frozenset(numbers)] = count_constraints(motion, contacts)
+    return ranks
+
+
+def _further_contacts(
+    segment: FormationTicks, first: KnownContact, free: ConditionalMotion
+) -> tuple[list[Further], bool]:
+    """Those of a formation, and whether it is open."""
+    window, found, motion = segment.window, list[Further](), free.keeping(first.c)
     while len(found) < MOST:
         best = best_of(_candidates(segment, motion))
         if best is None:
-            return Formation(tuple(found), False)
+            return found, False
         some = _search_kinds(segment, motion, longest(best.presence))
-        best = best_of([best, *some])
-        assert best is not None
-        best, elements = refined(segment, motion, best)
+        best = best_of(possible(segment, [best, *some]))
+        if best is None:
+            return found, True
+        best, elements = refined(segment, motion, best, longest(best.presence))
         run = longest(best.presence)
-        holding = [first, *(one for one, runs in known if any(map(run.overlaps, runs)))]
+        holding = [first, *(one.known for one in found if any(map(run.overlaps, one.runs)))]
         before = first.model.contact.codimension
         if len(holding) > 1:
             before = count_constraints(motion.cut(*run), [one.c for one in holding])
         more = count_constraints(motion.cut(*run), [one.c for one in (*holding, best.known)])
         if more <= before or used_directions(window.cut(*run)) < DIRECTIONS - more:
             # what is moved in fewer directions than it could be is held back by something else
-            return Formation(tuple(found), True)
-        known.append((best.known, best.presence.runs))
-        others = inseparable_kinds(best, some, more - before)
-        found.append(Further(elements, best.presence.runs, best.presence.log_odds, others, more))
+            return found, True
+        others = inseparable_kinds(segment, motion, best, some, more - before)
+        found.append(Further(elements, best.presence.runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
-    return Formation(tuple(found), False)
+    return found, False
+
+
+def possible(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Those of kinds that may join."""
+    return [one for one in candidates if one.known.model.contact in segment.kinds]
 
 
 def refined(
-    segment: FormationTicks, motion: ConditionalMotion, best: Candidate
+    segment: FormationTicks, motion: ConditionalMotion, best: Candidate, run: Run
 ) -> tuple[Candidate, FittedElements]:
-    """The candidate with its elements at their greatest likelihood, and the ticks by these."""
-    run, model = longest(best.presence), best.known.model
+    """The candidate with its elements at their greatest likelihood in a run, and the ticks by these."""
+    model = best.known.model
     elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
     refined = weigh(segment, motion, KnownContact(model, elements.x))
     return (best if refined is None else refined), elements
@@ -166,9 +204,15 @@ def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]
     return [(span, models) for _, span, models in rated[:TRIED_SPANS]]
 
 
-def promising_kinds(motion: ConditionalMotion) -> list[ContactModel]:
-    """Kinds of single constraints of which the ticks may keep one more; mostly none."""
-    return [*_ratios(motion)]
+def promising_kinds(motion: ConditionalMotion) -> tuple[float, list[ContactModel]]:
+    """Kinds of single constraints of which the ticks may keep one more, mostly none, and what they would
+    explain at most (nats).
+
+    In few ticks only one that motion could violate so much that this is worth more than its elements cost.
+    """
+    least = float(np.expm1(2.0 * LEAST_GAIN / len(motion)))
+    ratios = {model: ratio for model, ratio in _ratios(motion).items() if ratio > least}
+    return 0.5 * len(motion) * float(np.log1p(max(ratios.values(), default=0.0))), [*ratios]
 
 
 def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
@@ -178,7 +222,8 @@ def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
 
 def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
     """The best elements of each kind in a run."""
-    return [one for model in CONTACT_MODELS for one in found_in(segment, motion, model, run)]
+    models = [CONTACT_MODELS[kind.column] for kind in segment.kinds]
+    return [one for model in models for one in found_in(segment, motion, model, run)]
 
 
 def found_in(
@@ -221,13 +266,18 @@ def longest(presence: Presence) -> Run:
     return max(presence.runs, key=lambda run: run.end - run.first)
 
 
-def inseparable_kinds(best: Candidate, others: Sequence[Candidate], new: int) -> tuple[Contact, ...]:
+def inseparable_kinds(
+    segment: FormationTicks, motion: ConditionalMotion, best: Candidate, others: Sequence[Candidate], new: int
+) -> tuple[Contact, ...]:
     """Kinds that explain as much as the ``best``, which puts so many ``new`` constraints on the motion.
 
-    What a kind contains explains as much if it has as many.
+    What a kind contains explains as much if it has as many. Elements as a search leaves them may fit less
+    well than the best, which were refined: then these are refined, too.
     """
     alike = {best.known.model.contact}
     for one in others:
+        if one.rms > AS_WELL and one.gain > SAME_GAIN * best.gain:
+            one, _ = refined(segment, motion, one, one.presence.runs[-1])
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
         fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > SAME_GAIN * best.gain
         if near or fits:

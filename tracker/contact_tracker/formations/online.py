@@ -4,7 +4,7 @@ Now and then constraints are looked for that the last ticks keep; if there may b
 one after the other, one in a tick. What was found is weighed anew in every tick.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,29 +21,34 @@ from contact_tracker.formations.further import (
     best_of,
     found_in,
     inseparable_kinds,
-    longest,
+    possible,
     promising_kinds,
     refined,
     weigh,
 )
 from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
-from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
 LONGEST_TICKS: Final = 150
 """So many of the last ticks are weighed."""
-SPANS: Final = (40, 100)
+SPANS: Final = (30, 50, 100)
 """In the last so many ticks constraints are looked for."""
-LOOK_TICKS: Final = 10.0
+LOOK_TICKS: Final = 5.0
 LONGEST_WAIT_TICKS: Final = 20.0
 """After so many ticks with motion they are looked for again; after each vain search the next one waits
 longer, up to so many ticks."""
 REFIT_SHARE: Final = 0.5
 """Elements are fitted again after so much of the time for which they had touched at the last fit."""
 REMEMBERED: Final = 3
+AT_ONCE: Final = 2
+"""Kinds that are searched for in one tick."""
+COUNTED_TICKS: Final = 20
+"""Constraints are counted in so many of the last ticks."""
 
 
 class Elements(NamedTuple):
@@ -63,8 +68,6 @@ class Held(NamedTuple):
     elements: Elements
     geometry: ContactGeometry
     inseparable: tuple[Contact, ...]
-    constraints: int
-    """Of the first contact and all further ones up to this one."""
     log_odds: float
     since: int
     holds: bool
@@ -79,7 +82,9 @@ class Beside(NamedTuple):
     are still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds``
     says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
     last look, ``wait`` is how many there must be. ``is_open``: more constraints are kept than those of the
-    contacts that are reported, by motion that does not show which.
+    contacts that are reported, by motion that does not show which. ``constraints`` are those of the first and
+    of all that hold. ``rejudged`` is the number of the held one that is to be compared with other kinds, by
+    more ticks than at first; -1 where a new one is searched for.
     """
 
     first: Elements | None = None
@@ -92,6 +97,8 @@ class Beside(NamedTuple):
     waited: float = 0.0
     wait: float = LOOK_TICKS
     is_open: bool = False
+    constraints: int = 0
+    rejudged: int = -1
 
 
 NOTHING_BESIDE: Final = Beside()
@@ -107,13 +114,21 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
     if not beside.held and not looks:
         return beside
     motion = motion.keeping(first.c)
-    held = []
-    for one in beside.held:
+    before, held = beside.held, []
+    for one in before:
         now, runs = _weighed(one, ticks, motion, origin_m)
         held.append(now)
         for run in runs:
             motion = motion.keeping(one.elements.known.c, *run)
-    beside = beside._replace(held=tuple(held))
+    beside = beside._replace(held=tuple(held), constraints=_count(held, motion, first))
+    if beside.rejudged >= 0:
+        return _rejudged(beside, ticks, first, origin_m)
+    refitted = [
+        i for i, (one, now) in enumerate(zip(before, held, strict=True)) if now.refit_at > one.refit_at
+    ]
+    if refitted and not beside.queue:
+        elements = held[refitted[-1]].elements
+        return beside._replace(queue=ticks.kinds, found=(elements,), kinds=True, rejudged=refitted[-1])
     if sum(one.holds for one in held) >= MOST:
         return beside._replace(queue=(), found=())
     if beside.queue:
@@ -121,10 +136,19 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
     return _looked(beside, ticks, motion) if looks else beside
 
 
+def _count(held: Sequence[Held], motion: ConditionalMotion, first: KnownContact) -> int:
+    """Constraints that the first contact puts on the last ticks, with those beside it that hold now."""
+    holding = [one.elements.known.c for one in held if one.holds]
+    if not holding:
+        return first.model.contact.codimension
+    last = motion.cut(max(len(motion) - COUNTED_TICKS, 0), len(motion))
+    return count_constraints(last, [first.c, *holding])
+
+
 def interrupted(beside: Beside) -> Beside:
     """No contact is sure: nothing is reported beside it, and no search goes on."""
     held = tuple(one._replace(holds=False) for one in beside.held)
-    return beside._replace(held=held, queue=(), found=(), is_open=False)
+    return beside._replace(held=held, queue=(), found=(), is_open=False, rejudged=-1)
 
 
 def _beside(beside: Beside, first: KnownContact, motion: ConditionalMotion) -> Beside:
@@ -160,7 +184,7 @@ def _weighed(
     now = one._replace(holds=one.holds or log_odds > SURE_NATS, log_odds=log_odds, since=since)
     newest = int(ticks.window.index[-1])
     if now.holds and newest >= one.refit_at:
-        better, fitted = refined(ticks, motion, candidate)
+        better, fitted = refined(ticks, motion, candidate, last)
         now = now._replace(
             elements=Elements(one.elements.contact, better.known.x),
             geometry=fitted.geometry(ticks.scales, origin_m),
@@ -179,41 +203,102 @@ def _looked(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) ->
     candidates = [weigh(ticks, motion, one.known) for one in beside.remembered]
     best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
     if best is not None:
-        return _with_all_kinds(beside, best, longest(best.presence))
-    for span in SPANS:
-        some = motion.cut(len(motion) - min(span, len(motion)), len(motion))
-        models = promising_kinds(some)
-        if models:
-            queue = tuple(model.contact for model in models)
-            return beside._replace(queue=queue, span=len(some), found=(), kinds=False)
-        if len(some) < span:
-            break
-    return beside._replace(is_open=False)
+        return _with_all_kinds(beside, best, ticks)
+    looks = [_Look.at(motion, min(span, len(motion))) for span in SPANS if span < 2 * len(motion)]
+    best_look = max(looks, key=lambda look: look.promise)
+    if not best_look.kinds:
+        return beside._replace(is_open=False)
+    return beside._replace(queue=best_look.kinds, span=best_look.span, found=(), kinds=False)
+
+
+class _Look(NamedTuple):
+    """In the last ``span`` ticks constraints of some ``kinds`` may be kept; how much they would explain."""
+
+    promise: float
+    span: int
+    kinds: tuple[Contact, ...]
+
+    @classmethod
+    def at(cls, motion: ConditionalMotion, span: int) -> "_Look":
+        promise, models = promising_kinds(motion.cut(len(motion) - span, len(motion)))
+        return cls(promise, span, tuple(model.contact for model in models))
 
 
 def _searched(
     beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact, origin_m: Array
 ) -> Beside:
-    """One kind more; after the last, what follows from all that was found."""
-    kind, *queue = beside.queue
+    """A few kinds more; after the last, what follows from all that was found."""
     run = Run(max(len(motion) - beside.span, 0), len(motion))
-    new = (Elements(kind, one.known.x) for one in found_in(ticks, motion, CONTACT_MODELS[kind.column], run))
-    beside = beside._replace(queue=tuple(queue), found=(*beside.found, *new))
-    if queue:
+    beside = _with_next_kinds(beside, ticks, motion, run)
+    if beside.queue:
         return beside
     candidates = [*_candidates(beside, ticks, motion)]
+    if beside.kinds:
+        candidates = possible(ticks, candidates)
     best = best_of(candidates)
+    if best is None and candidates:
+        best = best_of([_fitted(ticks, motion, max(candidates, key=lambda one: one.presence.log_odds))])
     if best is None:
-        return beside._replace(found=(), wait=min(2.0 * beside.wait, LONGEST_WAIT_TICKS), is_open=False)
+        # what holds now may be told when it has lasted longer
+        wait = LOOK_TICKS if candidates else min(2.0 * beside.wait, LONGEST_WAIT_TICKS)
+        return beside._replace(found=(), wait=wait, is_open=False)
     if beside.kinds:
         return _accepted(beside, best, candidates, ticks, motion, first, origin_m)
-    return _with_all_kinds(beside, best, longest(best.presence))
+    return _with_all_kinds(beside, best, ticks)
 
 
-def _with_all_kinds(beside: Beside, best: Candidate, run: Run) -> Beside:
+def _fitted(ticks: FormationTicks, motion: ConditionalMotion, one: Candidate) -> Candidate:
+    """With its elements at their best in all of its run, of which a part has told them."""
+    return refined(ticks, motion, one, one.presence.runs[-1])[0]
+
+
+def _with_next_kinds(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, run: Run) -> Beside:
+    """After a search for the next kinds in a run."""
+    some, queue = beside.queue[:AT_ONCE], beside.queue[AT_ONCE:]
+    new = (
+        Elements(kind, one.known.x)
+        for kind in some
+        for one in found_in(ticks, motion, CONTACT_MODELS[kind.column], run)
+    )
+    return beside._replace(queue=queue, found=(*beside.found, *new))
+
+
+def _rejudged(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m: Array) -> Beside:
+    """A few kinds more; after the last, what else a contact that holds may be by all ticks of its run."""
+    one, others = beside.held[beside.rejudged], list(beside.held)
+    del others[beside.rejudged]
+    motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
+    for other in others:
+        known = weigh(ticks, motion, other.elements.known) if other.holds else None
+        for run in known.presence.runs if known is not None else ():
+            motion = motion.keeping(other.elements.known.c, *run)
+    own = weigh(ticks, motion, one.elements.known)
+    if own is None or not one.holds or not _is_now(own.presence, motion):
+        return beside._replace(queue=(), found=(), kinds=False, rejudged=-1)
+    run = own.presence.runs[-1]
+    beside = _with_next_kinds(beside, ticks, motion, run)
+    if beside.queue:
+        return beside
+    candidates = [own, *possible(ticks, _candidates(beside, ticks, motion))]
+    best = max(candidates, key=lambda candidate: candidate.presence.log_odds)
+    if best.presence.log_odds < own.presence.log_odds + DECISIVE:
+        best = own
+    else:
+        best, fitted = refined(ticks, motion, best, best.presence.runs[-1])
+        elements = Elements(best.known.model.contact, best.known.x)
+        one = one._replace(elements=elements, geometry=fitted.geometry(ticks.scales, origin_m))
+    holding = [first.c, *(other.elements.known.c for other in others if other.holds)]
+    part = motion.cut(*run)
+    new = count_constraints(part, [*holding, best.known.c]) - count_constraints(part, holding)
+    held = list(beside.held)
+    held[beside.rejudged] = one._replace(inseparable=inseparable_kinds(ticks, motion, best, candidates, new))
+    return beside._replace(held=tuple(held), found=(), kinds=False, rejudged=-1)
+
+
+def _with_all_kinds(beside: Beside, best: Candidate, ticks: FormationTicks) -> Beside:
     """About to search for all kinds in the ticks in which the best one holds: others may explain as much."""
-    elements = Elements(best.known.model.contact, best.known.x)
-    return beside._replace(queue=CONTACTS, span=run.end - run.first, found=(elements,), kinds=True)
+    elements, run = Elements(best.known.model.contact, best.known.x), best.presence.runs[-1]
+    return beside._replace(queue=ticks.kinds, span=run.end - run.first, found=(elements,), kinds=True)
 
 
 def _candidates(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
@@ -238,24 +323,25 @@ def _accepted(
 ) -> Beside:
     """With the best candidate among those that hold, if the motion uses the freedom that all leave."""
     beside = beside._replace(queue=(), found=(), kinds=False, wait=LOOK_TICKS)
-    best, elements = refined(ticks, motion, best)
+    best, elements = refined(ticks, motion, best, best.presence.runs[-1])
+    if not _is_now(best.presence, motion):
+        return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
     holding = [one for one in beside.held if one.holds]
-    before = holding[-1].constraints if holding else first.model.contact.codimension
-    run = longest(best.presence)
-    contacts = [first.c, *(one.elements.known.c for one in holding), best.known.c]
-    constraints = count_constraints(motion.cut(*run), contacts)
+    run = best.presence.runs[-1]
+    contacts = [first.c, *(one.elements.known.c for one in holding)]
+    before = count_constraints(motion.cut(*run), contacts) if holding else first.model.contact.codimension
+    constraints = count_constraints(motion.cut(*run), [*contacts, best.known.c])
     uses_freedom = used_directions(ticks.window.cut(*run)) >= DIRECTIONS - constraints
-    if constraints <= before or not uses_freedom or not _is_now(best.presence, motion):
+    if constraints <= before or not uses_freedom:
         return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
     kind, last = best.known.model.contact, best.presence.runs[-1]
     held = Held(
         Elements(kind, best.known.x),
         elements.geometry(ticks.scales, origin_m),
-        inseparable_kinds(best, candidates, constraints - before),
-        constraints,
+        inseparable_kinds(ticks, motion, best, candidates, constraints - before),
         best.presence.log_odds,
         int(ticks.window.index[last.first]),
         True,
         _refit_at(int(ticks.window.index[-1]), last),
     )
-    return beside._replace(held=(*holding, held), is_open=False)
+    return beside._replace(held=(*holding, held), is_open=False, constraints=constraints)

@@ -8,7 +8,8 @@ import numpy as np
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 
 NONE: Final = "none"
-TYPES: Final = (NONE, "face", "edge", "vertex")
+VERTEX: Final = "vertex"
+TYPES: Final = (NONE, "face", "edge", VERTEX)
 
 
 def flat(element: Element | None) -> dict[str, Any]:
@@ -31,7 +32,7 @@ def flat(element: Element | None) -> dict[str, Any]:
             axis_sd = none if covariance is None else _deviations(covariance[:3, :3])
             point_sd_m = none if covariance is None else _deviations(covariance[3:, 3:])
         case Point(place_m, covariance):
-            kind, point_m = "vertex", place_m
+            kind, point_m = VERTEX, place_m
             point_sd_m = none if covariance is None else _deviations(covariance)
     return {
         "type": kind,

@@ -26,14 +26,14 @@ class Changes:
 
 
 class FormationChanges:
-    """Notices which further contacts join and leave from belief to belief."""
+    """Notices which further contacts join and leave from belief to belief: those ``before`` were shown."""
 
     def __init__(self) -> None:
-        self._before: tuple[FurtherContact, ...] = ()
+        self.before: tuple[FurtherContact, ...] = ()
 
     def update(self, belief: Belief) -> tuple[list[FurtherContact], list[FurtherContact]]:
         """Those that join with a belief, and those that leave."""
-        before, self._before = self._before, belief.further
+        before, self.before = self.before, belief.further
         joins = [one for one in belief.further if not any(_is_same(one, other) for other in before)]
         leaves = [one for one in before if not any(_is_same(one, other) for other in belief.further)]
         return joins, leaves

@@ -7,7 +7,9 @@ from typing import Final, TextIO
 
 from contact_tracker.tracking.belief import Belief, Segment
 
-CSV_COLUMNS: Final = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts")
+CSV_COLUMNS: Final = (
+    *("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"),
+)
 
 
 def json_line(belief: Belief) -> str:
@@ -22,7 +24,7 @@ def write_jsonl(beliefs: Iterable[Belief], file: TextIO) -> None:
 
 def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
     """One row per segment; ``geometry`` is JSON text, ``{}`` for free; ``inseparable`` names with blanks;
-    ``contacts`` is JSON text, a list of all contacts of the segment."""
+    ``contacts`` is JSON text, a list of all contacts of the segment, and ``joint``, ``{}`` without one."""
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
     for segment in segments:
@@ -36,5 +38,6 @@ def write_csv(segments: Iterable[Segment], file: TextIO) -> None:
                 json.dumps(geometry, allow_nan=False),
                 " ".join(segment.inseparable),
                 json.dumps(segment.contacts_json, allow_nan=False),
+                json.dumps(segment.joint.to_json() if segment.joint else {}, allow_nan=False),
             )
         )

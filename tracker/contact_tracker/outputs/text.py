@@ -6,6 +6,8 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, Unobserved
+from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.models import JointKind
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
@@ -14,6 +16,7 @@ CHANGES_HEADER: Final = f"  time s  contact     p   since s  {_GEOMETRY}"
 SURE: Final = 0.9
 JOINS: Final = "+ "
 LEAVES: Final = "- "
+JOINT: Final = "= "
 TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 
@@ -55,7 +58,9 @@ def status_text(belief: Belief, origin_ns: int) -> str:
 
 
 def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
-    """A line per segment and per contact that joins it (``+``); times in seconds after ``origin_ns``.
+    """A line per segment, per contact that joins it (``+``), and of the joint it is moved in (``=``).
+
+    Times are in seconds after ``origin_ns``.
 
     The last says how much is left untold.
     """
@@ -74,6 +79,11 @@ def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
                 f"{begin:8.2f}  {last:8.2f}  {JOINS + one.contact.value:<7} {one.probability:5.2f}  "
                 f"{describe(one.geometry, one.inseparable)}"
             ).rstrip()
+        if segment.joint is not None:
+            yield (
+                f"{start:8.2f}  {end:8.2f}  {JOINT + segment.joint.kind.value:<7} "
+                f"{segment.joint.probability:5.2f}  {describe_joint(segment.joint)}"
+            ).rstrip()
         total_s += end - start
         untold_s += end - start if segment.inseparable else 0.0
     if untold_s:
@@ -90,12 +100,24 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
     return "; ".join(filter(None, [where, others and f"or {others}"]))
 
 
+def describe_joint(joint: Joint) -> str:
+    """``axis ... on axis ...; pitch ...``, of the object and its surroundings."""
+    name = "centre" if joint.kind is JointKind.BALL else "axis"
+    where = f"{_element(joint.object, name)} on {_element(joint.environment, name)}"
+    if joint.kind is not JointKind.SCREW or joint.pitch_m_per_rad is None:
+        return where
+    turn_mm = 2e3 * np.pi * joint.pitch_m_per_rad
+    sd_m = None if joint.pitch_sd_m_per_rad is None else 2.0 * np.pi * joint.pitch_sd_m_per_rad
+    return f"{where}; pitch {_fixed(turn_mm, 2)} mm{_length(sd_m)} a turn"
+
+
 def alternatives(inseparable: Sequence[Contact]) -> str:
     """``v-f, free``; all of them are ``any other``."""
     return "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
 
 
-def _element(element: Element) -> str:
+def _element(element: Element, called: str | None = None) -> str:
+    """``called`` instead of face, edge or vertex."""
     open_ways = ", ".join(_way(way) for way in element.unobserved)
     match element:
         case Plane(normal, offset_m, covariance):
@@ -109,6 +131,7 @@ def _element(element: Element) -> str:
         case Point(point_m, covariance):
             name = "vertex"
             where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
+    name = called or name
     if element.name is not None:
         name = element.name if name in element.name.split() else f"{name} {element.name}"
     shifts = sum(way.how == "shifts_along" for way in element.unobserved)

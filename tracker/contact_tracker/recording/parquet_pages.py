@@ -42,7 +42,9 @@ def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> 
         except TooMuchWork as error:
             raise UnreadableRecording(f"it is too much for its size: {error}") from error
         except (ValueError, LookupError, TypeError, struct.error, AttributeError, RecursionError) as error:
-            raise UnreadableRecording(f"it is damaged: its pages cannot be told ({error})") from error
+            raise UnreadableRecording(
+                f"it is damaged: where its pages begin cannot be read ({error})"
+            ) from error
 
 
 def _footer(file: IO[bytes], size: int) -> _Struct:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import FurtherContact
 
 
 class Progress(NamedTuple):
@@ -14,7 +15,7 @@ class Progress(NamedTuple):
     ``log`` are the topic, type and frames of its source, with the log time of the first pose there (ns);
     ``taken`` poses went through the ``gate`` with the ``stamping`` (see ``recording.stamping``).
     ``origin_ns``, ``first_ns`` and ``last_ns`` are stamps, ``used`` poses came through; ``label`` is the last
-    that was shown, and ``settled`` whether as settled.
+    that was shown, ``settled`` whether as settled, and ``further`` the contacts beside it.
     """
 
     initial: AdaptiveState
@@ -29,3 +30,4 @@ class Progress(NamedTuple):
     used: int
     label: Contact | None
     settled: bool
+    further: tuple[FurtherContact, ...]

@@ -97,7 +97,7 @@ def tempered(probability: Array, sureness: float) -> Array:
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
 
-def p_deliberate(underused: bool, window: Window, tick_s: float) -> float:
+def p_restricted(underused: bool, window: Window, tick_s: float) -> float:
     """Probability that the object is moved in so few directions on purpose (T30).
 
     So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
@@ -132,15 +132,15 @@ def redistribute(
     probability: Array,
     label: Contact,
     others: tuple[Contact, ...],
-    deliberate: float,
+    p_restricted: float,
     possible: tuple[Contact, ...] = CONTACTS,
 ) -> Array:
     """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
 
-    The most probable contact among them gives to all the others, in proportion to the probability that the
-    restriction of the motion is ``deliberate`` (T30). That contact is the label itself, except on a Viterbi
-    path or with a lag. Free motion gives only where every ``possible`` contact is consistent with it. The
-    most probable state stays the most probable one, and the sum stays 1.
+    The most probable contact among them gives to all the others, in proportion to the probability
+    ``p_restricted`` that the restriction of the motion is on purpose (T30). That contact is the label itself,
+    except on a Viterbi path or with a lag. Free motion gives only where every ``possible`` contact is
+    consistent with it. The most probable state stays the most probable one, and the sum stays 1.
     """
     is_free = label is Contact.FREE
     if not others or (is_free and not set(possible) <= set(others)):
@@ -155,7 +155,7 @@ def redistribute(
     change = probability[giver] * (share - (np.arange(len(STATES)) == giver))
     # as far as the giver, and the most probable state, stay ahead of those that are behind them
     most = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
-    return np.asarray(probability + min(deliberate, ALMOST * most) * change)
+    return np.asarray(probability + min(p_restricted, ALMOST * most) * change)
 
 
 def decide_by_wrenches(

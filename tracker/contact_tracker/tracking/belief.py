@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.flat import flat
+from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import STATES, Contact
 
 Array = NDArray[np.float64]
@@ -36,7 +37,8 @@ class FurtherContact:
     contact, probability, geometry : its kind, that it is there at all, and its elements.
     start_ns, end_ns : from when to when it holds (both included); without an end it still does.
     inseparable : kinds that the motion does not tell from ``contact``, given the contacts before this one.
-    constraints : that the labelled contact and the further ones up to this one put on the motion together.
+    constraints : that all contacts put on the motion together that hold at the time; of a segment's, the most
+        while this one holds.
     """
 
     contact: Contact
@@ -87,8 +89,11 @@ class Belief:
         (1: at the noise) that its objective function leaves at its minimum over the last 25 ticks with
         motion, or a little more; nan before there was so much motion.
     inseparable : states that the motion since the onset does not tell from ``contact``.
-    restricted : probability that the object is moved in fewer directions than it could be, on purpose.
+    p_restricted : probability that the object is moved in fewer directions than it could be, on purpose.
     further : contacts beside the labelled one.
+    joint : in which the object moves, as found offline.
+    is_open : whether the motion keeps more constraints than those of the contacts that are named, as noticed
+        online.
     """
 
     stamp_ns: int
@@ -98,8 +103,10 @@ class Belief:
     geometry: ContactGeometry | None
     residual: Array
     inseparable: tuple[Contact, ...] = ()
-    p_deliberate: float = 0.0
+    p_restricted: float = 0.0
     further: tuple[FurtherContact, ...] = ()
+    joint: Joint | None = None
+    is_open: bool = False
 
     @property
     def constraints(self) -> int:
@@ -131,6 +138,7 @@ class Belief:
             "geometry": self.geometry.to_json() if self.geometry else {},
             "contacts": self.contacts_json,
             "constraints": self.constraints,
+            "joint": self.joint.to_json() if self.joint else {},
             "inseparable_names": " ".join(self.inseparable),
             "object": flat(self.geometry.object if self.geometry else None),
             "environment": flat(self.geometry.environment if self.geometry else None),
@@ -153,7 +161,7 @@ class Segment:
 
     ``probability`` is the smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are
     the states that the segment's motion does not tell from ``contact``; ``further`` contacts hold beside it
-    for all of the segment or a part.
+    for all of the segment or a part; the motion is that of a ``joint``.
     """
 
     start_ns: int
@@ -163,6 +171,7 @@ class Segment:
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...] = ()
     further: tuple[FurtherContact, ...] = ()
+    joint: Joint | None = None
 
     @property
     def contacts_json(self) -> list[dict[str, Any]]:

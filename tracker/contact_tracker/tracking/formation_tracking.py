@@ -37,13 +37,22 @@ def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[T
     assert state.averaging is not None
     some = window.cut(max(first_row, len(window) - online.LONGEST_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
-    ticks = FormationTicks(some, scales_of(state.model), state.model.transitions.leave_per_s)
+    kinds = state.knowledge.allowed
+    ticks = FormationTicks(some, scales_of(state.model), state.model.transitions.leave_per_s, kinds)
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
     beside = online.advance(state.beside, ticks, first, state.averaging.origin_m)
     state = state._replace(beside=beside)
     if beside.is_open:
-        belief = replace(belief, probability=ambiguity.at_most(belief.probability, label))
+        capped = ambiguity.at_most(belief.probability, label)
+        belief = replace(belief, probability=capped, is_open=True)
     return state, replace(belief, further=_told(state, belief, tick))
+
+
+def pause_formation(state: TrackerState) -> TrackerState:
+    """After a tick in which nobody asks what touches beside the label."""
+    if state.beside is online.NOTHING_BESIDE:
+        return state
+    return state._replace(beside=online.interrupted(state.beside))
 
 
 def _told(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherContact, ...]:
@@ -57,7 +66,7 @@ def _told(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherConta
             None,
             named_by(state.knowledge, one.geometry),
             tuple(kind for kind in one.inseparable if state.knowledge.allows(kind)),
-            one.constraints,
+            state.beside.constraints,
         )
         for one in state.beside.held
         if one.holds

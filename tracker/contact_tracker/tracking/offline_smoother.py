@@ -26,7 +26,13 @@ from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.forward_pass import FilteredTick, filter_batches, forward
 from contact_tracker.tracking.measurement_update import FREE
 from contact_tracker.tracking.row_buffer import Columns
-from contact_tracker.tracking.segment_fit import FinishedSegment, SegmentFit, SegmentTicks, fit_segments
+from contact_tracker.tracking.segment_fit import (
+    FinishedSegment,
+    SegmentFit,
+    SegmentTicks,
+    fit_segments,
+    joined_by_wrenches,
+)
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import TrackerState
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
@@ -256,7 +262,8 @@ class Segmenter:
             fits = fit_segments([one.ticks for one in finished])
         else:
             fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
-        found = [one.with_fit(fit) for one, fit in zip(finished, fits, strict=True)]
+        fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
+        found = [one.with_fit(fit) for one, fit in fitted]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._newest.outliers - self._outliers, self._newest.outliers

@@ -46,10 +46,14 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
     geometry = telling.geometry if telling.contact is contact else None
     inseparable = telling.inseparable if telling.contact is contact else ()
-    deliberate = telling.p_deliberate if telling.contact is contact else 0.0
+    p_restricted = telling.p_restricted if telling.contact is contact else 0.0
     further = telling.further if telling.contact is contact else ()
+    further = tuple(one for one in further if one.start_ns <= then.stamp_ns)
+    is_open = telling.contact is contact and telling.is_open
     possible = state.knowledge.allowed
-    probability = ambiguity.redistribute(probability, contact, inseparable, deliberate, possible)
+    probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)
+    if is_open:
+        probability = ambiguity.at_most(probability, contact)
     onset_ns = min(onset_ns, then.stamp_ns)
     return Belief(
         then.stamp_ns,
@@ -59,8 +63,9 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
         geometry,
         then.residual,
         inseparable,
-        deliberate,
+        p_restricted,
         further,
+        is_open=is_open,
     )
 
 
@@ -88,13 +93,13 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
     since = state.window.pick(slice(state.window.index.searchsorted(onset), None))
     freedom = ambiguity.freedom_of(label, since, onset < state.window.index[0])
     others = ambiguity.indistinguishable(label, rivals, freedom)
-    deliberate = ambiguity.p_deliberate(freedom.underused, since, state.model.tick_s)
+    p_restricted = ambiguity.p_restricted(freedom.underused, since, state.model.tick_s)
     if label is Contact.FREE and state.curved.probability > 0.5:
-        others, deliberate = CONTACTS, max(deliberate, state.curved.probability)
+        others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
     inseparable = tuple(other for other in others if state.knowledge.allows(other))
     possible = state.knowledge.allowed
-    probability = ambiguity.redistribute(belief.probability, label, inseparable, deliberate, possible)
-    return replace(belief, probability=probability, inseparable=inseparable, p_deliberate=deliberate)
+    probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
+    return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
 
 
 def with_curved_motion(state: TrackerState, label: Contact, judges: bool) -> TrackerState:

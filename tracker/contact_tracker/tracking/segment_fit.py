@@ -1,7 +1,8 @@
 """What the ticks of a segment tell when its ends are known: its elements, and what else fits."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,6 +20,9 @@ from contact_tracker.hypotheses.birth_proposals import Frame, named, propose_bir
 from contact_tracker.hypotheses.contact_geometry import contact_geometry
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.hypotheses.window_fit import fit_windows
+from contact_tracker.joints.evidence import find_joint
+from contact_tracker.joints.geometry import Joint, joint_of
+from contact_tracker.landmarks.association import is_same_element
 from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.landmarks.landmark_memory import EMPTY_MEMORY
 from contact_tracker.landmarks.prior_map import PriorMap
@@ -60,14 +64,23 @@ class FittedContact(NamedTuple):
     spans: tuple[tuple[int, int], ...]
     geometry: ContactGeometry
     inseparable: tuple[Contact, ...]
-    constraints: int
 
 
 class FittedFormation(NamedTuple):
-    """Contacts beside that of a segment; ``is_open`` as in ``formations.Formation``."""
+    """Contacts beside that of a segment; ``is_open`` and ``ranks`` as in ``formations.Formation``."""
 
     further: tuple[FittedContact, ...] = ()
     is_open: bool = False
+    ranks: Mapping[frozenset[int], int] = MappingProxyType({})
+
+    @property
+    def constraints(self) -> int:
+        """The most that contacts put on the motion together; none without further ones."""
+        return max(self.ranks.values(), default=0)
+
+    def constraints_with(self, number: int) -> int:
+        """The most while a further contact holds."""
+        return max(rank for numbers, rank in self.ranks.items() if number in numbers)
 
 
 NO_FORMATION: Final = FittedFormation()
@@ -75,18 +88,30 @@ NO_FORMATION: Final = FittedFormation()
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """Of one segment, as in ``Belief``: its ``contact``; ``curved`` is the probability in each tick (n,), or
-    (1,) in all of them, that it is free motion only in so far as none of the six contacts is; where wrenches
-    have chosen the contact among those that motion does not tell apart, the ``share`` (7,) of each in their
-    probability."""
+    """Of one segment, as in ``Belief``: its ``contact`` and ``joint``; ``curved`` is the probability in each
+    tick (n,), or (1,) in all of them, that it is free motion only in so far as none of the six contacts is;
+    where wrenches have chosen the contact among those that motion does not tell apart, the ``share`` (7,) of
+    each in their probability."""
 
     contact: Contact
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...]
-    restricted: float
+    p_restricted: float
     curved: Array
     share: Array | None = None
     formation: FittedFormation = NO_FORMATION
+    joint: Joint | None = None
+
+    @property
+    def leaves_constraints_unnamed(self) -> bool:
+        """Whether the motion keeps more constraints than those of the contacts that are named."""
+        more = self.joint is not None and self.joint.kind.constraints > self.constraints
+        return self.formation.is_open or more
+
+    @property
+    def constraints(self) -> int:
+        """Those of the contacts that are named."""
+        return max(self.formation.constraints, self.contact.codimension)
 
 
 def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
@@ -99,7 +124,24 @@ def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
 
 
 def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
-    """By the fit of each contact to the segment's ``window``."""
+    """By the fit of each contact to the segment's ``window``, and by joints."""
+    fit = _judged_contact(segment, window, fits)
+    banks = zip(CONTACT_MODELS, fits, strict=True)
+    known = [KnownContact(contact, bank.x[0]) for contact, bank in banks if len(bank)]
+    found = find_joint(window, scales_of(segment.model), known, fit.constraints)
+    if found is None:
+        return fit
+    probability = float(expit(segment.model.certainty.posterior_power * found.log_odds))
+    near_m = window.zeta[:, T].mean(axis=0)
+    fit = replace(fit, joint=joint_of(found.fitted, probability, near_m, segment.origin_m))
+    if not fit.leaves_constraints_unnamed or fit.share is not None:
+        return fit
+    others = tuple(other for other in STATES if other is not fit.contact and segment.knowledge.allows(other))
+    p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, window, segment.model.tick_s))
+    return replace(fit, inseparable=others, p_restricted=p_restricted)
+
+
+def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, knowledge, label = segment.model, segment.knowledge, segment.contact
     freedom = ambiguity.freedom_of(label, window, older=False)
     rivals = ambiguity.CompetingEvidence(
@@ -108,7 +150,7 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     )
     others = ambiguity.indistinguishable(label, rivals, freedom)
     inseparable = tuple(other for other in others if knowledge.allows(other))
-    restricted, share = ambiguity.p_deliberate(freedom.underused, window, model.tick_s), None
+    p_restricted, share = ambiguity.p_restricted(freedom.underused, window, model.tick_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
         curved = judged_offline(segment.window, scales_of(model), knowledge)
@@ -117,7 +159,7 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     if segment.wrench_evidence is not None:
         label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, segment.wrench_evidence)
     if label is Contact.FREE or none_fits:  # then there are no elements
-        return SegmentFit(label, None, inseparable, restricted, curved, share)
+        return SegmentFit(label, None, inseparable, p_restricted, curved, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fits[label.column], contact, window, scales)
@@ -127,7 +169,7 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
         label,
         named(where, pair),
         inseparable,
-        restricted,
+        p_restricted,
         np.zeros(1),
         share,
         _formation(segment, window, KnownContact(contact, fitted.x[0])),
@@ -137,7 +179,8 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
 def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
     """What touches beside the ``first`` contact, which lasts through the ``window``."""
     model, scales = segment.model, scales_of(segment.model)
-    ticks = FormationTicks(window, scales, model.transitions.leave_per_s)
+    kinds = segment.knowledge.allowed
+    ticks = FormationTicks(window, scales, model.transitions.leave_per_s, kinds)
     found = find_formation(ticks, first)
     power = model.certainty.posterior_power
     further = (
@@ -147,11 +190,10 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
             tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs),
             named_by(segment.knowledge, one.elements.geometry(scales, segment.origin_m)),
             tuple(kind for kind in one.inseparable if segment.knowledge.allows(kind)),
-            one.constraints,
         )
         for one in found.further
     )
-    return FittedFormation(tuple(further), found.is_open)
+    return FittedFormation(tuple(further), found.is_open, found.ranks)
 
 
 def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
@@ -189,36 +231,55 @@ class FinishedSegment(NamedTuple):
     posterior: Array
     ticks: SegmentTicks
 
+    def followed_by(self, after: "FinishedSegment") -> "FinishedSegment":
+        """This segment and the next one as one."""
+        ticks = replace(self.ticks, window=Window.join([self.ticks.window, after.ticks.window]))
+        return FinishedSegment(
+            self.column,
+            np.concatenate([self.rows, after.rows]),
+            after.end_ns,
+            np.concatenate([self.posterior, after.posterior]),
+            ticks,
+        )
+
     def with_fit(self, fit: SegmentFit) -> tuple[Segment, Beliefs]:
         """The segment and the beliefs of its ticks."""
         contact, column = fit.contact, fit.contact.column
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
-        restricted = np.maximum(fit.restricted, curved)
+        p_restricted = np.maximum(fit.p_restricted, curved)
         possible = self.ticks.knowledge.allowed
         is_open = (curved > 0.5) & (fit.share is None)
         others = [possible if one else fit.inseparable for one in is_open]
-        for belief, given, states, p in zip(beliefs, self.posterior, others, restricted, strict=True):
+        for belief, given, states, p in zip(beliefs, self.posterior, others, p_restricted, strict=True):
             shared = (
                 ambiguity.redistribute(given, contact, states, float(p), possible)
                 if fit.share is None
                 else ambiguity.shared(given, fit.share)
             )
-            belief["probability"] = ambiguity.at_most(shared, contact) if fit.formation.is_open else shared
+            belief["probability"] = (
+                ambiguity.at_most(shared, contact) if fit.leaves_constraints_unnamed else shared
+            )
             belief["inseparable"] = [state in states for state in STATES]
         start_ns = int(self.rows["start_ns"][0])
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], start_ns
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
-        beliefs["restricted"] = restricted
+        beliefs["p_restricted"] = p_restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
+        beliefs["joint"] = -1 if fit.joint is None else 0
         further = self._further(fit.formation)
-        beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"])
+        contacts = tuple(one for _, one in further)
+        beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
         probability = float(beliefs["probability"][:, column].mean())
-        segment = Segment(start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable, further)
-        return segment, Beliefs(beliefs, [] if fit.geometry is None else [pack(fit.geometry)], formations)
+        segment = Segment(
+            start_ns, self.end_ns, contact, probability, fit.geometry, fit.inseparable, contacts, fit.joint
+        )
+        geometries = [] if fit.geometry is None else [pack(fit.geometry)]
+        joints = [] if fit.joint is None else [fit.joint]
+        return segment, Beliefs(beliefs, geometries, formations, joints)
 
-    def _further(self, formation: FittedFormation) -> tuple[FurtherContact, ...]:
-        """With times; in the order in which they join."""
+    def _further(self, formation: FittedFormation) -> list[tuple[int, FurtherContact]]:
+        """With times, each with its number; in the order in which they join."""
         begins = self.rows["start_ns"]
         ends = np.append(begins[1:] - 1, self.end_ns)
         before = int(self.ticks.window.index[0])
@@ -230,32 +291,74 @@ class FinishedSegment(NamedTuple):
                 int(ends[last - before]),
                 one.geometry,
                 one.inseparable,
-                one.constraints,
+                formation.constraints_with(number),
             )
-            for one in formation.further
+            for number, one in enumerate(formation.further)
             for first, last in one.spans
         ]
-        return tuple(sorted(found, key=lambda one: one.start_ns))
+        numbers = [number for number, one in enumerate(formation.further) for _ in one.spans]
+        return sorted(zip(numbers, found, strict=True), key=lambda one: one[1].start_ns)
+
+
+def joined_by_wrenches(
+    found: Sequence[tuple[FinishedSegment, SegmentFit]],
+) -> list[tuple[FinishedSegment, SegmentFit]]:
+    """Segments with their fits, without changes of contact that are none.
+
+    Where wrenches have chosen the contact of a segment, it may be that of its neighbour, with the same
+    elements: these are one segment, with the elements of the longer part.
+    """
+    joined = list[tuple[FinishedSegment, SegmentFit]]()
+    for segment, fit in found:
+        if joined and _is_one(joined[-1], (segment, fit)):
+            before, fit_before = joined[-1]
+            lengths = len(before.rows), len(segment.rows)
+            curved = [
+                np.broadcast_to(*one) for one in zip((fit_before.curved, fit.curved), lengths, strict=True)
+            ]
+            longer = fit if lengths[1] > lengths[0] else fit_before
+            joined[-1] = before.followed_by(segment), replace(longer, curved=np.concatenate(curved))
+        else:
+            joined.append((segment, fit))
+    return joined
+
+
+def _is_one(before: tuple[FinishedSegment, SegmentFit], after: tuple[FinishedSegment, SegmentFit]) -> bool:
+    """Whether two neighbours hold the same contact, which wrenches have chosen in one of them."""
+    (first, one), (second, other) = before, after
+    chosen = STATES[first.column] is not one.contact or STATES[second.column] is not other.contact
+    simple = not (one.formation.further or other.formation.further or one.joint or other.joint)
+    if one.contact is not other.contact or not chosen or not simple:
+        return False
+    if one.geometry is None or other.geometry is None:
+        return one.geometry is other.geometry
+    return is_same_element(one.geometry.object, other.geometry.object) and is_same_element(
+        one.geometry.environment, other.geometry.environment
+    )
 
 
 def _formations_of(
-    further: Sequence[FurtherContact], stamp_ns: NDArray[np.int64]
+    further: Sequence[tuple[int, FurtherContact]],
+    stamp_ns: NDArray[np.int64],
+    ranks: Mapping[frozenset[int], int],
 ) -> tuple[NDArray[np.int64], list[tuple[FurtherContact, ...]]]:
-    """The further contacts of each tick: which of the formations it is, or -1."""
+    """The further contacts of each tick, with the constraints of all: the number of a formation, or -1."""
     number = np.full(len(stamp_ns), -1)
     if not further:
         return number, []
     there = np.array(
         [
             (stamp_ns >= one.start_ns) & (stamp_ns <= (stamp_ns[-1] if one.end_ns is None else one.end_ns))
-            for one in further
+            for _, one in further
         ]
     )
     patterns, which = np.unique(there, axis=1, return_inverse=True)
-    formations = [
-        tuple(one for one, is_there in zip(further, pattern, strict=True) if is_there)
-        for pattern in patterns.T
-    ]
+    formations = []
+    for pattern in patterns.T:
+        there_now = [one for one, is_there in zip(further, pattern, strict=True) if is_there]
+        numbers = frozenset(number for number, _ in there_now)
+        rank = max((rank for some, rank in ranks.items() if some <= numbers), default=0)
+        formations.append(tuple(replace(one, constraints=rank) for _, one in there_now))
     number[:] = which
     number[~there.any(axis=0)] = -1
     return number, formations

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack, unpack
+from contact_tracker.joints.geometry import Joint
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
@@ -20,16 +21,17 @@ BELIEF: Final = np.dtype(
         ("onset_ns", np.int64),
         ("probability", np.float64, len(STATES)),
         ("residual", np.float64, len(CONTACTS)),
-        ("restricted", np.float64),
+        ("p_restricted", np.float64),
         ("geometry", np.int64),
         ("further", np.int64),
+        ("joint", np.int64),
         ("inseparable", np.bool_, len(STATES)),
         ("contact", np.int8),
     ],
     align=True,
 )
 """A belief as a row: ``contact`` and ``inseparable`` by column, the number of its ``geometry`` or -1, and of
-its ``further`` contacts or -1."""
+its ``further`` contacts and its ``joint`` or -1."""
 
 
 class Beliefs(Sequence[Belief]):
@@ -40,6 +42,7 @@ class Beliefs(Sequence[Belief]):
     rows : (T,) of dtype ``BELIEF``.
     geometries : that rows name by number, packed (see ``packing``).
     formations : further contacts that rows name by number.
+    joints : that rows name by number.
     """
 
     def __init__(
@@ -47,10 +50,12 @@ class Beliefs(Sequence[Belief]):
         rows: NDArray[np.void] | None = None,
         geometries: Sequence[Array] = (),
         formations: Sequence[tuple[FurtherContact, ...]] = (),
+        joints: Sequence[Joint] = (),
     ) -> None:
         self.rows = np.zeros(0, BELIEF) if rows is None else rows
         self.geometries = geometries
         self.formations = formations
+        self.joints = joints
         self._read: tuple[int, ContactGeometry | None] = (-1, None)
 
     @classmethod
@@ -59,19 +64,23 @@ class Beliefs(Sequence[Belief]):
         rows: list[tuple[Any, ...]] = []
         geometries: dict[int, tuple[int, ContactGeometry]] = {}
         formations: dict[int, tuple[int, tuple[FurtherContact, ...]]] = {}
+        joints: dict[int, tuple[int, Joint]] = {}
         for b in beliefs:
-            number = formation = -1
+            number = formation = joint = -1
             if b.geometry is not None:
                 number, _ = geometries.setdefault(id(b.geometry), (len(geometries), b.geometry))
             if b.further:
                 formation, _ = formations.setdefault(id(b.further), (len(formations), b.further))
+            if b.joint is not None:
+                joint, _ = joints.setdefault(id(b.joint), (len(joints), b.joint))
             others = [state in b.inseparable for state in STATES]
-            cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_deliberate, number, formation)
-            rows.append((*cells, others, b.contact.column))
+            cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_restricted, number, formation)
+            rows.append((*cells, joint, others, b.contact.column))
         return cls(
             np.array(rows, BELIEF),
             [pack(geometry) for _, geometry in geometries.values()],
             [further for _, further in formations.values()],
+            [joint for _, joint in joints.values()],
         )
 
     @classmethod
@@ -82,6 +91,7 @@ class Beliefs(Sequence[Belief]):
         for name, counts in (
             ("geometry", [len(part.geometries) for part in parts]),
             ("further", [len(part.formations) for part in parts]),
+            ("joint", [len(part.joints) for part in parts]),
         ):
             before = np.cumsum([0, *counts])[:-1]
             has_one = rows[name] >= 0
@@ -90,13 +100,14 @@ class Beliefs(Sequence[Belief]):
             rows,
             [packed for part in parts for packed in part.geometries],
             [further for part in parts for further in part.formations],
+            [joint for part in parts for joint in part.joints],
         )
 
     def with_probability(self, probability: Array) -> "Beliefs":
         """The same with other posteriors (T, 7)."""
         rows = self.rows.copy()
         rows["probability"] = probability
-        return Beliefs(rows, self.geometries, self.formations)
+        return Beliefs(rows, self.geometries, self.formations, self.joints)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -107,7 +118,7 @@ class Beliefs(Sequence[Belief]):
     def __getitem__(self, index: slice) -> "Beliefs": ...
     def __getitem__(self, index: int | slice) -> "Belief | Beliefs":
         if isinstance(index, slice):
-            return Beliefs(self.rows[index], self.geometries, self.formations)
+            return Beliefs(self.rows[index], self.geometries, self.formations, self.joints)
         row = self.rows[index]
         return Belief(
             int(row["stamp_ns"]),
@@ -117,8 +128,9 @@ class Beliefs(Sequence[Belief]):
             self._geometry(int(row["geometry"])),
             row["residual"].copy(),
             tuple(state for state, open in zip(STATES, row["inseparable"], strict=True) if open),
-            float(row["restricted"]),
+            float(row["p_restricted"]),
             () if row["further"] < 0 else self.formations[row["further"]],
+            None if row["joint"] < 0 else self.joints[row["joint"]],
         )
 
     @property

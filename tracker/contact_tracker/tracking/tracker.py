@@ -15,7 +15,7 @@ from contact_tracker.motion.window import SlidingWindow
 from contact_tracker.states import Contact
 from contact_tracker.tracking import measurement_update
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.formation_tracking import follow_formation
+from contact_tracker.tracking.formation_tracking import follow_formation, pause_formation
 from contact_tracker.tracking.posterior import (
     answer,
     flush_lag,
@@ -152,6 +152,8 @@ def read_posterior(
         belief = replace(belief, geometry=where)
     if detail >= Detail.FORMATION:
         state, belief = follow_formation(state, belief, tick)
+    else:
+        state = pause_formation(state)
     return _record_belief(state, belief)
 
 

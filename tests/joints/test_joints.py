@@ -1,0 +1,173 @@
+"""Joints: their derivatives, and what is named where an object moves in one, or in none."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contact_tracker import adaptation
+from contact_tracker.cli.main import run
+from contact_tracker.config.loading import load_model
+from contact_tracker.geometry.elements import Line, Point
+from contact_tracker.hypotheses import compiled
+from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.poses import Poses
+from contact_tracker.simulate import Phase, Scenario, simulate
+from contact_tracker.simulate.signals import band_limited
+from contact_tracker.states import Contact
+from contact_tracker.tracking.segmentation import Segmentation
+from mcap_logs import poses_topic, write_log
+
+Array = NDArray[np.float64]
+SIGMA = (3e-4, np.radians(0.15))
+PITCH_M = 0.02
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+
+
+def some_frames(rng: np.random.Generator) -> JointFrames:
+    body, world = Rotation.random(2, rng=rng).as_matrix()
+    return JointFrames(body, rng.normal(0.0, 0.1, 3), world, rng.normal(0.0, 0.3, 3), PITCH_M)
+
+
+def poses_in(kind: JointKind, frames: JointFrames, rng: np.random.Generator, time_s: Array) -> tuple:
+    """Rotations and positions of an object in a joint."""
+    first, second, third = band_limited(rng, time_s, 3, 1.0).T
+    turn, shift = np.zeros((2, len(time_s), 3))
+    match kind:
+        case JointKind.HINGE:
+            turn[:, 2] = 0.4 * first
+        case JointKind.SLIDER:
+            shift[:, 2] = 0.1 * first
+        case JointKind.SCREW:
+            turn[:, 2], shift[:, 2] = 0.4 * first, PITCH_M * 0.4 * first
+        case JointKind.BALL:
+            turn = 0.3 * np.column_stack([first, second, third])
+    world, body = Rotation.from_matrix(frames.world_axes), Rotation.from_matrix(frames.body_axes)
+    rotation = world * Rotation.from_rotvec(turn) * body.inv()
+    return rotation, frames.world_point_m + world.apply(shift) - rotation.apply(frames.body_point_m)
+
+
+@cache
+def moved(kind: JointKind, seed: int, seconds: float = 10.0) -> tuple[JointFrames, Poses]:
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0.0, seconds, 1.0 / 200.0)
+    frames = some_frames(rng)
+    rotation, position = poses_in(kind, frames, rng, time_s)
+    error = Rotation.from_rotvec(SIGMA[1] * rng.normal(size=(len(time_s), 3)))
+    measured = position + SIGMA[0] * rng.normal(size=position.shape)
+    return frames, Poses((1e9 * time_s).astype(np.int64), measured, (rotation * error).as_quat())
+
+
+@cache
+def segmented(kind: JointKind, seed: int) -> Segmentation:
+    return adaptation.segment(moved(kind, seed)[1], load_model())
+
+
+def joint_in(found: Segmentation) -> Joint:
+    longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
+    assert longest.joint is not None
+    return longest.joint
+
+
+@pytest.mark.parametrize("model", JOINT_MODELS, ids=lambda model: model.kind)
+def test_true_joints_leave_nothing_and_derivatives_are_those_of_the_residuals(model: JointModel) -> None:
+    rng = np.random.default_rng(3)
+    frames = some_frames(rng)
+    if model.kind is JointKind.SLIDER:  # it is told by where the body's origin goes
+        frames = JointFrames(frames.body_axes, np.zeros(3), frames.world_axes, frames.world_point_m)
+    rotation, position = poses_in(model.kind, frames, rng, np.arange(0.0, 8.0, 0.1))
+    at = model.residual(frames, lift(rotation.as_matrix(), position))
+    np.testing.assert_allclose(at.value, 0.0, atol=1e-9)
+    step = 1e-6
+    for column, parameter in enumerate(np.eye(len(model.free))):
+        there = model.residual(model.moved(frames, step * parameter), lift(rotation.as_matrix(), position))
+        np.testing.assert_allclose(there.value / step, at.by_x[:, :, column], atol=1e-4)
+    for column, direction in enumerate(np.eye(6)):
+        turned = rotation * Rotation.from_rotvec(step * direction[:3])
+        there = model.residual(frames, lift(turned.as_matrix(), position + step * direction[3:]))
+        np.testing.assert_allclose(there.value / step, at.by_pose[:, :, column], atol=1e-4)
+
+
+@pytest.mark.parametrize("model", JOINT_MODELS, ids=lambda model: model.kind)
+def test_starts_are_near_the_truth(model: JointModel) -> None:
+    frames, poses = moved(model.kind, 5)
+    zeta = lift(poses.rotation, poses.position_m)[::20]
+    value = model.residual(model.start(zeta), zeta).value
+    assert np.sqrt(np.square(value).mean()) < 0.01
+    if model.kind is JointKind.SCREW:
+        assert model.start(zeta).pitch_m == pytest.approx(frames.pitch_m, abs=0.002)
+
+
+@needs_kernels
+@pytest.mark.parametrize("kind", JointKind)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_each_joint_is_named_with_its_place(kind: JointKind, seed: int) -> None:
+    found, (frames, _) = segmented(kind, seed), moved(kind, seed)
+    joint = joint_in(found)
+    assert joint.kind is kind
+    assert joint.probability > 0.9
+    for element, axes, point_m in (
+        (joint.object, frames.body_axes, frames.body_point_m),
+        (joint.environment, frames.world_axes, frames.world_point_m),
+    ):
+        assert element.covariance is not None
+        if isinstance(element, Point):
+            off, spread = element.point_m - point_m, element.covariance
+        else:
+            assert isinstance(element, Line)
+            sign = np.sign(element.direction @ axes[:, 2])
+            off = (sign * element.direction - axes[:, 2]) @ axes[:, :2]
+            spread = axes[:, :2].T @ element.covariance[:3, :3] @ axes[:, :2]
+        distance = np.sqrt(off @ np.linalg.solve(spread, off))
+        assert distance < 4.5
+    if kind is JointKind.SCREW:
+        assert joint.pitch_sd_m_per_rad is not None
+        assert joint.pitch_m_per_rad == pytest.approx(PITCH_M, abs=4.0 * joint.pitch_sd_m_per_rad)
+
+
+@needs_kernels
+@pytest.mark.parametrize("kind", JointKind)
+def test_no_label_is_sure_beside_a_joint(kind: JointKind) -> None:
+    found = segmented(kind, 1)
+    for segment in found.segments:
+        if segment.joint is not None:
+            assert segment.probability <= 0.9
+            assert len(segment.inseparable) == 6
+    for belief in found.beliefs:
+        if belief.joint is not None:
+            assert belief.probability.max() <= 0.9
+            assert belief.to_json()["joint"]["kind"] == kind.value
+
+
+@needs_kernels
+def test_a_single_contact_is_no_joint() -> None:
+    for contact in (Contact.FF, Contact.EF, Contact.VF):
+        found = adaptation.segment(simulate(Scenario((Phase(contact, 10.0),)), 1).poses, load_model())
+        assert not any(segment.joint for segment in found.segments)
+
+
+@needs_kernels
+def test_what_is_written_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = str(write_log(tmp_path / "a.mcap", [poses_topic(moved(JointKind.HINGE, 1)[1])]))
+    assert run(["segment", log]) == 0
+    assert "= hinge" in capsys.readouterr().out
+    assert run(["segment", log, "-o", str(tmp_path / "a.jsonl")]) == 0
+    last = json.loads((tmp_path / "a.jsonl").read_text().splitlines()[-1])
+    assert last["joint"]["kind"] == "hinge"
+    assert run(["segment", log, "-o", str(tmp_path / "a.csv")]) == 0
+    header, row = (tmp_path / "a.csv").read_text().splitlines()[:2]
+    assert header.endswith(",joint")
+    assert '""kind"": ""hinge""' in row
+
+
+def test_parameters_of_frames_are_numbered_once() -> None:
+    for model in JOINT_MODELS:
+        assert len(set(model.free.tolist())) == len(model.free)
+        assert model.free.max() <= PITCH
+        assert model.kind.constraints == len(model.rows)

@@ -1,0 +1,141 @@
+"""What is told of several contacts at once: constraints, lags, and segments that wrenches make one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, possible
+from contact_tracker.formations.presence import Presence
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.motion.window import Window
+from contact_tracker.outputs.changes import FormationChanges
+from contact_tracker.states import Contact
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Belief, FurtherContact
+from contact_tracker.tracking.posterior import lagged_belief
+from contact_tracker.tracking.segment_fit import (
+    FinishedSegment,
+    FittedContact,
+    FittedFormation,
+    SegmentFit,
+    SegmentTicks,
+    joined_by_wrenches,
+)
+
+MODEL = load_model()
+COVARIANCE = 1e-6 * np.eye(4)
+GEOMETRY = ContactGeometry(
+    Point(np.zeros(3), COVARIANCE[:3, :3]), Plane(np.array([0.0, 0.0, 1.0]), 0.0, COVARIANCE)
+)
+ROW = np.dtype([("start_ns", np.int64), ("stamp_ns", np.int64), ("residual", np.float64, 6)])
+
+
+def window(first: int, count: int) -> Window:
+    zeta = lift(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+    ones = np.ones((count, 2))
+    return Window(first + np.arange(count), zeta, 1e-8 * ones, 1e-6 * ones)
+
+
+def finished(contact: Contact, first: int, count: int) -> FinishedSegment:
+    rows = np.zeros(count, ROW)
+    rows["start_ns"] = 100 * (first + np.arange(count))
+    rows["stamp_ns"] = rows["start_ns"] + 99
+    posterior = np.full((count, 7), 0.01)
+    posterior[:, contact.column] = 0.94
+    ticks = SegmentTicks(window(first, count), contact, MODEL, EMPTY_MAP, np.zeros(3))
+    return FinishedSegment(contact.column, rows, int(rows["stamp_ns"][-1]), posterior, ticks)
+
+
+def fitted(contact: Contact, **more: object) -> SegmentFit:
+    return replace(SegmentFit(contact, GEOMETRY, (), 0.0, np.zeros(1)), **more)
+
+
+def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
+    """The first to be found joins last: what counts is what holds together, not which came last."""
+    later = FittedContact(Contact.EF, 0.9, ((6, 9),), GEOMETRY, ())
+    earlier = FittedContact(Contact.VF, 0.9, ((2, 7),), GEOMETRY, ())
+    ranks = {frozenset([0]): 4, frozenset([1]): 3, frozenset([0, 1]): 5}
+    fit = fitted(Contact.EF, formation=FittedFormation((later, earlier), False, ranks))
+    segment, beliefs = finished(Contact.EF, 0, 10).with_fit(fit)
+    assert [one.contact for one in segment.further] == [Contact.VF, Contact.EF]
+    assert [one.constraints for one in segment.further] == [5, 5]
+    assert [belief.constraints for belief in beliefs] == [2, 2, 3, 3, 3, 3, 5, 5, 4, 4]
+    assert fit.constraints == 5
+
+
+def further(start_ns: int) -> FurtherContact:
+    return FurtherContact(Contact.VF, 0.9, start_ns, None, GEOMETRY, (), 2)
+
+
+def lagging(*recent: Belief) -> Belief:
+    state = tracker.start(MODEL, len(recent) * MODEL.tick_s)
+    history = np.zeros_like(state.lag_history)
+    history[..., Contact.VF.column] = 1.0
+    weight = np.zeros(len(history))
+    return lagged_belief(state._replace(recent=recent, lag_history=history, log_state_weight=weight), 0)
+
+
+def said(stamp_ns: int, contact: Contact = Contact.VF, **more: object) -> Belief:
+    return replace(Belief(stamp_ns, contact, np.full(7, 1 / 7), stamp_ns, None, np.zeros(6)), **more)
+
+
+def test_with_a_lag_an_open_formation_stays_unsure() -> None:
+    assert lagging(said(5), said(9)).probability.max() > 0.95
+    belief = lagging(said(5, is_open=True), said(9))
+    assert belief.probability[Contact.VF.column] == pytest.approx(0.9)
+    assert belief.probability.sum() == pytest.approx(1.0)
+
+
+def test_with_a_lag_nothing_joins_before_its_time() -> None:
+    beside = (further(4), further(8))
+    belief = lagging(said(5, Contact.FREE), said(9, further=beside))
+    assert belief.further == beside[:1]
+
+
+def test_a_stream_that_is_resumed_knows_what_was_shown() -> None:
+    resumed = FormationChanges()
+    resumed.before = (further(4),)
+    assert resumed.update(said(9, further=(further(4),))) == ([], [])
+
+
+def test_kinds_that_knowledge_excludes_do_not_join() -> None:
+    scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
+
+    def candidate(contact: Contact) -> Candidate:
+        return Candidate(
+            KnownContact(CONTACT_MODELS[contact.column], np.zeros(7)), Presence((), 9.0), 0.0, 1.0
+        )
+
+    ticks = FormationTicks(window(0, 5), scales, 0.1, (Contact.EF, Contact.FV))
+    found = possible(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
+    assert [one.known.model.contact for one in found] == [Contact.FV]
+
+
+def probabilities(found: list[tuple[FinishedSegment, SegmentFit]]) -> NDArray[np.float64]:
+    return np.concatenate([segment.with_fit(fit)[1].probability for segment, fit in found])
+
+
+def test_neighbours_that_wrenches_make_equal_are_one_segment() -> None:
+    first, second = finished(Contact.VF, 0, 6), finished(Contact.EF, 6, 4)
+    chosen = [(first, fitted(Contact.VF)), (second, fitted(Contact.VF))]
+    ((segment, fit),) = joined_by_wrenches(chosen)
+    told, beliefs = segment.with_fit(fit)
+    assert (told.start_ns, told.end_ns, told.contact) == (0, 999, Contact.VF)
+    assert {belief.onset_ns for belief in beliefs} == {0}
+    np.testing.assert_array_equal(probabilities(chosen), beliefs.probability)
+
+
+def test_neighbours_with_other_elements_or_by_motion_alone_stay() -> None:
+    first, second = finished(Contact.VF, 0, 6), finished(Contact.EF, 6, 4)
+    elsewhere = replace(GEOMETRY, object=Point(np.array([0.1, 0.0, 0.0]), COVARIANCE[:3, :3]))
+    other = fitted(Contact.VF, geometry=elsewhere)
+    assert len(joined_by_wrenches([(first, fitted(Contact.VF)), (second, other)])) == 2
+    by_motion = finished(Contact.VF, 6, 4)
+    assert len(joined_by_wrenches([(first, fitted(Contact.VF)), (by_motion, fitted(Contact.VF))])) == 2

@@ -1,0 +1,213 @@
+"""How well a joint explains ticks, against free motion and against contacts (docs/theory.md, T44)."""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.formations.conditional import ConditionalMotion
+from contact_tracker.formations.further import KnownContact
+from contact_tracker.formations.price import price
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
+from contact_tracker.motion.used_directions import used_directions
+from contact_tracker.motion.window import Window
+
+Array = NDArray[np.float64]
+
+MOST_DIRECTIONS: Final = 3
+"""An object that moves in more is in no joint."""
+LEAST_TICKS: Final = 20
+LEAST_ACTIVITY: Final = 10.0
+"""Ticks with motion: with fewer, motion as smooth as a hand's may follow a joint by chance."""
+SURE_NATS: Final = 2.5
+"""A joint is named that is so much more probable than contacts and free motion."""
+PLAYS: Final = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""Joints have play, and markers bend: where the motion has one degree of freedom all the same, residuals may
+be so many times the noise, those of contacts as well."""
+STEPS: Final = 12
+FIRST_DAMPING: Final = 1e-3
+DAMPING: Final = (0.2, 10.0)
+"""Factors after a step that lowers the cost, and after another one."""
+CONVERGED: Final = 1e-6
+PITCH_M: Final = 0.05
+"""Deviation of pitches per radian; turns have one of a radian, points that of all elements."""
+JITTER: Final = 1e-9
+_KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
+"""Of the noise of each of a pose's directions: first turns, then shifts."""
+
+
+class FittedJoint(NamedTuple):
+    """A joint at its greatest likelihood; ``covariance`` (P, P) of its free parameters, ``log_evidence``
+    against free motion (nats), with residuals ``play`` times the noise."""
+
+    model: JointModel
+    frames: JointFrames
+    covariance: Array
+    log_evidence: float
+    play: float
+
+
+class FoundJoint(NamedTuple):
+    """The joint that explains the motion best, ``log_odds`` nats more probable than all else, other joints
+    included."""
+
+    fitted: FittedJoint
+    log_odds: float
+
+
+def find_joint(
+    window: Window, scales: EvidenceParameters, contacts: Sequence[KnownContact], constraints: int
+) -> FoundJoint | None:
+    """The joint that ticks show, None where there is none.
+
+    Parameters
+    ----------
+    contacts : all that may explain the ticks as well, with the elements that fit best.
+    constraints : that the contacts which are named put on the motion: a joint that has fewer says nothing.
+    """
+    if len(window) < LEAST_TICKS or float(window.motion_ratio.sum()) < LEAST_ACTIVITY:
+        return None
+    used = used_directions(window)
+    if not 0 < used <= MOST_DIRECTIONS:
+        return None
+    some = [
+        one
+        for one in JOINT_MODELS
+        if one.kind.constraints >= constraints and (used == 1 or one.kind is JointKind.BALL)
+    ]
+    fitted = [fit_joint(model, window, scales, PLAYS if used == 1 else PLAYS[:1]) for model in some]
+    best = max(fitted, key=lambda one: one.log_evidence, default=None)
+    if best is None or best.log_evidence <= SURE_NATS:
+        return None
+    rivals = [0.0, *(contact_evidence(one, window, scales, best.play) for one in contacts)]
+    if best.log_evidence - max(rivals) <= SURE_NATS:
+        return None
+    rivals += [one.log_evidence for one in fitted if one is not best]
+    return FoundJoint(best, best.log_evidence - float(np.logaddexp.reduce(rivals)))
+
+
+def fit_joint(
+    model: JointModel, window: Window, scales: EvidenceParameters, plays: tuple[float, ...] = PLAYS[:1]
+) -> FittedJoint:
+    """From a start by moments of the ticks, by damped Gauss-Newton steps, with the noise of each tick."""
+    noise_sd, moved_sd = _deviations_of(window)
+    deviation = _deviations(scales)[model.free]
+    frames, damping = model.start(window.zeta), FIRST_DAMPING
+    at = _whitened(model.residual(frames, window.zeta), noise_sd, scales)
+    for _ in range(STEPS):
+        hessian, gradient = at.normal()
+        damped = hessian + np.diag(damping * hessian.diagonal() + deviation**-2.0)
+        step = np.asarray(-np.linalg.solve(damped, gradient), np.float64)
+        there = model.moved(frames, step)
+        then = _whitened(model.residual(there, window.zeta), noise_sd, scales)
+        gained = at.cost - then.cost
+        damping = max(damping * DAMPING[0 if gained > 0.0 else 1], JITTER)
+        if gained > 0.0:
+            frames, at = there, then
+        if abs(gained) < CONVERGED * (1.0 + at.cost):
+            break
+    hessian = at.normal()[0]
+    ticks = _Ticks.of(model.residual(frames, window.zeta), noise_sd, moved_sd, scales)
+    evidence = [ticks.log_ratio(play) - _price(hessian / play**2, deviation) for play in plays]
+    best = int(np.argmax(evidence))
+    precision = hessian / plays[best] ** 2 + np.diag(deviation**-2.0)
+    covariance = np.asarray(np.linalg.inv(precision), np.float64)
+    return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence[best], plays[best])
+
+
+def contact_evidence(
+    contact: KnownContact, window: Window, scales: EvidenceParameters, play: float = 1.0
+) -> float:
+    """Log evidence of a contact by the yardstick of joints: with the same errors, whosever they are."""
+    motion, c = ConditionalMotion.of(window, scales), contact.c
+    value = window.zeta @ c.T
+    residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
+    ratio = _Ticks.of(residual, *_deviations_of(window), scales).log_ratio(play)
+    cost = price(contact.model, contact.x, motion, window, scales)
+    return scales.likelihood_exponent * (ratio - cost)
+
+
+def _deviations_of(window: Window) -> tuple[Array, Array]:
+    """Of noise and of how far the object moves (W, 6), in each tick."""
+    return np.sqrt(window.variance[:, _KINDS]), np.sqrt(window.displacement_variance[:, _KINDS])
+
+
+def _deviations(scales: EvidenceParameters) -> Array:
+    """(13,) of all parameters of a joint, before anything is known of it."""
+    deviation = np.ones(PITCH + 1)
+    deviation[:6], deviation[PITCH] = scales.reach_m, PITCH_M
+    return deviation
+
+
+def _new(values: Array, scales: EvidenceParameters) -> Array:
+    """What is new in each tick (W, ...), of errors that last (T34)."""
+    new = values * scales.alone
+    new[1:] = values[1:] - scales.correlation * values[:-1]
+    return new
+
+
+class _Whitened(NamedTuple):
+    """Residuals (n,) of unit variance, and their derivatives (n, P)."""
+
+    residual: Array
+    slope: Array
+
+    @property
+    def cost(self) -> float:
+        return 0.5 * float(self.residual @ self.residual)
+
+    def normal(self) -> tuple[Array, Array]:
+        """The Hessian (P, P) and the gradient (P,) of the cost."""
+        return self.slope.T @ self.slope, self.slope.T @ self.residual
+
+
+def _held(by_pose: Array, noise_sd: Array) -> Array:
+    """Covariance (W, K, K) of the residuals by noise."""
+    rows = by_pose * noise_sd[:, None]
+    return np.asarray(rows @ np.swapaxes(rows, 1, 2))
+
+
+def _whitened(residual: Residual, noise_sd: Array, scales: EvidenceParameters) -> _Whitened:
+    lower = np.linalg.cholesky(_held(residual.by_pose, noise_sd))
+    both = np.concatenate([residual.value[..., None], residual.by_x], axis=2)
+    white = np.linalg.solve(lower, _new(both, scales))
+    return _Whitened(white[..., 0].ravel(), white[..., 1:].reshape(-1, white.shape[2] - 1))
+
+
+def _price(hessian: Array, deviation: Array) -> float:
+    """What parameters cost of which the ticks say so much, and that had these deviations before."""
+    scaled = hessian * deviation[:, None] * deviation
+    return 0.5 * float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])
+
+
+class _Ticks(NamedTuple):
+    """Sums over the ticks: of ``gain``, half the log determinants of free motion over noise; of squared
+    residuals over the noise, ``held``, and over free motion, ``loose``; the number of ``rows``."""
+
+    gain: float
+    held: float
+    loose: float
+    rows: int
+
+    @classmethod
+    def of(cls, residual: Residual, noise_sd: Array, moved_sd: Array, scales: EvidenceParameters) -> "_Ticks":
+        scale = np.sqrt(np.square(residual.by_pose * noise_sd[:, None]).sum(axis=2)) + JITTER**2
+        rows = residual.by_pose / scale[..., None]  # nothing depends on the units of a row
+        held = _held(rows, noise_sd) + JITTER * np.eye(rows.shape[1])
+        loose = held + _held(rows, moved_sd)
+        new = (_new(residual.value, scales) / scale)[..., None]
+        gain = 0.5 * float((np.linalg.slogdet(loose)[1] - np.linalg.slogdet(held)[1]).sum())
+        return cls(
+            gain,
+            float((new * np.linalg.solve(held, new)).sum()),
+            float((new * np.linalg.solve(loose, new)).sum()),
+            residual.value.size,
+        )
+
+    def log_ratio(self, play: float) -> float:
+        """With residuals ``play`` times the noise."""
+        loose = min(self.loose, self.rows)  # free motion follows what is smooth
+        misfit = 0.5 * (self.held / play**2 - loose)
+        return self.gain - self.rows * float(np.log(play)) - misfit

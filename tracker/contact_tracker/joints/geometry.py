@@ -1,0 +1,86 @@
+"""A joint that was found, as elements in the body and in the world."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.elements import Element, Line, Point, by_foot, shifted
+from contact_tracker.joints.evidence import FittedJoint
+from contact_tracker.joints.models import BODY_POINT, BODY_TURN, PITCH, WORLD_POINT, WORLD_TURN, JointKind
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """How an object moves that moves as in a joint.
+
+    Parameters
+    ----------
+    kind, probability : of motion as in this joint.
+    object, environment : its axis in the body frame and in the world frame; of a ball joint its centre in
+        both. A slider's axis is the line along which the body's origin moves.
+    pitch_m_per_rad : shift along the axis while the object turns about it: of a hinge zero, of sliders and
+        ball joints None; ``pitch_sd_m_per_rad`` its standard deviation, of screws.
+    """
+
+    kind: JointKind
+    probability: float
+    object: Element
+    environment: Element
+    pitch_m_per_rad: float | None
+    pitch_sd_m_per_rad: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that stands in ``joint``."""
+        return {
+            "kind": self.kind.value,
+            "probability": float(self.probability),
+            "object": self.object.to_json(),
+            "environment": self.environment.to_json(),
+            "pitch_m_per_rad": self.pitch_m_per_rad,
+            "pitch_sd_m_per_rad": self.pitch_sd_m_per_rad,
+        }
+
+
+def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origin_m: Array) -> Joint:
+    """With elements in the user's frames.
+
+    Parameters
+    ----------
+    near_m : (3,) where the body's origin was on average: an axis in the world is told by its point near it.
+    origin_m : (3,) where the world's origin stands from which the ticks are seen.
+    """
+    frames, kind = fitted.frames, fitted.model.kind
+    whole = np.zeros((PITCH + 1, PITCH + 1))
+    whole[np.ix_(fitted.model.free, fitted.model.free)] = fitted.covariance
+    body = _element(kind, frames.body_axes, frames.body_point_m, _block(whole, BODY_TURN, BODY_POINT))
+    world = _element(kind, frames.world_axes, frames.world_point_m, _block(whole, WORLD_TURN, WORLD_POINT))
+    pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: frames.pitch_m}.get(kind)
+    deviation = float(np.sqrt(whole[PITCH, PITCH])) if kind is JointKind.SCREW else None
+    return Joint(
+        kind,
+        probability,
+        by_foot(body, np.zeros(3)),
+        shifted(by_foot(world, near_m), origin_m),
+        pitch,
+        deviation,
+    )
+
+
+def _block(whole: Array, turn: NDArray[np.int64], point: NDArray[np.int64]) -> Array:
+    """Covariance (6, 6) of a frame's turns and shifts about and along its own axes."""
+    some = np.concatenate([turn, point])
+    return np.asarray(whole[np.ix_(some, some)])
+
+
+def _element(kind: JointKind, axes: Array, point_m: Array, covariance: Array) -> Element:
+    if kind is JointKind.BALL:
+        return Point(point_m, axes @ covariance[3:, 3:] @ axes.T)
+    by_frame = np.zeros((6, 6))
+    by_frame[0, 1], by_frame[1, 0] = 1.0, -1.0  # how the axis moves as the frame turns
+    by_frame[3, 3] = by_frame[4, 4] = 1.0  # along itself a line does not move
+    by_frame = np.kron(np.eye(2), axes) @ by_frame
+    return Line(axes[:, 2], point_m, by_frame @ covariance @ by_frame.T)

@@ -1,0 +1,227 @@
+"""What each joint is: its residuals and their derivatives (docs/theory.md, T43).
+
+A joint's frames, one in the body and one in the world, coincide in the joint's zero position, but for the
+motion that it allows. All four joints keep some of the same six numbers at zero. z is the joint's axis.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
+from contact_tracker.geometry.vectors import sphere_tangent
+from contact_tracker.motion.lifted_pose import R, T
+
+Array = NDArray[np.float64]
+
+S_X, S_Y, S_Z, TILT_X, TILT_Y, ANGLE = range(6)
+"""Of the joint's frame in the body as seen from that in the world: where its origin is (m), by how much its
+axis leans, and its angle about the axis (rad)."""
+BODY_POINT: Final = np.arange(0, 3)
+WORLD_POINT: Final = np.arange(3, 6)
+BODY_TURN: Final = np.arange(6, 9)
+WORLD_TURN: Final = np.arange(9, 12)
+PITCH: Final = 12
+_LEAST_TURN: Final = 1e-12
+"""Of the mean square of an angle (rad^2): with less there is no pitch to start from."""
+
+
+class JointKind(StrEnum):
+    """Motion that joints allow."""
+
+    HINGE = "hinge"
+    SLIDER = "slider"
+    SCREW = "screw"
+    BALL = "ball"
+
+    @property
+    def constraints(self) -> int:
+        """That the joint puts on the motion."""
+        return 3 if self is JointKind.BALL else 5
+
+
+class Residual(NamedTuple):
+    """Of W ticks and K constraints: ``value`` (W, K), and its derivatives by the pose, ``by_pose`` (W, K, 6):
+    turns about the body's axes, shifts along the world's; and by the parameters, ``by_x`` (W, K, P)."""
+
+    value: Array
+    by_pose: Array
+    by_x: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointFrames:
+    """Where a joint is: its frames' axes (columns of ``body_axes`` (3, 3) and ``world_axes`` (3, 3)) and
+    origins (m), and the ``pitch_m``, by which it shifts along its axis per radian."""
+
+    body_axes: Array
+    body_point_m: Array
+    world_axes: Array
+    world_point_m: Array
+    pitch_m: float = 0.0
+
+    def moved(self, step: Array) -> Self:
+        """The frames after a ``step`` (13,): shifts and turns along and about their own axes."""
+        return replace(
+            self,
+            body_axes=self.body_axes @ _turn(step[BODY_TURN]),
+            body_point_m=self.body_point_m + self.body_axes @ step[BODY_POINT],
+            world_axes=self.world_axes @ _turn(step[WORLD_TURN]),
+            world_point_m=self.world_point_m + self.world_axes @ step[WORLD_POINT],
+            pitch_m=self.pitch_m + float(step[PITCH]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class JointModel:
+    """One ``kind`` of joint.
+
+    ``rows`` are the numbers that it keeps at zero, of ``S_X`` to ``ANGLE``; ``free`` are the parameters, of
+    the 13 of ``JointFrames.moved``, by which joints of this kind differ. With a ``pitched`` one the shift
+    along the axis follows the angle.
+    """
+
+    kind: JointKind
+    rows: tuple[int, ...]
+    free: NDArray[np.int64]
+    start: Callable[[Array], JointFrames]
+    pitched: bool = False
+
+    def moved(self, frames: JointFrames, step: Array) -> JointFrames:
+        """The frames after a ``step`` (P,) of the free parameters."""
+        whole = np.zeros(PITCH + 1)
+        whole[self.free] = step
+        return frames.moved(whole)
+
+    def residual(self, frames: JointFrames, zeta: Array) -> Residual:
+        """Of ticks with the mean lifted poses ``zeta`` (W, 25)."""
+        value, by_pose, by_x = _coordinates(frames, zeta)
+        if self.pitched:
+            value[:, S_Z] -= frames.pitch_m * value[:, ANGLE]
+            by_pose[:, S_Z] -= frames.pitch_m * by_pose[:, ANGLE]
+            by_x[:, S_Z] -= frames.pitch_m * by_x[:, ANGLE]
+            by_x[:, S_Z, PITCH] -= value[:, ANGLE]
+        rows = list(self.rows)
+        return Residual(value[:, rows], by_pose[:, rows], by_x[:, rows][:, :, self.free])
+
+
+def _coordinates(frames: JointFrames, zeta: Array) -> tuple[Array, Array, Array]:
+    """The six numbers (W, 6), and their derivatives by the pose (W, 6, 6) and all parameters (W, 6, 13)."""
+    rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T]
+    world, body, count = frames.world_axes.T, frames.body_axes, len(zeta)
+    turned = world @ rotation
+    d = turned @ body
+    s = (rotation @ frames.body_point_m + position - frames.world_point_m) @ frames.world_axes
+    value = np.empty((count, 6))
+    value[:, :3], value[:, TILT_X], value[:, TILT_Y] = s, d[:, 0, 2], d[:, 1, 2]
+    value[:, ANGLE] = np.unwrap(np.arctan2(d[:, 1, 0] - d[:, 0, 1], d[:, 0, 0] + d[:, 1, 1]))
+    by_pose, by_x = np.zeros((count, 6, 6)), np.zeros((count, 6, PITCH + 1))
+    by_pose[:, :3, :3] = -turned @ _cross_matrix(frames.body_point_m)
+    by_pose[:, :3, 3:] = world
+    by_x[:, :3, BODY_POINT] = d
+    by_x[:, :3, WORLD_POINT] = -np.eye(3)
+    by_x[:, :3, WORLD_TURN] = _cross_matrix(s)
+    for row, number in ((0, TILT_X), (1, TILT_Y)):
+        across = np.cross([0.0, 0.0, 1.0], d[:, row])  # e_z x D^T e_i
+        by_pose[:, number, :3] = across @ body.T
+        by_x[:, number, BODY_TURN] = across
+        by_x[:, number, WORLD_TURN] = -np.cross(d[:, :, 2], np.eye(3)[row])
+    by_pose[:, ANGLE, :3] = body[:, 2]
+    by_x[:, ANGLE, BODY_TURN[2]], by_x[:, ANGLE, WORLD_TURN[2]] = 1.0, -1.0
+    return value, by_pose, by_x
+
+
+def _turn(vector: Array) -> Array:
+    return np.asarray(matrices(from_rotation_vectors(vector[None]))[0])
+
+
+def _cross_matrix(v: Array) -> Array:
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _about(axis: Array) -> Array:
+    """Axes (3, 3) with this one as z."""
+    across = sphere_tangent(axis)
+    axes = np.column_stack([across, axis])
+    axes[:, 1] *= np.sign(np.linalg.det(axes))
+    return axes
+
+
+def _start_ball(zeta: Array) -> JointFrames:
+    """The point that moves least."""
+    body, world = _still_point(zeta, np.eye(3))
+    return JointFrames(np.eye(3), body, np.eye(3), world)
+
+
+def _still_point(zeta: Array, along: Array) -> tuple[Array, Array]:
+    """The points of body and world that stay nearest to each other in the directions ``along`` (K, 3); the
+    nearest to the origins where several do."""
+    rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T]
+    left = np.concatenate([along @ rotation, np.broadcast_to(-along, (len(zeta), *along.shape))], axis=2)
+    points = np.linalg.lstsq(left.reshape(-1, 6), -(position @ along.T).ravel(), rcond=1e-6)[0]
+    return points[:3], points[3:]
+
+
+def _start_hinge(zeta: Array) -> JointFrames:
+    """The direction that turns least, and a point that moves least across it."""
+    left, _, right = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
+    axis, own = left[:, 0], right[0]
+    across = sphere_tangent(axis)
+    body, world = _still_point(zeta, across.T)
+    body = body - own * (own @ body)
+    rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T]
+    world = world + axis * float(((rotation @ body + position - world) @ axis).mean())
+    frames = JointFrames(_about(own), body, _about(axis), world)
+    angle = _coordinates(frames, zeta)[0][:, ANGLE]
+    whole = np.zeros(PITCH + 1)
+    whole[BODY_TURN[2]] = -angle.mean()  # angles about zero: they are far from where they wrap
+    return frames.moved(whole)
+
+
+def _start_screw(zeta: Array) -> JointFrames:
+    frames = _start_hinge(zeta)
+    value = _coordinates(frames, zeta)[0]
+    angle = value[:, ANGLE] - value[:, ANGLE].mean()
+    square = float(np.square(angle).mean())
+    if square < _LEAST_TURN:
+        return frames
+    return replace(frames, pitch_m=float((angle * value[:, S_Z]).mean()) / square)
+
+
+def _start_slider(zeta: Array) -> JointFrames:
+    """The mean orientation and place, and the direction in which the body moves most."""
+    left, _, right = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
+    mean = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    place = zeta[:, T].mean(axis=0)
+    axis = np.linalg.svd(zeta[:, T] - place, full_matrices=False)[2][0]
+    world = _about(axis)
+    return JointFrames(mean.T @ world, np.zeros(3), world, place)
+
+
+_AXES: Final = (*BODY_TURN[:2], *WORLD_TURN[:2])
+_PLACES: Final = (*BODY_POINT[:2], *WORLD_POINT)
+JOINT_MODELS: Final = (
+    JointModel(JointKind.HINGE, (S_X, S_Y, S_Z, TILT_X, TILT_Y), np.array([*_PLACES, *_AXES]), _start_hinge),
+    JointModel(
+        JointKind.SLIDER,
+        (S_X, S_Y, TILT_X, TILT_Y, ANGLE),
+        np.array([*WORLD_POINT[:2], *BODY_TURN, *WORLD_TURN[:2]]),
+        _start_slider,
+    ),
+    JointModel(
+        JointKind.SCREW,
+        (S_X, S_Y, S_Z, TILT_X, TILT_Y),
+        np.array([*_PLACES, *_AXES, PITCH]),
+        _start_screw,
+        pitched=True,
+    ),
+    JointModel(JointKind.BALL, (S_X, S_Y, S_Z), np.array([*BODY_POINT, *WORLD_POINT]), _start_ball),
+)
+"""In the order of ``JointKind``."""
