@@ -141,8 +141,8 @@ def redistribute(
 
     The most probable contact among them gives to all the others, in proportion to the probability that the
     restriction of the motion is ``deliberate`` (T30). That contact is the label itself, except on a Viterbi
-    path or with a lag. Free motion gives only where every ``possible`` contact is consistent with it. The most
-    probable state stays the most probable one, and the sum stays 1.
+    path or with a lag. Free motion gives only where every ``possible`` contact is consistent with it. The
+    most probable state stays the most probable one, and the sum stays 1.
     """
     is_free = label is Contact.FREE
     if not others or (is_free and not set(possible) <= set(others)):
