@@ -76,6 +76,19 @@ def rim_on_plane(time_s: Array, rng: Random, radius_m: float) -> tuple[Rotation,
     return turn, centre - turn.apply(_vertex(rng))
 
 
+def rolling_disc(time_s: Array, rng: Random, radius_m: float) -> tuple[Rotation, Array]:
+    """A disc that leans by 30 deg or so and rolls on its rim without slipping, along a path that winds."""
+    along, leaned, turned = _signals(rng, time_s, 3).T
+    lean, heading = np.radians(30.0) + np.radians(6.0) * leaned, 2.0 * TURN_RAD * turned
+    path = 2.0 * SLIDE_M * along
+    way = np.c_[np.cos(heading), np.sin(heading)][1:] * np.diff(path)[:, None]
+    touch = np.concatenate([np.zeros((1, 2)), way.cumsum(axis=0)])
+    upright = Rotation.from_euler("ZX", np.c_[heading, lean])
+    turn = upright * Rotation.from_rotvec(path[:, None] / radius_m * Z) * _any(rng)
+    centre = np.c_[touch, 0.0 * path] + radius_m * upright.apply([0.0, 1.0, 0.0])
+    return turn, centre - turn.apply(_vertex(rng))
+
+
 def screw(time_s: Array, rng: Random, angle_rad: float, slide_m: float) -> tuple[Rotation, Array]:
     """About one axis and along it, by one signal: a hinge or a slide where one of them is zero."""
     signal = _signals(rng, time_s, 1)
@@ -105,6 +118,7 @@ MOTIONS: Final[dict[str, Motion]] = {
     **{f"vertex on a cylinder of {r} m": partial(on_cylinder, radius_m=r) for r in (0.1, 0.3)},
     "edge across a cylinder of 0.1 m": partial(edge_on_cylinder, radius_m=0.1),
     "rim of 0.04 m on a face": partial(rim_on_plane, radius_m=0.04),
+    "disc of 0.1 m that rolls on a face": partial(rolling_disc, radius_m=0.1),
     "hinge": partial(screw, angle_rad=np.radians(25.0), slide_m=0.0),
     "drawer": partial(screw, angle_rad=0.0, slide_m=0.1),
     "screw": partial(screw, angle_rad=np.radians(25.0), slide_m=0.02),

@@ -1,14 +1,17 @@
 """Motion along a curved surface is none of the six contacts, and is not said to be free."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from contact_tracker.geometry.elements import Plane
 from contact_tracker.hypotheses import compiled
-from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, Accuracy, NamedElement, PriorMap, known_to
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import curved_motion, tracker
+from contact_tracker.tracking import curved_motion, offline_smoother, segment_fit, tracker
 from contact_tracker.tracking.curved_motion import NOT_JUDGED, judged_online
 from contact_tracker.tracking.offline_smoother import segment
 from restricted_motions import MOTIONS, poses_of
@@ -28,6 +31,67 @@ def test_curved_contact_is_any_other(name):
     assert longest.probability < 0.5
     assert found.filtered.probability[-20:, FREE].max() < 0.5
     assert found.beliefs.probability.sum(axis=1) == pytest.approx(1.0)
+
+
+@needs_kernels
+def test_a_rolling_disc_is_not_surely_free():
+    """Where its rim is, is hard to find in most pieces: what one has found, the others use."""
+    poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1)))
+    found = segment(poses, MODEL)
+    assert np.mean(found.beliefs.probability[20:, FREE] > 0.9) < 0.1
+    assert any(set(one.inseparable) == set(CONTACTS) for one in found.segments)
+
+
+@needs_kernels
+@pytest.mark.parametrize("lag_s", [0.0, 0.5])
+def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(lag_s):
+    """Of surroundings that are one face: free motion is as little sure as where nothing is given."""
+    face = known_to(Plane(np.array([0.0, 0.0, 1.0]), -0.6), Accuracy())
+    knowledge = PriorMap((NamedElement("table", face),), environment_complete=True)
+    possible = {Contact.FF, Contact.EF, Contact.VF}
+    assert set(knowledge.allowed) == possible
+    poses = gate(poses_of(MOTIONS["vertex on a sphere of 0.2 m"], np.random.default_rng(1), 10.0))
+    found = segment(poses, MODEL, knowledge=knowledge)
+    longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
+    assert longest.contact is Contact.FREE
+    assert set(longest.inseparable) == possible
+    assert longest.probability < 0.5
+    state, beliefs = tracker.start(MODEL, lag_s, knowledge), []
+    for pose in poses:
+        state, belief = tracker.step(state, pose)
+        beliefs += [belief] if belief is not None else []
+    assert max(belief.probability[FREE] for belief in beliefs[-20:]) < 0.5
+    impossible = [contact.column for contact in CONTACTS if contact not in possible]
+    assert not found.beliefs.probability[:, impossible].any()
+
+
+def curved_segment(monkeypatch, wrenches):
+    """What is made of a segment of curved motion where a hand's wrenches say this much of each state."""
+    poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 4.0))
+    monkeypatch.setattr(segment_fit, "judged_offline", lambda window, *_: np.full(len(window), 0.99))
+    evidence = None if wrenches is None else np.array(wrenches)
+    fits = segment_fit.fit_segments
+
+    def fitted(segments):
+        return fits([replace(one, wrench_evidence=evidence) for one in segments])
+
+    monkeypatch.setattr(offline_smoother, "fit_segments", fitted)
+    found = segment(poses, MODEL)
+    return max(found.segments, key=lambda one: one.end_ns - one.start_ns)
+
+
+@needs_kernels
+def test_curved_motion_is_judged_before_wrenches_decide(monkeypatch):
+    untold = curved_segment(monkeypatch, None)
+    assert set(untold.inseparable) == set(CONTACTS)
+    touching = curved_segment(monkeypatch, [0.0, 0.0, 0.0, 40.0, 39.0, 0.0, -40.0])
+    assert touching.contact is Contact.VF
+    assert touching.inseparable == (Contact.FV,)
+    assert touching.geometry is None
+    apart = curved_segment(monkeypatch, [-40.0] * 6 + [0.0])
+    assert apart.contact is Contact.FREE
+    assert apart.inseparable == ()
+    assert apart.probability > 0.9
 
 
 @needs_kernels

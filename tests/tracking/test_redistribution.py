@@ -36,6 +36,17 @@ def test_sharing_among_inseparable_states_keeps_a_distribution(posterior, label,
     assert shared[first] >= shared.max() - 1e-9, "what was most probable stays so"
 
 
+def test_free_motion_gives_where_all_contacts_that_are_possible_are_open():
+    posterior, faces = np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.98]), (Contact.FF, Contact.EF, Contact.VF)
+    shared = ambiguity.redistribute(posterior, Contact.FREE, faces, 1.0, faces)
+    assert shared[Contact.FREE.column] < 0.5
+    assert is_distribution(shared)
+    assert not shared[[Contact.FE.column, Contact.FV.column, Contact.EE.column]].any()
+    some = ambiguity.redistribute(posterior, Contact.FREE, faces[:2], 1.0, faces)
+    assert (some == posterior).all()
+    assert (ambiguity.redistribute(posterior, Contact.FREE, faces, 1.0) == posterior).all()
+
+
 @given(posteriors, states, states)
 def test_what_nothing_tells_apart_is_shared_whichever_of_it_is_the_label(posterior, first, second):
     """No contact is surer because another one, which motion does not tell from it, has the label."""

@@ -36,8 +36,30 @@ MOST_DAMPING: Final = 1e9
 SEED: Final = 7
 
 
+class CurvedFit(NamedTuple):
+    """How well a ``contact`` with elements ``x`` (p,), in a world about ``origin_m`` (3,), explains motion:
+    its log evidence against free motion (nats)."""
+
+    log_evidence: float
+    contact: CurvedContact
+    x: Array
+    origin_m: Array
+
+    def about(self, origin_m: Array) -> Array:
+        """The elements in a world about another origin."""
+        world = slice(0, 3) if self.contact.of_inverse else slice(3, 6)
+        x = self.x.copy()
+        x[world] += self.origin_m - origin_m
+        return x
+
+
 def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
-    """Log evidence (nats) of the best curved contact against free motion in the second half of the window.
+    """Log evidence (nats) of the best curved contact against free motion in the second half of the window."""
+    return fit_curved(window, scales).log_evidence
+
+
+def fit_curved(window: Window, scales: EvidenceParameters, known: CurvedFit | None = None) -> CurvedFit:
+    """The best curved contact; or the one that is ``known`` of other motion, from its elements on.
 
     As T17 and T19, where the first half says where the elements are, and neither earns nor costs, and free
     motion is all by which the object moves: elements that are known do not follow smooth motion.
@@ -45,7 +67,12 @@ def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
     rows = np.linspace(0, len(window) - 1, min(len(window), MOST_TICKS)).astype(int)
     excess = np.maximum(window.innovation_excess, window.travel)[rows]
     lifts, variance = window.zeta[rows], window.variance[rows]
-    return max(_evidence(_Fit.of(contact, lifts, variance, scales), excess) for contact in CURVED_CONTACTS)
+    origin_m = lifts[:, T].mean(axis=0)
+    if known is not None:
+        start = known.about(origin_m)[None]
+        return _Fit.of(known.contact, lifts, variance, scales, start).judged(excess, origin_m)
+    fits = (_Fit.of(contact, lifts, variance, scales) for contact in CURVED_CONTACTS)
+    return max((fit.judged(excess, origin_m) for fit in fits), key=lambda one: one.log_evidence)
 
 
 class _Fit(NamedTuple):
@@ -62,8 +89,15 @@ class _Fit(NamedTuple):
     x: Array
 
     @classmethod
-    def of(cls, contact: CurvedContact, lifts: Array, variance: Array, scales: EvidenceParameters) -> "_Fit":
-        """The best of the minima from several starts."""
+    def of(
+        cls,
+        contact: CurvedContact,
+        lifts: Array,
+        variance: Array,
+        scales: EvidenceParameters,
+        start: Array | None = None,
+    ) -> "_Fit":
+        """The best of the minima from several starts, or from those that are given (S, p)."""
         rotation = lifts[:, R].reshape(-1, 3, 3)
         position = lifts[:, T] - lifts[:, T].mean(axis=0)
         if contact.of_inverse:
@@ -72,6 +106,9 @@ class _Fit(NamedTuple):
         deviation = np.full(contact.size, scales.reach_m)
         for number in contact.directions:
             deviation[number : number + 3] = 1.0
+        if start is not None:
+            near = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
+            return near.minimised(LAST_STEPS)[0]
         start = deviation * _draws(contact.size)
         fit = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
         some = slice(None, None, FIRST_STRIDE)
@@ -117,6 +154,12 @@ class _Fit(NamedTuple):
         lever_sq = (arm * arm).sum(axis=-1) - (arm * touch.normal).sum(axis=-1) ** 2
         return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
 
+    def judged(self, excess: Array, origin_m: Array) -> CurvedFit:
+        """The best of these, where free motion has variances ``excess`` (N, 2) beyond the noise."""
+        evidence = _evidence(self, excess)
+        best = int(evidence.argmax())
+        return CurvedFit(float(evidence[best]), self.contact, self.x[best], origin_m)
+
 
 class _Look(NamedTuple):
     touch: Touch
@@ -124,8 +167,8 @@ class _Look(NamedTuple):
     cost: Array
 
 
-def _evidence(fit: _Fit, excess: Array) -> float:
-    """Of a fit, where free motion has variances ``excess`` (N, 2) in each tick beyond the noise."""
+def _evidence(fit: _Fit, excess: Array) -> Array:
+    """Of the starts (S,) of a fit, where free motion has variances ``excess`` (N, 2) beyond the noise."""
     touch, noise, _ = fit.look()
     lever = fit.scales.body_radius_m**2 * excess[:, 1]
     free = noise + lever + fit.along_normal(touch, excess)
@@ -138,7 +181,7 @@ def _evidence(fit: _Fit, excess: Array) -> float:
         _log_volume(after + np.diag(fit.information)) - _log_volume(before + np.diag(fit.information))
     )
     ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - price
-    return fit.scales.likelihood_exponent * float(ratio.max())
+    return np.asarray(fit.scales.likelihood_exponent * ratio)
 
 
 def _log_volume(information: Array) -> Array:

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hypotheses.curved_evidence import curved_evidence
+from contact_tracker.hypotheses.curved_evidence import curved_evidence, fit_curved
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.window import Window
@@ -44,17 +44,28 @@ def judged_online(
     if age < max(LEAST_TICKS, AGAIN * known.after):
         return known
     first = max(int(window.index.searchsorted(since)), len(window) - SPAN_TICKS)
-    return CurvedMotion(since, age, _probability(window.cut(first, None), scales, knowledge))
+    last = window.cut(first, None)
+    judged = p_curved(curved_evidence(last, scales)) if _is_judged(last, knowledge) else 0.0
+    return CurvedMotion(since, age, judged)
 
 
 def judged_offline(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> Array:
-    """Probability (n,) in each tick of a segment of free motion: it is judged in pieces."""
-    pieces = max(len(window) // SPAN_TICKS, 1)
+    """Probability (n,) in each tick of a segment of free motion: it is judged in pieces.
+
+    A surface that is found in one of them may be that of the others: its elements are hard to find in some.
+    """
+    pieces = np.array_split(np.arange(len(window)), max(len(window) // SPAN_TICKS, 1))
+    windows = [window.cut(int(rows[0]), int(rows[-1]) + 1) for rows in pieces if len(rows)]
+    fits = [fit_curved(one, scales) if _is_judged(one, knowledge) else None for one in windows]
+    best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.log_evidence, default=None)
     found = np.zeros(len(window))
-    for rows in np.array_split(np.arange(len(window)), pieces):
-        if len(rows) >= LEAST_TICKS:
-            piece = window.cut(int(rows[0]), int(rows[-1]) + 1)
-            found[rows] = _probability(piece, scales, knowledge)
+    for rows, one, fit in zip(pieces, windows, fits, strict=False):
+        if fit is None or best is None:
+            continue
+        evidence = fit.log_evidence
+        if p_curved(evidence) <= 0.5 < p_curved(best.log_evidence):
+            evidence = max(evidence, fit_curved(one, scales, best).log_evidence)
+        found[rows] = p_curved(evidence)
     return found
 
 
@@ -63,8 +74,7 @@ def is_mostly_curved(probability: Array) -> bool:
     return bool(np.mean(probability > 0.5) > 0.5)
 
 
-def _probability(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> float:
-    """Of an object all of whose flat elements are given none is expected."""
-    if knowledge.object_complete or float(window.motion_ratio.sum()) < LEAST_ACTIVITY:
-        return 0.0
-    return p_curved(curved_evidence(window, scales))
+def _is_judged(window: Window, knowledge: PriorMap) -> bool:
+    """Of an object all of whose flat elements are given no curved one is expected; and motion has to tell."""
+    enough = len(window) >= LEAST_TICKS and float(window.motion_ratio.sum()) >= LEAST_ACTIVITY
+    return enough and not knowledge.object_complete
