@@ -112,8 +112,8 @@ def run(args: argparse.Namespace) -> int:
     if shown > _MOST_SHOWN:
         warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
     say(
-        f"{outcome.total} recordings: {outcome.done} done now, {outcome.unchanged} unchanged; of all, "
-        f"{outcome.bad} cannot be used and {outcome.damaged} are damaged; {args.output / 'summary.parquet'}"
+        f"{outcome.total} recordings, {outcome.done} of them new or changed and {outcome.unchanged} as they were: "
+        f"{outcome.bad} cannot be used, {outcome.damaged} are damaged; {args.output / 'summary.parquet'}"
     )
     return DAMAGED if outcome.bad or outcome.damaged else DONE
 
