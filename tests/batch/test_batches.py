@@ -15,12 +15,12 @@ from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_
 from contact_tracker.batch import rows, segmenting
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find, recordings_among
-from contact_tracker.batch.processes import KILLED
 from contact_tracker.batch.run import Batch
 from contact_tracker.batch.segmenting import segment_recording
 from contact_tracker.batch.settings import WrenchSettings
 from contact_tracker.errors import StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import BELIEF_COLUMNS, SEGMENT_COLUMNS
+from contact_tracker.processes import KILLED
 from contact_tracker.recording import WRENCH_TYPE, write_recording
 from contact_tracker.states import STATES
 from mcap_logs import Topic, header, poses_topic, smooth_poses, vector, write_log

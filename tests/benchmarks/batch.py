@@ -161,7 +161,8 @@ def compare(folder: Path, some: int, pairs: int) -> None:
         ratios = [one.wall_s / other.wall_s for one, other in zip(ways["one process"], runs, strict=True)]
         wall_s, cpu_s = (statistics.median(values) for values in zip(*(run[:2] for run in runs), strict=True))
         figures = f"{wall_s:6.1f} s, {cpu_s:6.1f} s of CPU, {some / wall_s:5.2f} recordings/s"
-        print(f"{way:<20} {figures}; {statistics.median(ratios):.2f} times one process ({spread(ratios)})")
+        speed = f"{statistics.median(ratios):.2f} times as fast as one process"
+        print(f"{way:<20} {figures}; {speed} ({spread(ratios)} in {pairs} pairs)")
 
 
 def spread(values: list[float]) -> str:

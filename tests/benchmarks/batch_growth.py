@@ -22,11 +22,11 @@ import duckdb
 from contact_tracker.batch import rows
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find
-from contact_tracker.batch.processes import local_processes
 from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.batch.settings import settings_of
 from contact_tracker.config.loading import load_model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.processes import local_processes
 
 T = TypeVar("T")
 RECORDING = Path(__file__).resolve().parents[2] / "recordings" / "robot_1khz.mcap"

@@ -18,7 +18,6 @@ from chain_oracle import NOTHING, some_model
 from contact_tracker import __version__
 from contact_tracker.calibration.calibrate import Plan, calibrate
 from contact_tracker.calibration.learned import How, select
-from contact_tracker.calibration.processes import Runner
 from contact_tracker.calibration.study import Source, judge, look
 from contact_tracker.calibration.writing import model_text
 from contact_tracker.cli.main import run
@@ -27,6 +26,7 @@ from contact_tracker.errors import ContactTrackerError, InputError, NoTruth
 from contact_tracker.evaluation.metrics import Tally
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
+from contact_tracker.processes import Runner
 from contact_tracker.recording import need_truth, open_log, read_truth, write_recording
 from contact_tracker.simulate import Scenario, simulate
 from contact_tracker.simulate.scenarios import Phase

@@ -47,7 +47,7 @@ def whole(logs: Path) -> dict[str, bytes]:
     done = batch(logs, "--output", dataset, "--processes", 2)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     (line,) = done.stderr.splitlines()
-    counts = "12 recordings: 12 done now, 0 unchanged; of all, 0 cannot be used and 0 are damaged"
+    counts = "12 recordings, 12 of them new or changed and 0 as they were: 0 cannot be used, 0 are damaged"
     assert line == f"contact-tracker: {counts}; {dataset / 'summary.parquet'}"
     return contents(dataset)
 
@@ -141,7 +141,8 @@ def test_names_come_on_standard_input_and_bad_ones_are_3(end: bytes, tmp_path: P
     assert len(lines) == BROKEN + 1
     assert all(line.startswith("contact-tracker: warning: ") for line in lines[:-1])
     assert (
-        f"{len(names)} recordings: {len(names)} done now, 0 unchanged; of all, {BROKEN} cannot" in lines[-1]
+        f"{len(names)} recordings, {len(names)} of them new or changed and 0 as they were: {BROKEN} cannot"
+        in lines[-1]
     )
     assert len(pl.read_parquet(tmp_path / "dataset" / "summary.parquet")) == len(names)
 
@@ -213,7 +214,7 @@ def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp")
     write_recordings(tmp_path / "logs", 2)
     with served(tmp_path / "logs") as (address, asked):
-        for expected in ("2 done now, 0 unchanged", "0 done now, 2 unchanged"):
+        for expected in ("2 of them new or changed and 0 as", "0 of them new or changed and 2 as"):
             asked.clear()
             done = batch(f"{address}/", "--output", tmp_path / "dataset", "--processes", 1)
             assert done.returncode == 0, done.stderr

@@ -188,6 +188,7 @@ def test_version() -> None:
             ["segment", "x.mcap", "-o", "out.txt"],
             ["out.txt", ".csv or .jsonl or .parquet or .mcap"],
         ),
+        (["segment", "x.mcap", "--box", "0.2,0.2"], ["not a list of 3 numbers, such as 0.2,0.1,0.1"]),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
         (
             ["segment", "x.mcap", "--json"],

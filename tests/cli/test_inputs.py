@@ -127,3 +127,12 @@ def test_the_unit_of_times_in_a_table(tmp_path: Path, command: str) -> None:
         "in 0.00 s" in done.stderr or "0.00 s of motion" in done.stderr or "time      0.00 s" in done.stdout
     )
     assert_one_line_error(run(command, path, "--time-unit", "min"), 2, "'min' is none of s, ms, us, ns")
+
+
+def test_info_says_why_no_pose_can_be_used(tmp_path: Path) -> None:
+    """As the commands that track do."""
+    path = write_log(tmp_path / "a.mcap", [Topic("/a", "std_msgs/msg/String", [(1, {"data": "hello"})])])
+    done = run("info", path)
+    assert done.returncode == 1
+    assert done.stderr == run("segment", path).stderr
+    assert "/a" in done.stdout

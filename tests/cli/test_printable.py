@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from contact_tracker.calibration.processes import Runner
 from contact_tracker.cli import terminal
 from contact_tracker.ground_truth import Truth
+from contact_tracker.processes import Runner
 from contact_tracker.recording import write_recording
 from mcap_logs import Topic, poses_topic, smooth_poses, write_log
 

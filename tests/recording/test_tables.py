@@ -479,3 +479,17 @@ def test_motive_without_rigid_bodies_says_what_to_export(tmp_path: Path) -> None
     path.write_text(f"{about}\n\n,Type\n,Name\n,ID\n,\nFrame,Time (Seconds)\n0,0.000000\n1,0.003000\n")
     with pytest.raises(UnreadableRecording, match="export it from Motive with rigid bodies"):
         open_log(str(path))
+
+
+@pytest.mark.parametrize("separator", [", ", "\t"])
+def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path, separator: str) -> None:
+    """Whole numbers with a comma and a blank after each are no trajectory of TUM."""
+    path = tmp_path / "a.csv"
+    names = separator.join(("qw", "qx", "qy", "qz", "x [m]", "y [m]", "z [m]", "t [s]"))
+    path.write_text(
+        f"# {names}\n" + "".join(separator.join("10001234"[:7]) + f"{separator}{i}\n" for i in (5, 6))
+    )
+    found = Poses.collect(open_log(str(path)))
+    np.testing.assert_array_equal(found.quat_xyzw, [[0, 0, 0, 1]] * 2)
+    np.testing.assert_array_equal(found.position_m, [[1, 2, 3]] * 2)
+    np.testing.assert_array_equal(found.stamp_ns, [5 * 10**9, 6 * 10**9])

@@ -9,8 +9,8 @@ from typing import Any, Final, TypeVar
 from distributed import Client, KilledWorker, as_completed
 
 from contact_tracker import __version__
-from contact_tracker.batch.processes import KILLED, Jobs, Killed
 from contact_tracker.errors import ContactTrackerError, UsageError
+from contact_tracker.processes import KILLED, Jobs, Killed
 
 T = TypeVar("T")
 _CONNECT_S: Final = 15

@@ -9,9 +9,9 @@ from typing import Any, Final
 from contact_tracker.batch import rows
 from contact_tracker.batch.dataset import Dataset
 from contact_tracker.batch.finding import Found
-from contact_tracker.batch.processes import Jobs, Killed
 from contact_tracker.batch.segmenting import Answer, segment_recording
 from contact_tracker.batch.settings import Settings
+from contact_tracker.processes import Jobs, Killed
 
 _GIVEN_UP: Final = "the process that segmented it was ended twice, as happens where memory runs out"
 

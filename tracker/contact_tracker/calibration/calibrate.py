@@ -6,11 +6,11 @@ from typing import Final
 
 from contact_tracker.calibration.learn import Lesson, learn
 from contact_tracker.calibration.learned import How, Learned
-from contact_tracker.calibration.processes import Runner
 from contact_tracker.calibration.study import Judged, Source, Study, judge, look
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.evaluate import Evaluation
+from contact_tracker.processes import Runner
 
 DOUBTFUL: Final = (How.RESIDUALS, How.CONTACTS)
 """Parameters learned from residuals of estimated contacts are left out first."""

@@ -18,8 +18,8 @@ from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
 
 if TYPE_CHECKING:
-    from contact_tracker.batch.processes import Jobs
     from contact_tracker.batch.rows import Row
+    from contact_tracker.processes import Jobs
 
 HELP: Final = "segment many recordings into one dataset of Parquet files"
 DESCRIPTION: Final = f"""\
@@ -112,8 +112,9 @@ def run(args: argparse.Namespace) -> int:
     if shown > _MOST_SHOWN:
         warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
     say(
-        f"{outcome.total} recordings: {outcome.done} done now, {outcome.unchanged} unchanged; of all, "
-        f"{outcome.bad} cannot be used and {outcome.damaged} are damaged; {args.output / 'summary.parquet'}"
+        f"{outcome.total} recordings, {outcome.done} of them new or changed and {outcome.unchanged} as they "
+        f"were: {outcome.bad} cannot be used, {outcome.damaged} are damaged; "
+        f"{args.output / 'summary.parquet'}"
     )
     return DAMAGED if outcome.bad or outcome.damaged else DONE
 
@@ -134,7 +135,7 @@ def _names(logs: list[str]) -> Iterator[str]:
 
 def _workers(args: argparse.Namespace) -> "AbstractContextManager[Jobs]":
     if args.scheduler is None:
-        from contact_tracker.batch.processes import local_processes
+        from contact_tracker.processes import local_processes
 
         return local_processes(args.processes or os.cpu_count() or 1, take_over_warnings)
     with extra("cluster", "--scheduler"):

@@ -93,9 +93,9 @@ def _processes(text: str) -> int:
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.calibration.calibrate import Plan, calibrate
     from contact_tracker.calibration.learned import select
-    from contact_tracker.calibration.processes import Runner
     from contact_tracker.calibration.report import to_text
     from contact_tracker.config.loading import load_model
+    from contact_tracker.processes import Runner
 
     check = check_output(
         args.output,

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from contact_tracker.outputs.summary import summary_json, summary_lines
-    from contact_tracker.recording import summarise
+    from contact_tracker.recording import open_log, summarise
 
     summary = summarise(args.log, args.time_unit)
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
@@ -55,6 +55,8 @@ def run(args: argparse.Namespace) -> int:
         warn(f"{args.log}: {line}")
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
+    if not summary.sources and args.log != "-":
+        open_log(args.log)  # raises what it says of the reason
     if not any(source.poses for source in summary.sources):
         raise NoPoses(f"{args.log}: no pose in it that can be used")
     return DONE if summary.damage is None else DAMAGED

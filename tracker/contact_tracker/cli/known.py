@@ -20,20 +20,23 @@ def add_known(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--known", metavar="FILE", help="a TOML file that says what is known and how exactly")
     group.add_argument(
         "--up",
-        type=_numbers(3, 4),
+        type=_numbers("0,0,1", 3, 4),
         metavar="X,Y,Z[,DEG]",
         help="faces of the surroundings look along this direction, within DEG degrees (default: 2)",
     )
     group.add_argument(
         "--plane",
-        type=_numbers(4),
+        type=_numbers("0,0,1,0.75", 4),
         action="append",
         default=[],
         metavar="NX,NY,NZ,H",
         help="a face n . x = H of the surroundings, its normal on the free side; may be repeated",
     )
     group.add_argument(
-        "--box", type=_numbers(3), metavar="A,B,C", help="the object is a box about the body frame's origin"
+        "--box",
+        type=_numbers("0.2,0.1,0.1", 3),
+        metavar="A,B,C",
+        help="the object is a box with edges of A, B and C metres about the body frame's origin",
     )
 
 
@@ -60,8 +63,8 @@ def _shortcuts(args: argparse.Namespace) -> list[dict[str, Any]]:
     return tables
 
 
-def _numbers(*counts: int) -> Callable[[str], list[float]]:
-    """The type of a list of so many finite numbers."""
+def _numbers(example: str, *counts: int) -> Callable[[str], list[float]]:
+    """The type of a list of so many finite numbers, as in ``example``."""
 
     def parse(text: str) -> list[float]:
         try:
@@ -70,7 +73,7 @@ def _numbers(*counts: int) -> Callable[[str], list[float]]:
             values = []
         if len(values) not in counts or not all(map(math.isfinite, values)):
             wanted = " or ".join(map(str, counts))
-            raise argparse.ArgumentTypeError(f"{text!r} is not a list of {wanted} numbers: 0,0,1,...")
+            raise argparse.ArgumentTypeError(f"{text!r} is not a list of {wanted} numbers, such as {example}")
         return values
 
     return parse

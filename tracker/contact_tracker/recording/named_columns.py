@@ -89,7 +89,8 @@ def layout_of_names(names: Sequence[str], kind: str, separator: str | None, skip
 def _separator(data: str) -> str | None:
     """What separates the values of a line: None for any white space."""
     words = data.split()
-    if len(words) == _TUM_NAMES and are_numbers(words):
+    is_tum = len(words) == _TUM_NAMES and are_numbers(words) and not any(word[-1] == "," for word in words)
+    if is_tum and len(data.split("\t")) < _TUM_NAMES:
         return None  # blanks and tabs as they came, commas as decimal points
     return next((mark for mark in _MARKS if mark in data), None)
 

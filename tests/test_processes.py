@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from contact_tracker.batch.processes import KILLED, local_processes
 from contact_tracker.errors import ContactTrackerError
+from contact_tracker.processes import KILLED, local_processes
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
 
@@ -74,7 +74,7 @@ def die() -> None:
 
 def test_processes_that_cannot_start_are_told() -> None:
     with (
-        pytest.raises(ContactTrackerError, match="ended as soon as it was started"),
+        pytest.raises(ContactTrackerError, match="as soon as it was started"),
         local_processes(2, die) as call,
     ):
         list(call(square, [(1, (), "")]))
@@ -112,3 +112,17 @@ def test_what_is_at_work_is_ended_at_once_and_clears_away(tmp_path: Path) -> Non
         next(call(wait_for_ever, [(str(tmp_path),)] * 5))
     assert time.monotonic() - begin_s < 100
     assert list(tmp_path.iterdir()) == []
+
+
+def meet(number: int, folder: str) -> bool:
+    """Whether the other one of two is at work at the same time."""
+    (Path(folder) / str(number)).touch()
+    give_up = time.monotonic() + 20
+    while not (Path(folder) / str(1 - number)).exists() and time.monotonic() < give_up:
+        time.sleep(0.01)
+    return (Path(folder) / str(1 - number)).exists()
+
+
+def test_few_jobs_are_shared_by_all_processes(tmp_path: Path) -> None:
+    with local_processes(2, prepare) as call:
+        assert all(answer for _, answer in call(meet, [(number, str(tmp_path)) for number in range(2)]))

@@ -1,18 +1,20 @@
-"""The function of a batch in processes of this machine; one that is killed costs what it was doing, no more.
+"""Processes of this machine that help a command: they start when it asks and end with it.
 
-Each process has an executor of its own: when it ends, it is certain which recording it was at.
+``local_processes`` calls a function with many arguments. Each process has an executor of its own: when it
+ends, it is certain which job it was at, and it costs no other. ``helpers`` is one executor for who hands out
+work while it goes on reading, and cannot do without any of it.
 """
 
 import os
 import signal
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 from contact_tracker.errors import ContactTrackerError
@@ -21,9 +23,10 @@ from contact_tracker.interrupts import end_with_parent, kept_from_children
 T = TypeVar("T")
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS")
 _AHEAD: Final = 2
-"""Jobs that a process has at once: the next one waits for no answer."""
+"""Jobs that a process of a batch has at once: the next one waits for no answer."""
 _MOST_DEATHS: Final = 2
 """A job during which so many processes have ended is given up."""
+_ENDED: Final = "a process has ended before its work was done: it may have taken too much memory"
 
 
 class Killed(NamedTuple):
@@ -42,8 +45,87 @@ class Jobs(Protocol):
 
 
 @contextmanager
-def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Jobs]:
+def helpers(count: int, prepare: Callable[[], None]) -> Iterator[Executor]:
+    """An executor of so many processes, which first ``prepare``; they end with this context.
+
+    Raises
+    ------
+    ContactTrackerError
+        One ended before its work was done.
+    """
+    executor = ProcessPoolExecutor(count, get_context("spawn"), _begin, (prepare,))
+    try:
+        with kept_from_children():
+            for _ in range(count):
+                executor.submit(int)  # starts one
+        yield executor
+    except BrokenProcessPool:
+        for process in active_children():  # the executor waits for one that it started meanwhile
+            process.kill()
+        raise ContactTrackerError(f"{_ENDED}; try --processes 1") from None
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+class Runner:
+    """Runs a function on many arguments in ``processes`` (1: in this one); ``done`` is called after each.
+
+    ``prepare`` is what other processes than this one do first.
+    """
+
+    def __init__(
+        self,
+        processes: int,
+        done: Callable[[], None] | None = None,
+        prepare: Callable[[], None] | None = None,
+    ) -> None:
+        self._processes = processes
+        self._done = done or (lambda: None)
+        self._prepare = prepare or _nothing
+
+    def __call__(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
+        """Results in the order of ``jobs``; the first exception ends the others.
+
+        Raises
+        ------
+        ContactTrackerError
+            A process ended without an answer, as one does that takes too much memory.
+        """
+        processes = min(self._processes, len(jobs))
+        if processes <= 1:
+            return [self._counted(function(*job)) for job in jobs]
+        results = dict[int, T]()
+        numbered = ((number, function, job) for number, job in enumerate(jobs))
+        with local_processes(processes, self._prepare, most_deaths=1, ahead=1) as call:
+            for (number, *_), answer in call(_numbered, numbered):
+                if isinstance(answer, Killed):
+                    raise ContactTrackerError(f"{_ENDED}; try fewer --processes")
+                results[number] = self._counted(answer)
+        return [results[number] for number in range(len(jobs))]
+
+    def _counted(self, result: T) -> T:
+        self._done()
+        return result
+
+
+def _numbered(_: int, function: Callable[..., T], arguments: tuple[Any, ...]) -> T:
+    return function(*arguments)
+
+
+def _nothing() -> None:
+    """Nothing has to be done first."""
+
+
+@contextmanager
+def local_processes(
+    processes: int,
+    prepare: Callable[[], None],
+    most_deaths: int = _MOST_DEATHS,
+    ahead: int = _AHEAD,
+) -> Iterator[Jobs]:
     """So many processes of this machine, which first ``prepare``; they end with this context.
+
+    A job at which ``most_deaths`` processes have ended is given up; ``ahead`` jobs are with each process.
 
     Raises
     ------
@@ -55,7 +137,7 @@ def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Job
     lanes = [_Lane() for _ in range(processes)]
     try:
         _start(lanes, prepare)
-        yield lambda function, jobs: _answers(lanes, prepare, function, jobs)
+        yield lambda function, jobs: _answers(lanes, prepare, most_deaths, ahead, function, jobs)
     finally:
         with kept_from_children():  # an interrupt waits until they have ended
             for lane in lanes:
@@ -89,8 +171,8 @@ class _Lane:
         try:
             self._started.result()
         except BrokenProcessPool:
-            reason = "there may be too little memory; try fewer --processes"
-            raise ContactTrackerError(f"a process ended as soon as it was started: {reason}") from None
+            reason = "as soon as it was started; there may be too little memory: try fewer --processes"
+            raise ContactTrackerError(f"a process has ended before its work was done, {reason}") from None
 
     def give(self, task: _Task, function: Callable[..., Any]) -> bool:
         """Whether the process has taken it; else it has ended."""
@@ -132,15 +214,17 @@ def _start(lanes: Iterable[_Lane], prepare: Callable[[], None]) -> None:
 def _answers(
     lanes: list[_Lane],
     prepare: Callable[[], None],
+    most_deaths: int,
+    ahead: int,
     function: Callable[..., T],
     jobs: Iterable[tuple[Any, ...]],
 ) -> Iterator[tuple[tuple[Any, ...], T | Killed]]:
     source, again = iter(jobs), deque[_Task]()
 
     def fill() -> None:
-        for _ in range(_AHEAD):
+        for many in range(1, ahead + 1):  # one for each before any has two
             for lane in lanes:
-                while len(lane.tasks) < _AHEAD:
+                while len(lane.tasks) < many:
                     task = again.popleft() if again else _next(source)
                     if task is None:
                         return
@@ -160,7 +244,7 @@ def _answers(
         wait(futures, return_when=FIRST_COMPLETED)
         answers = list[tuple[tuple[Any, ...], T | Killed]]()
         for lane in lanes:
-            answers += _collect(lane, prepare, again)
+            answers += _collect(lane, prepare, most_deaths, again)
         fill()
         yield from answers
 
@@ -171,7 +255,7 @@ def _next(source: Iterator[tuple[Any, ...]]) -> _Task | None:
 
 
 def _collect(
-    lane: _Lane, prepare: Callable[[], None], again: deque[_Task]
+    lane: _Lane, prepare: Callable[[], None], most_deaths: int, again: deque[_Task]
 ) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """The answers of a process; if it has ended, another takes its place, and its tasks come ``again``."""
     while lane.tasks and lane.tasks[0][1].done():
@@ -184,7 +268,7 @@ def _collect(
             lane.tasks.clear()
             lane.join()
             _start([lane], prepare)
-            if task.deaths >= _MOST_DEATHS:
+            if task.deaths >= most_deaths:
                 yield task.arguments, KILLED
                 again.extendleft(reversed(waiting))
             else:
