@@ -28,6 +28,8 @@ _KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
 """Of the noise of each of a pose's directions: first turns, then shifts."""
 SHOWN: Final = 10.0
 """A direction is observed if the window tells this many times what prior and noise say of it."""
+FEIGNED: Final = 1.5
+"""So many times what prior and noise say the noise alone may feign in all ticks of a segment, by chance."""
 OPEN: Final = 0.1
 """An element could still move if the prior lets it do so by this share of a radian or of the reach."""
 
@@ -95,12 +97,14 @@ def information_spectrum(
     vague = _vague(model, scales.reach_m)
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
     prior = tangent.T @ (vague + one.prior_information[0]) @ tangent
+    of_window = information is None
     if information is None:
         information = refit.information(one, model, scales)[0]
     # of errors that last the moments hold what is new in them: nearly all of a pose is left out
     noise = noise_information(one, model, tangent, variance / (1.0 - scales.correlation) ** 2)
     eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
-    covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior) @ tangent.T
+    feigned = 1.0 if of_window else FEIGNED
+    covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, feigned) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
 
 
@@ -119,14 +123,14 @@ def _in_lengths(model: ContactModel, reach_m: float) -> Array:
     return scale
 
 
-def posterior_covariance(values: Array, directions: Array, prior: Array) -> Array:
+def posterior_covariance(values: Array, directions: Array, prior: Array, feigned: float = 1.0) -> Array:
     """Covariance (P, P) from an ``InformationSpectrum``: its values (P,), directions (P, P) and prior (P, P).
 
     Along the directions the precision is a diagonal of all magnitudes and little beside it: then its inverse
     has all its digits, also where one direction is known all too well, as of lines that are all but parallel.
     """
     precision = directions.T @ prior @ directions
-    np.einsum("pp->p", precision)[...] += np.maximum(values - 1.0, 0.0)
+    np.einsum("pp->p", precision)[...] += np.maximum(values - feigned, 0.0)
     scale = 1.0 / np.sqrt(precision.diagonal())
     scaled = directions * scale
     return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))
