@@ -10,6 +10,9 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from test_commands import assert_one_line_error, run
 
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.states import Contact
 from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
 
 POSES = smooth_poses(300)
@@ -35,6 +38,22 @@ def test_a_chain_of_transforms(tmp_path: Path, command: str) -> None:
     done = run(command, path, "--topic", "/tf", "--frame", "cup")
     assert "warning: " + str(path) + ": poses are in flange, which may move in world" in done.stderr
     assert "--frame 'world->cup'" in done.stderr
+
+
+def test_in_another_frame_elements_are_not_compared(tmp_path: Path) -> None:
+    """The truth has them in the frame of the recording."""
+    pair = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
+    poses = smooth_poses(600)
+    span = int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])
+    truth = Truth((TruthInterval(*span, Contact.VF, geometry=pair),)).to_json()
+    topics = [poses_topic(poses, "/tray"), poses_topic(smooth_poses(600, seed=1), "/cup")]
+    path = write_log(tmp_path / "a.mcap", topics, truth)
+    done = run("evaluate", path, "--topic", "/cup")
+    assert "within 3 sd" in done.stdout
+    done = run("evaluate", path, "--topic", "/cup", "--relative-to", "/tray")
+    assert done.returncode == 0
+    assert "elements are not compared" in done.stderr
+    assert "within 3 sd" not in done.stdout
 
 
 def test_relative_to_another_body(tmp_path: Path) -> None:

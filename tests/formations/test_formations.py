@@ -10,7 +10,7 @@ from contact_tracker.adaptation.online import AdaptiveState
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.geometry_errors import geometry_errors
 from contact_tracker.formations.naming import named_by
-from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.hypotheses import compiled
 from contact_tracker.landmarks.prior_map import Accuracy, NamedElement, PriorMap, known_to
@@ -158,6 +158,37 @@ def test_a_label_that_leaves_constraints_unnamed_is_not_sure() -> None:
     assert capped[0] == pytest.approx(0.9)
     assert capped.sum() == pytest.approx(1.0)
     np.testing.assert_array_equal(ambiguity.at_most(capped, Contact.FF), capped)
+
+
+@needs_kernels
+def test_further_contacts_are_sought_among_known_elements() -> None:
+    true = made("vertex_and_vertex").truth.intervals[0]
+    first, second = true.geometry, true.further[0].geometry
+    assert first is not None
+    assert second is not None
+
+    def listed(name: str, *elements: Element) -> tuple[NamedElement, ...]:
+        given = enumerate(known_to(element, Accuracy()) for element in elements)
+        return tuple(NamedElement(f"{name}{number}", element) for number, element in given)
+
+    vertices = listed("vertex", first.object, second.object)
+    for walls, names in (
+        ((first.environment, second.environment), {"face0", "face1"}),
+        ((first.environment,), {"face0"}),
+    ):
+        knowledge = PriorMap(
+            object=vertices,
+            environment=listed("face", *walls),
+            object_complete=True,
+            environment_complete=True,
+        )
+        (segment,) = adaptation.segment(
+            made("vertex_and_vertex").poses, load_model(), knowledge=knowledge
+        ).segments
+        assert segment.contact is Contact.VF
+        assert {segment.touching[1], *(one.geometry.names[1] for one in segment.further)} == names
+        if len(walls) == 1:
+            assert segment.probability < 0.9 + 1e-9  # something touches that is not listed
 
 
 def test_known_elements_give_their_names() -> None:

@@ -58,8 +58,8 @@ class Topic:
     schema_encoding: str = "ros2msg"
 
 
-def write_log(path: Path, topics: Sequence[Topic], **options: Any) -> Path:
-    """Write the messages of all topics in the order of log time."""
+def write_log(path: Path, topics: Sequence[Topic], truth: str | None = None, **options: Any) -> Path:
+    """Write the messages of all topics in the order of log time, and a truth attachment."""
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start(profile="ros2", library="test")
@@ -73,6 +73,8 @@ def write_log(path: Path, topics: Sequence[Topic], **options: Any) -> Path:
             rows += [(t, channel, data) for t, data in zip(times, _encode(topic), strict=True)]
         for log_time, channel, data in sorted(rows, key=lambda row: row[0]):
             writer.add_message(channel, log_time, data, log_time)
+        if truth is not None:
+            writer.add_attachment(0, 0, "truth.json", "application/json", truth.encode())
         writer.finish()
     return path
 

@@ -10,9 +10,9 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, possible
 from contact_tracker.formations.presence import Presence
-from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.landmarks.prior_map import EMPTY_MAP
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, NamedElement, PriorMap
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.changes import FormationChanges
@@ -113,7 +113,11 @@ def test_kinds_that_knowledge_excludes_do_not_join() -> None:
             KnownContact(CONTACT_MODELS[contact.column], np.zeros(7)), Presence((), 9.0), 0.0, 1.0
         )
 
-    ticks = FormationTicks(window(0, 5), scales, 0.1, (Contact.EF, Contact.FV))
+    line = NamedElement("edge", Line(np.array([1.0, 0.0, 0.0]), np.zeros(3)))
+    face = NamedElement("face", Plane(np.array([1.0, 0.0, 0.0]), 0.0))
+    ticks = FormationTicks(
+        window(0, 5), scales, 0.1, np.zeros(3), PriorMap(object=(line, face), object_complete=True)
+    )
     found = possible(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
     assert [one.known.model.contact for one in found] == [Contact.FV]
 

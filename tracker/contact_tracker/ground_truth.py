@@ -66,6 +66,10 @@ class Truth:
             )
         )
 
+    def without_geometry(self) -> "Truth":
+        """When which contact held, but not where."""
+        return Truth(tuple(replace(interval, geometry=None) for interval in self.intervals))
+
     def changes(self) -> list[tuple[int, Contact | None]]:
         """From when on what holds; None where no interval says it for longer than 0.1 s."""
         found: list[tuple[int, Contact | None]] = []

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 HELP: Final = "compare with the truth that recordings carry"
 DESCRIPTION: Final = """\
 Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
-F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total."""
+F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total.
+Judged is the contact of each time, or the first of several: the truth of contacts beside it is not
+used. With --relative-to nor is that of elements, which is in the frame of the recording."""
 EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 
@@ -62,7 +64,14 @@ def _evaluate(
     from contact_tracker.recording import need_truth, open_log
     from contact_tracker.tracking.pose_buffer import watched
 
-    judge = Judge(need_truth(name, args.topic, args.frame))
+    truth = need_truth(name, args.topic, args.frame)
+    if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
+        warn(
+            f"{name}: elements are not compared: the truth has them in the recording's frame, not in that of "
+            f"--relative-to {args.relative_to}"
+        )
+        truth = truth.without_geometry()
+    judge = Judge(truth)
     wrenches = evidence_of(name, args, model, knowledge)
     log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     with progress(name, "poses", log.source.messages) as set_done:

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
 from contact_tracker.formations.elements import FittedElements, fit_elements
+from contact_tracker.formations.naming import named_by
 from contact_tracker.formations.presence import Presence, Run, most_probable
 from contact_tracker.formations.price import price
 from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio, search
+from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
+from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion.used_directions import DIRECTIONS, used_directions
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -55,6 +58,7 @@ class Further(NamedTuple):
     """
 
     elements: FittedElements
+    geometry: ContactGeometry
     runs: tuple[Run, ...]
     log_odds: float
     inseparable: tuple[Contact, ...]
@@ -100,8 +104,21 @@ class FormationTicks(NamedTuple):
     window: Window
     scales: EvidenceParameters
     leave_per_s: float
-    kinds: tuple[Contact, ...] = CONTACTS
-    """That may join; others are impossible."""
+    origin_m: Array
+    knowledge: PriorMap = EMPTY_MAP
+
+    @property
+    def kinds(self) -> tuple[Contact, ...]:
+        """That may join; others are impossible."""
+        return tuple(filter(self.knowledge.allows, CONTACTS))
+
+    def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
+        """Elements with covariance in the user's frames, by the names of those known; None where there are no
+        such elements."""
+        named = named_by(self.knowledge, elements.geometry(self.scales, self.origin_m))
+        complete = self.knowledge.object_complete, self.knowledge.environment_complete
+        unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
+        return None if unlisted else named
 
     @property
     def log_change(self) -> Array:
@@ -155,11 +172,13 @@ def _further_contacts(
         if len(holding) > 1:
             before = count_constraints(motion.cut(*run), [one.c for one in holding])
         more = count_constraints(motion.cut(*run), [one.c for one in (*holding, best.known)])
-        if more <= before or used_directions(window.cut(*run)) < DIRECTIONS - more:
+        geometry = segment.geometry_of(elements)
+        uses_freedom = used_directions(window.cut(*run)) >= DIRECTIONS - more
+        if geometry is None or more <= before or not uses_freedom:
             # what is moved in fewer directions than it could be is held back by something else
             return found, True
         others = inseparable_kinds(segment, motion, best, some, more - before)
-        found.append(Further(elements, best.presence.runs, best.presence.log_odds, others))
+        found.append(Further(elements, geometry, best.presence.runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
     return found, False

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from contact_tracker.geometry.elements import ContactGeometry, Element, canonical
+from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, canonical
 from contact_tracker.landmarks.association import is_same_element
 from contact_tracker.landmarks.prior_map import NamedElement, PriorMap
 
@@ -17,7 +17,14 @@ def named_by(knowledge: PriorMap, geometry: ContactGeometry) -> ContactGeometry:
 
 def _named(element: Element, known: Sequence[NamedElement]) -> Element:
     for one in known:
-        for side in (element, canonical(element)):
+        for side in (element, _other_way(element)):
             if type(one.element) is type(side) and is_same_element(side, one.element):
                 return replace(side, name=one.name)
     return canonical(element)
+
+
+def _other_way(element: Element) -> Element:
+    """A plane with the opposite normal: which side of it is solid was not found."""
+    if not isinstance(element, Plane):
+        return element
+    return replace(element, normal=-element.normal, offset_m=-element.offset_m)

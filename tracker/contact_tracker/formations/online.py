@@ -104,7 +104,7 @@ class Beside(NamedTuple):
 NOTHING_BESIDE: Final = Beside()
 
 
-def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m: Array) -> Beside:
+def advance(beside: Beside, ticks: FormationTicks, first: KnownContact) -> Beside:
     """One tick on: the newest of ``ticks``, all of which are of the ``first`` contact."""
     window = ticks.window
     motion = ConditionalMotion.of(window, ticks.scales)
@@ -116,13 +116,13 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
     motion = motion.keeping(first.c)
     before, held = beside.held, []
     for one in before:
-        now, runs = _weighed(one, ticks, motion, origin_m)
+        now, runs = _weighed(one, ticks, motion)
         held.append(now)
         for run in runs:
             motion = motion.keeping(one.elements.known.c, *run)
     beside = beside._replace(held=tuple(held), constraints=_count(held, motion, first))
     if beside.rejudged >= 0:
-        return _rejudged(beside, ticks, first, origin_m)
+        return _rejudged(beside, ticks, first)
     refitted = [
         i for i, (one, now) in enumerate(zip(before, held, strict=True)) if now.refit_at > one.refit_at
     ]
@@ -132,7 +132,7 @@ def advance(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m
     if sum(one.holds for one in held) >= MOST:
         return beside._replace(queue=(), found=())
     if beside.queue:
-        return _searched(beside, ticks, motion, first, origin_m)
+        return _searched(beside, ticks, motion, first)
     return _looked(beside, ticks, motion) if looks else beside
 
 
@@ -168,9 +168,7 @@ def _is_same(motion: ConditionalMotion, one: KnownContact, other: KnownContact) 
     return count_constraints(newest, [one.c, other.c]) == one.model.contact.codimension
 
 
-def _weighed(
-    one: Held, ticks: FormationTicks, motion: ConditionalMotion, origin_m: Array
-) -> tuple[Held, tuple[Run, ...]]:
+def _weighed(one: Held, ticks: FormationTicks, motion: ConditionalMotion) -> tuple[Held, tuple[Run, ...]]:
     """The same by the newest tick, and when it held."""
     candidate = weigh(ticks, motion, one.elements.known)
     if candidate is None or candidate.presence.log_odds <= 0.0:
@@ -185,11 +183,10 @@ def _weighed(
     newest = int(ticks.window.index[-1])
     if now.holds and newest >= one.refit_at:
         better, fitted = refined(ticks, motion, candidate, last)
-        now = now._replace(
-            elements=Elements(one.elements.contact, better.known.x),
-            geometry=fitted.geometry(ticks.scales, origin_m),
-            refit_at=_refit_at(newest, last),
-        )
+        elements, geometry = Elements(one.elements.contact, better.known.x), ticks.geometry_of(fitted)
+        if geometry is None:
+            return now._replace(holds=False), candidate.presence.runs
+        now = now._replace(elements=elements, geometry=geometry, refit_at=_refit_at(newest, last))
     return now, candidate.presence.runs
 
 
@@ -225,7 +222,7 @@ class _Look(NamedTuple):
 
 
 def _searched(
-    beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact, origin_m: Array
+    beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact
 ) -> Beside:
     """A few kinds more; after the last, what follows from all that was found."""
     run = Run(max(len(motion) - beside.span, 0), len(motion))
@@ -243,7 +240,7 @@ def _searched(
         wait = LOOK_TICKS if candidates else min(2.0 * beside.wait, LONGEST_WAIT_TICKS)
         return beside._replace(found=(), wait=wait, is_open=False)
     if beside.kinds:
-        return _accepted(beside, best, candidates, ticks, motion, first, origin_m)
+        return _accepted(beside, best, candidates, ticks, motion, first)
     return _with_all_kinds(beside, best, ticks)
 
 
@@ -263,7 +260,7 @@ def _with_next_kinds(beside: Beside, ticks: FormationTicks, motion: ConditionalM
     return beside._replace(queue=queue, found=(*beside.found, *new))
 
 
-def _rejudged(beside: Beside, ticks: FormationTicks, first: KnownContact, origin_m: Array) -> Beside:
+def _rejudged(beside: Beside, ticks: FormationTicks, first: KnownContact) -> Beside:
     """A few kinds more; after the last, what else a contact that holds may be by all ticks of its run."""
     one, others = beside.held[beside.rejudged], list(beside.held)
     del others[beside.rejudged]
@@ -286,7 +283,10 @@ def _rejudged(beside: Beside, ticks: FormationTicks, first: KnownContact, origin
     else:
         best, fitted = refined(ticks, motion, best, best.presence.runs[-1])
         elements = Elements(best.known.model.contact, best.known.x)
-        one = one._replace(elements=elements, geometry=fitted.geometry(ticks.scales, origin_m))
+        geometry = ticks.geometry_of(fitted)
+        if geometry is None:
+            return beside._replace(queue=(), found=(), kinds=False, rejudged=-1)
+        one = one._replace(elements=elements, geometry=geometry)
     holding = [first.c, *(other.elements.known.c for other in others if other.holds)]
     part = motion.cut(*run)
     new = count_constraints(part, [*holding, best.known.c]) - count_constraints(part, holding)
@@ -319,7 +319,6 @@ def _accepted(
     ticks: FormationTicks,
     motion: ConditionalMotion,
     first: KnownContact,
-    origin_m: Array,
 ) -> Beside:
     """With the best candidate among those that hold, if the motion uses the freedom that all leave."""
     beside = beside._replace(queue=(), found=(), kinds=False, wait=LOOK_TICKS)
@@ -332,12 +331,13 @@ def _accepted(
     before = count_constraints(motion.cut(*run), contacts) if holding else first.model.contact.codimension
     constraints = count_constraints(motion.cut(*run), [*contacts, best.known.c])
     uses_freedom = used_directions(ticks.window.cut(*run)) >= DIRECTIONS - constraints
-    if constraints <= before or not uses_freedom:
+    geometry = ticks.geometry_of(elements)
+    if geometry is None or constraints <= before or not uses_freedom:
         return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
     kind, last = best.known.model.contact, best.presence.runs[-1]
     held = Held(
         Elements(kind, best.known.x),
-        elements.geometry(ticks.scales, origin_m),
+        geometry,
         inseparable_kinds(ticks, motion, best, candidates, constraints - before),
         best.presence.log_odds,
         int(ticks.window.index[last.first]),

@@ -28,6 +28,9 @@ _KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
 """Index of the noise variance of each perturbation of a pose: three turns (rotation), then three shifts."""
 SHOWN: Final = 10.0
 """A direction is observed if the information of the window is this many times that of prior and noise."""
+NOISE_MARGIN: Final = 1.5
+"""Information in all ticks of a segment up to this many times that of prior and noise may be noise, by
+chance."""
 OPEN: Final = 0.1
 """An unobserved direction is reported if the prior lets the element move by this share of a radian or of the
 reach."""
@@ -97,12 +100,14 @@ def information_spectrum(
     vague = _vague(model, scales.reach_m)
     tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
     prior = tangent.T @ (vague + one.prior_information[0]) @ tangent
+    of_window = information is None
     if information is None:
         information = refit.information(one, model, scales)[0]
     # with correlated errors the moments hold innovations, in which most of a constant pose cancels
     noise = noise_information(one, model, tangent, variance / (1.0 - scales.correlation) ** 2)
     eigenvalues, eigenvectors = linalg.eigenvectors(information, prior + noise)
-    covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior) @ tangent.T
+    noise_margin = 1.0 if of_window else NOISE_MARGIN
+    covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
 
 
@@ -121,14 +126,14 @@ def _in_lengths(model: ContactModel, reach_m: float) -> Array:
     return scale
 
 
-def posterior_covariance(values: Array, directions: Array, prior: Array) -> Array:
+def posterior_covariance(values: Array, directions: Array, prior: Array, noise_margin: float = 1.0) -> Array:
     """Covariance (P, P) from an ``InformationSpectrum``: its values (P,), directions (P, P) and prior (P, P).
 
     In the basis of the directions the precision is nearly diagonal, so that its inverse stays accurate even
     where the magnitudes differ widely, as for lines that are almost parallel.
     """
     precision = directions.T @ prior @ directions
-    np.einsum("pp->p", precision)[...] += np.maximum(values - 1.0, 0.0)
+    np.einsum("pp->p", precision)[...] += np.maximum(values - noise_margin, 0.0)
     scale = 1.0 / np.sqrt(precision.diagonal())
     scaled = directions * scale
     return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))

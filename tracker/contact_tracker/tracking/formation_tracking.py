@@ -8,7 +8,6 @@ from scipy.special import expit
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations import online
 from contact_tracker.formations.further import FormationTicks, KnownContact
-from contact_tracker.formations.naming import named_by
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity
@@ -37,10 +36,10 @@ def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[T
     assert state.averaging is not None
     some = window.cut(max(first_row, len(window) - online.LONGEST_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
-    kinds = state.knowledge.allowed
-    ticks = FormationTicks(some, scales_of(state.model), state.model.transitions.leave_per_s, kinds)
+    leave_per_s, origin_m = state.model.transitions.leave_per_s, state.averaging.origin_m
+    ticks = FormationTicks(some, scales_of(state.model), leave_per_s, origin_m, state.knowledge)
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
-    beside = online.advance(state.beside, ticks, first, state.averaging.origin_m)
+    beside = online.advance(state.beside, ticks, first)
     state = state._replace(beside=beside)
     if beside.is_open:
         capped = ambiguity.at_most(belief.probability, label)
@@ -64,7 +63,7 @@ def _told(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherConta
             float(expit(power * one.log_odds)),
             max(tick.start_ns - (now - one.since) * state.model.tick_ns, belief.onset_ns),
             None,
-            named_by(state.knowledge, one.geometry),
+            one.geometry,
             tuple(kind for kind in one.inseparable if state.knowledge.allows(kind)),
             state.beside.constraints,
         )

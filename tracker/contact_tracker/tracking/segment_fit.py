@@ -12,7 +12,6 @@ from scipy.special import expit
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.formations.further import FormationTicks, KnownContact, find_formation
-from contact_tracker.formations.naming import named_by
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
@@ -179,8 +178,8 @@ def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank])
 def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
     """What touches beside the ``first`` contact, which lasts through the ``window``."""
     model, scales = segment.model, scales_of(segment.model)
-    kinds = segment.knowledge.allowed
-    ticks = FormationTicks(window, scales, model.transitions.leave_per_s, kinds)
+    leave_per_s = model.transitions.leave_per_s
+    ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.knowledge)
     found = find_formation(ticks, first)
     power = model.certainty.posterior_power
     further = (
@@ -188,7 +187,7 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
             one.contact,
             float(expit(power * one.log_odds)),
             tuple((int(window.index[run.first]), int(window.index[run.end - 1])) for run in one.runs),
-            named_by(segment.knowledge, one.elements.geometry(scales, segment.origin_m)),
+            one.geometry,
             tuple(kind for kind in one.inseparable if segment.knowledge.allows(kind)),
         )
         for one in found.further
