@@ -232,7 +232,7 @@ def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -
     assert START_NS < stamps[0] < stamps[-1] == START_NS + round((LENGTH_S - 1 / RATE_HZ) * 1e9)
     for belief in beliefs:
         keys = ["stamp_ns", "contact", "probability", "onset_ns", "inseparable", "geometry"]
-        further = ["contacts", "constraints", "inseparable_names", "object", "environment"]
+        further = ["contacts", "constraints", "joint", "inseparable_names", "object", "environment"]
         assert list(belief) == [*keys, *further]
         assert set(belief["inseparable"]) <= set(NAMES) - {belief["contact"]}
         assert list(belief["probability"]) == NAMES
@@ -273,7 +273,7 @@ def test_segment_writes_csv_whole(log: Path, tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     with open(tmp_path / "out.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    columns = ["start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts"]
+    columns = ["start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint"]
     assert list(rows[0]) == columns
     assert int(rows[0]["start_ns"]) == START_NS
     for row in rows:
