@@ -1,4 +1,4 @@
-"""Models that a stream may need: ticks that hold frames, and noise to choose from."""
+"""Candidate models of a stream: ticks that hold frames, and alternatives of the noise."""
 
 from dataclasses import replace
 from math import sqrt
@@ -12,51 +12,53 @@ from contact_tracker.motion.sensor_noise import begin, estimate_noise
 from contact_tracker.motion.tick_averaging import tick_variances
 
 TOLERANCE: Final = 1.05
-"""A tick that is too short by less than this factor, as of a period that jitters, is long enough."""
+"""Tolerance of the tick's length, for periods that jitter."""
 TICKS_PER_WINDOW: Final = 10
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
 """Candidates for the noise of a tick: geometric means of its deviations in position (m) and orientation
 (rad). Within a factor of the square root of two from the true one contacts are found as well as with it."""
 LEAST_FACTOR: Final = 1.2
-"""A candidate is worth a tracker if it is so much larger than what white noise leaves of the frames."""
+"""A candidate gets a tracker if its floor exceeds the averaged white noise by this factor."""
 WANDER_M: Final = (1.25e-4, 3.5e-4, 1e-3)
-"""Candidates for errors of the position that last, as of calibration, where they are no less than noise."""
+"""Candidates for correlated errors of the position, such as those of calibration, unless smaller than the
+noise."""
 WANDER_ROTATION_PER_POSITION: Final = 5.0
-"""By how much they turn (rad/m)."""
+"""Ratio of correlated errors of orientation and position (rad/m)."""
 SLOW_PERIOD_S: Final = 0.045
-"""Poses farther apart than this may differ by motion as much as by noise."""
+"""Above this period, differences of poses may be motion as much as noise."""
 SHARES: Final = (0.5, 0.25, 0.125)
-"""Candidates for how much of the deviations is noise then."""
+"""Candidates for the share of the deviations that is noise then."""
 LOG_PRIOR_STEP: Final = -1.0
-"""A larger floor is less probable than the one before, and a smaller share (nats)."""
+"""Log prior (nats) of each larger floor and each smaller share against the one before."""
 LOG_PRIOR_WANDER: Final = 12.0
-"""Errors that last are so much more probable than none: few streams are without, and contacts are found with
-them all the same, while without them true contacts do not fit. Where there are none the evidence against
-them is much larger after some seconds of motion."""
+"""Log prior odds (nats) of correlated errors: few streams are without, and a model that has them finds
+contacts anyway, while without them true contacts do not fit. If there are none, the evidence against them is
+much larger after some seconds of motion."""
 ROTATION_PER_POSITION: Final = (2.0, 40.0)
-"""Between what the ratio of the deviations lies (rad/m), if the stream does not tell it."""
+"""Range of the ratio of the deviations (rad/m), if the stream does not determine it."""
 USUAL_ROTATION_PER_POSITION: Final = 7.0
 
 
 def with_ticks_for(model: Model, period_s: float) -> Model:
-    """The model with ticks of ``poses_per_tick`` poses of this period at least, as the window allows."""
+    """The model with ticks of at least ``poses_per_tick`` poses of this period, as far as the window
+    allows."""
     needed_s = min(model.poses_per_tick * period_s, model.search.window_s / TICKS_PER_WINDOW)
     return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
 
 class Candidate(NamedTuple):
-    """A model, and the log prior probability (nats) against that of the first."""
+    """A model with its log prior odds (nats) against the first."""
 
     model: Model
     log_prior: float
 
 
 def candidates(model: Model, poses: Poses) -> tuple[Candidate, ...]:
-    """The model itself, and copies of it that take the noise to be different.
+    """The model itself, and copies with other noise.
 
-    Averaging lowers white noise as the model takes it; what a filter has smoothed it lowers less. By how much
-    is unknown, but a filter treats position and orientation alike: the ratio of their noise is that of the
-    frames. Of slow streams noise may be less than what frames differ by; and there may be errors that last.
+    Averaging reduces white noise, but filtered noise less, by an unknown factor. A filter treats position and
+    orientation alike, so the ratio of their noise is that of the frames. In slow streams the noise may be
+    smaller than the differences of frames; and there may be correlated errors.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether what the user knows fits the poses: how deep known vertices of the object get inside known faces of
+"""Test of the prior map against the poses: how deep known vertices of the object get inside known faces of
 the surroundings, and how near they come to them."""
 
 from math import inf
@@ -12,17 +12,17 @@ from contact_tracker.landmarks.prior_map import PriorMap
 from contact_tracker.motion.poses import Poses
 
 LEAST_M: Final = 0.005
-"""Rounded edges and compliance explain less."""
+"""Depth that rounded edges and compliance do not explain."""
 SIGMAS: Final = 10.0
-"""So many deviations of what is known are no accident."""
+"""Standard deviations of the prior map that are significant."""
 ENOUGH: Final = 3
-"""Single poses may be wrong."""
+"""Number of poses that are needed, since single ones may be wrong."""
 
 
 class Clearance(NamedTuple):
-    """``poses`` in which a vertex was inside a face by more than what is known allows, how ``deep_m`` at
-    most, and which ``vertex`` in which ``face``; how far off the ``nearest`` face the object has stayed
-    (``gap_m``), more than what is known allows."""
+    """Number of ``poses`` with a vertex inside a face by more than the accuracy of the prior map allows, the
+    largest depth ``deep_m`` with its ``vertex`` and ``face``; and the ``nearest`` face with the least
+    distance ``gap_m``, beyond that accuracy."""
 
     poses: int = 0
     deep_m: float = 0.0
@@ -33,7 +33,7 @@ class Clearance(NamedTuple):
 
 
 def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
-    """Take in poses."""
+    """Advance by poses."""
     vertices = [(known.name, known.element) for known in knowledge.object]
     points = [(name, element) for name, element in vertices if isinstance(element, Point)]
     faces = [(known.name, known.element) for known in knowledge.environment]
@@ -62,7 +62,7 @@ def advance(found: Clearance, knowledge: PriorMap, poses: Poses) -> Clearance:
 
 
 def findings(found: Clearance) -> tuple[Finding, ...]:
-    """What is to be said while poses come in."""
+    """Findings while poses come in."""
     if found.poses < ENOUGH:
         return ()
     text = (
@@ -73,9 +73,9 @@ def findings(found: Clearance) -> tuple[Finding, ...]:
 
 
 def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]:
-    """What is to be said of the whole stream: the object has stayed away from all that is given.
+    """Findings of the whole stream: that the object has stayed away from all known faces.
 
-    Of an object of which not all vertices are given it is not known.
+    None if not all vertices of the object are known.
     """
     if not knowledge.object_complete or not 0.0 < found.gap_m < inf:
         return ()
@@ -87,7 +87,7 @@ def final_findings(found: Clearance, knowledge: PriorMap) -> tuple[Finding, ...]
 
 
 def _spread_m(element: Plane | Point) -> float:
-    """Deviation of its place."""
+    """Standard deviation of the element's place."""
     covariance = element.covariance
     if covariance is None:
         return 0.0

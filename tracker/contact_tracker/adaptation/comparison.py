@@ -1,7 +1,7 @@
-"""What the evidence says between trackers that take the noise of a tick to differ (docs/theory.md, T33).
+"""Comparison of trackers with different noise of a tick, by their evidence (docs/theory.md, T33).
 
-A tracker's evidence is relative to free motion, as that tracker sees it. To compare two of them free motion
-has to be the same for both; and noise that looks like motion at rest must not decide.
+A tracker's evidence is relative to its own model of free motion. For a comparison free motion has to be the
+same for all; and noise that looks like motion at rest must not decide.
 """
 
 from collections.abc import Sequence
@@ -20,28 +20,28 @@ Array = NDArray[np.float64]
 
 SPAN_TICKS: Final = 5
 SMOOTH: Final = 4.0
-"""An object gets farther in ``SPAN_TICKS`` ticks, in squares, by more than this times what noise would."""
+"""Motion leads away if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
+factor."""
 LASTING_TICKS: Final = 3
-"""It moves if it did in so many ticks that follow each other: by chance noise does it once, hardly thrice."""
+"""Number of consecutive ticks in which it has to lead away; noise does so once, hardly three times."""
 HOPELESS_AFTER_S: Final = 1.5
 HOPELESS_NATS: Final = 40.0
-"""After so much motion a tracker so far behind the best is dropped."""
+"""After this much motion trackers this far behind the best are dropped."""
 DROPPED_AFTER_S: Final = 5.0
 MARGIN_NATS: Final = 20.0
-"""After so much (its first ticks mislead) one so far behind."""
+"""The same earlier, with a larger margin, since the first ticks mislead."""
 DECIDED_AFTER_S: Final = 10.0
-"""After so much the best is taken, if it is the best by its evidence as well: the prior is meant for the
-seconds before."""
+"""After this much motion the best tracker is chosen, if it is also the best by evidence alone."""
 LONGEST_S: Final = 30.0
-"""After so much that of the most evidence is taken."""
+"""After this much motion the tracker with the largest evidence is chosen."""
 _DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
 _ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
-"""Constraints of each state (7,) on a distance and on angles."""
+"""Number of constraints of each state (7,) on a distance and on angles."""
 
 
 class TickEvidence(NamedTuple):
-    """What a tick was to one tracker: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after it,
-    the variances (2,) of free motion and noise together (m^2, rad^2), and the ``activity``."""
+    """A tick as one tracker evaluates it: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after
+    it, the variances (2,) of free motion plus noise (m^2, rad^2), and the ``activity``."""
 
     gain: float
     posterior: Array
@@ -50,7 +50,7 @@ class TickEvidence(NamedTuple):
 
 
 def tick_evidence(before: TrackerState, after: TrackerState) -> TickEvidence:
-    """Of the tick that has led from one state to the next."""
+    """The evidence of the tick between two states."""
     weight = np.exp(after.log_state_weight - after.log_state_weight.max())
     window = after.window
     gain, free_variance = (
@@ -61,11 +61,10 @@ def tick_evidence(before: TrackerState, after: TrackerState) -> TickEvidence:
 
 
 def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
-    """Log evidence (K,) of one tick by K trackers, free motion being what it is to the first of them.
+    """Log evidence (K,) of one tick by K trackers, relative to the free motion of the first.
 
-    A constraint gains log S / 2 where S is the variance of free motion along it. What a tracker of larger
-    noise takes for noise it does not count as motion: its S is smaller, and so is the gain, by what is added
-    here.
+    A constraint gains log S / 2, where S is the variance of free motion along it. A tracker with larger noise
+    has a smaller S, because it takes a part of the motion for noise; the difference is added here.
     """
     squared_lever_m2 = 2.0 * motion.body_radius_m**2
     free = np.array([tick.free_variance for tick in ticks])
@@ -79,13 +78,14 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
 
 
 def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray[np.bool_]:
-    """Which of K trackers go on once the object has moved for ``moved_s``: those near to the best, and from
-    ``DECIDED_AFTER_S`` on that one alone.
+    """Which of K trackers are kept after ``moved_s`` seconds of motion: those near the best, and from
+    ``DECIDED_AFTER_S`` on the best alone.
 
     Parameters
     ----------
-    log_weight, log_prior : (K,), in nats; their difference is the evidence. What the prior favours alone, or
-        the evidence alone, is not taken before ``LONGEST_S``, nor is the other one dropped.
+    log_weight, log_prior : (K,), in nats; their difference is the evidence. Before ``LONGEST_S``, the best by
+    weight
+        and the best by evidence alone are both kept if they differ.
     """
     if moved_s < HOPELESS_AFTER_S:
         return np.ones(len(log_weight), np.bool_)
@@ -98,7 +98,7 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
 
 
 def is_moving(window: Window) -> bool:
-    """Whether the object moves in the newest tick, whatever the noise: noise does not lead away for long."""
+    """Whether the object moves in the newest tick, whatever the noise, which does not lead away for long."""
     poses, least = window.zeta[-SPAN_TICKS - LASTING_TICKS :], SPAN_TICKS + LASTING_TICKS
     if len(poses) < least:
         return False
@@ -107,7 +107,8 @@ def is_moving(window: Window) -> bool:
 
 
 def _leads_away(places: Array) -> bool:
-    """Whether the way (N, d) leads farther than as many steps of noise; ticks without frames are no steps."""
+    """Whether the places (N, d) lead farther than as many steps of noise; ticks without frames do not
+    count."""
     steps_sq = (np.diff(places, axis=0) ** 2).sum(axis=1)
     steps_sq = steps_sq[steps_sq > 0.0]
     if len(steps_sq) < 2:

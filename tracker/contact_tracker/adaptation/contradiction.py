@@ -1,8 +1,8 @@
-"""Whether contacts explain the motion better without what the user has given than with it.
+"""Test whether the prior map contradicts the motion.
 
-What is given is a prior: where it is right it costs nothing, where it is wrong contacts fit only against it,
-or not at all, and others that are not there fit instead. So a tracker that knows nothing runs beside one that
-knows what is given; by how much the first explains more is the evidence against what is given.
+Known elements are a prior. If it is right, it costs next to nothing; if it is wrong, true contacts fit badly
+or not at all, and wrong ones fit instead. So a tracker without the prior map runs beside one with it; the
+difference of their evidence is the evidence against the prior map.
 """
 
 from typing import Final, NamedTuple
@@ -15,19 +15,20 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking import tracker
 
 WRONG_NATS: Final = 8.0
-"""By so much more is explained without what is given if it is wrong. Directions that are right cost up to 5:
-where they are two deviations off, and where a contact that is not there fits for a while."""
+"""Lead of the tracker without the prior map from which that is reported as wrong. Right directions cost up to
+5 nats, if they are two standard deviations off, or while a wrong contact fits."""
 DOUBTED_NATS: Final = 6.0
-"""From here on no label is sure as long as it is not known."""
+"""Lead from which no label is sure."""
 LONGEST_S: Final = 60.0
-"""Of motion: what has not shown by then does no harm."""
+"""Seconds of motion after which the comparison ends: an error that has not shown by then does no harm."""
 
 
 class Contradiction(NamedTuple):
-    """What is known so far.
+    """State of the comparison.
 
-    The trackers that know what is ``given`` and that know ``nothing``, None before the rate is known and once
-    it ``is_settled``; the ``lead`` (nats) of the second, and whether that ``is_found`` to be too large.
+    The trackers with the prior map (``given``) and without (``nothing``), None before the rate is known and
+    once the comparison ``is_settled``; the ``lead`` (nats) of the second, and whether a contradiction
+    ``is_found``.
     """
 
     given: Explained | None = None
@@ -38,12 +39,12 @@ class Contradiction(NamedTuple):
 
     @property
     def is_likely(self) -> bool:
-        """Whether it is found, or may be found soon."""
+        """Whether a contradiction is found, or may be found soon."""
         return self.is_found or (not self.is_settled and self.lead > DOUBTED_NATS)
 
 
 def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Poses) -> Contradiction:
-    """Take in poses; ``model`` has the ticks of the stream. Without ``knowledge`` nothing is compared."""
+    """Advance by poses; ``model`` has the ticks of the stream. Without ``knowledge`` nothing is compared."""
     if known.is_settled or not knowledge:
         return known._replace(is_settled=True)
     given, with_it = follow(known.given or Explained(tracker.start(model, knowledge=knowledge)), poses)
@@ -57,7 +58,7 @@ def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Pose
 
 
 def findings(known: Contradiction, knowledge: PriorMap) -> tuple[Finding, ...]:
-    """What is to be said."""
+    """The finding, if there is one."""
     if not known.is_found:
         return ()
     what = "--up" if knowledge.up is not None else "what is given"

@@ -1,4 +1,4 @@
-"""Trackers that are followed for what contacts explain of the motion, and for nothing else."""
+"""Trackers that run only for the evidence of contacts against free motion."""
 
 from typing import NamedTuple
 
@@ -9,21 +9,21 @@ from contact_tracker.tracking.state import TrackerState
 
 
 class AfterTick(NamedTuple):
-    """``log_evidence`` of contacts against free motion (nats), and for how long the object has moved (s)."""
+    """``log_evidence`` of contacts against free motion (nats), and the seconds of motion so far."""
 
     log_evidence: float
     moved_s: float
 
 
 class Explained(NamedTuple):
-    """A tracker, and for how long the object has moved (s) since it began."""
+    """A tracker, and the seconds of motion since its start."""
 
     state: TrackerState
     moved_s: float = 0.0
 
 
 def follow(one: Explained, poses: Poses) -> tuple[Explained, list[AfterTick]]:
-    """Take in poses; what is explained after each tick that they close."""
+    """Advance by poses; returns the evidence after each tick that they close."""
     state, closed = tracker.accumulate_poses(one.state, poses)
     moved_s, after = one.moved_s, list[AfterTick]()
     for tick in closed:

@@ -28,16 +28,16 @@ from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.state import TrackerState
 
 TOGETHER: Final = 50
-"""So many poses are inspected together."""
+"""Number of poses that are inspected together."""
 
 
 class AdaptiveState(NamedTuple):
-    """Everything known of the stream; bounded in size however long it is.
+    """The state of a stream; bounded in size, however long the stream.
 
-    The ``trackers`` side by side, what is known of its ``conventions`` and of a ``contradiction`` to what is
-    given, and the ``inspection`` of the poses, but for the last ones: those wait for it (``uninspected``, so
-    ``many``), and after the first ``taken_in`` parts of them for the end of a tick; ``last_ns`` is the stamp
-    of the last pose.
+    The ``trackers`` side by side; the tests of ``conventions``, of a ``contradiction`` to the prior map and
+    of the ``clearance``; the ``inspection`` of the poses. ``uninspected`` are the latest ``many`` poses, of
+    which the trackers have the first ``taken_in`` parts; the others wait for the end of the tick. ``last_ns``
+    is the stamp of the last pose.
     """
 
     trackers: SideBySide

@@ -1,10 +1,9 @@
-"""Two bodies in one stream that are close to each other: positions lie on two smooth paths side by side.
+"""Test for two close bodies in one stream: positions lie on two smooth paths with a constant offset.
 
-In short pieces a path is a cubic of time. Poses of two bodies are one such path, and for some of them a step
-aside that is the same for all: of which body each pose is follows from where it lies. Noise has no two
-places (parted in the middle, its halves are 3 of the deviations left apart, those of a vibration up to 8.5),
-and motion goes back and forth less often. Outliers are fewer, and bodies farther apart than this looks at are
-seen by ``recurrence``.
+In short pieces a path is a cubic of time. Poses of two bodies follow one such path, some of them with an
+offset that is the same for all; which body a pose belongs to follows from its position. Noise is unimodal
+(split in the middle, its halves are 3 residual deviations apart, those of a vibration up to 8.5), and motion
+alternates less often. Outliers are fewer. Bodies farther apart are found by ``recurrence``.
 """
 
 from typing import Final
@@ -18,19 +17,20 @@ Array = NDArray[np.float64]
 
 PIECE: Final = 10
 POWERS: Final = 4
-"""Of time, from 0 on."""
+"""Powers of time in the cubic."""
 ROUNDS: Final = 4
 APART_M: Final = (0.002, 0.03)
-"""Two cameras that are calibrated well agree better than the first."""
+"""Range of offsets. Well calibrated cameras agree better than the first; ``recurrence`` finds more than the
+second."""
 APART_SIGMAS: Final = 9.0
 CHANGES: Final = 0.35
-"""Share of the poses that are not of the body of the one before: bodies in random order change in half."""
+"""Least share of the poses that follow one of the other body; in random order it is one half."""
 LEAST_SHARE: Final = 0.25
-"""Of the poses that are of the rarer body."""
+"""Least share of the poses of the rarer body."""
 
 
 def is_of_two_bodies(poses: Poses) -> bool:
-    """Whether these poses, a multiple of PIECE, go back and forth between two paths."""
+    """Whether these poses (a multiple of PIECE) alternate between two paths."""
     shape = -1, PIECE
     time = (poses.stamp_ns - poses.stamp_ns[0]).reshape(shape).astype(float)
     time = 2.0 * (time - time[:, :1]) / (time[:, -1:] - time[:, :1]) - 1.0
@@ -55,5 +55,5 @@ def is_of_two_bodies(poses: Poses) -> bool:
 
 
 def _without(smooth: Array, values: Array) -> Array:
-    """Values (n, PIECE, k) without what is a smooth path in each piece."""
+    """Values (n, PIECE, k) minus their projection on smooth paths in each piece."""
     return np.asarray(values - smooth @ (smooth.transpose(0, 2, 1) @ values))

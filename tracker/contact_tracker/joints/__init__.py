@@ -1,1 +1,2 @@
-"""Joints: motion of few degrees of freedom, whatever keeps it so (docs/theory.md, section 20)."""
+"""Joints as models of motion with few degrees of freedom: hinge, slider, screw, ball (docs/theory.md, section
+20)."""

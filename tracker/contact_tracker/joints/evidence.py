@@ -1,4 +1,4 @@
-"""How well a joint explains ticks, against free motion and against contacts (docs/theory.md, T44)."""
+"""Evidence of joints against free motion and against contacts (docs/theory.md, T44)."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -17,30 +17,31 @@ from contact_tracker.motion.window import Window
 Array = NDArray[np.float64]
 
 MOST_DIRECTIONS: Final = 3
-"""An object that moves in more is in no joint."""
+"""Motion in more directions is that of no joint."""
 LEAST_TICKS: Final = 20
 LEAST_ACTIVITY: Final = 10.0
-"""Ticks with motion: with fewer, motion as smooth as a hand's may follow a joint by chance."""
+"""Least number of ticks with motion: smooth motion of a hand may follow a joint by chance for a while."""
 SURE_NATS: Final = 2.5
-"""A joint is named that is so much more probable than contacts and free motion."""
+"""A joint is reported if its log odds against contacts and free motion exceed this."""
 PLAYS: Final = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""Joints have play, and markers bend: where the motion has one degree of freedom all the same, residuals may
-be so many times the noise, those of contacts as well."""
+"""Factors of the noise that are tried for motion of one degree of freedom, because joints have play and
+markers bend; contacts get the same factor."""
 STEPS: Final = 12
 FIRST_DAMPING: Final = 1e-3
 DAMPING: Final = (0.2, 10.0)
-"""Factors after a step that lowers the cost, and after another one."""
+"""Factors of the damping after a step that has lowered the cost, and after one that has not."""
 CONVERGED: Final = 1e-6
 PITCH_M: Final = 0.05
-"""Deviation of pitches per radian; turns have one of a radian, points that of all elements."""
+"""Prior standard deviation of the pitch (m/rad); that of turns is one radian, that of points the usual
+reach."""
 JITTER: Final = 1e-9
 _KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
-"""Of the noise of each of a pose's directions: first turns, then shifts."""
+"""Index of the noise variance of each perturbation of a pose: three turns (rotation), then three shifts."""
 
 
 class FittedJoint(NamedTuple):
-    """A joint at its greatest likelihood; ``covariance`` (P, P) of its free parameters, ``log_evidence``
-    against free motion (nats), with residuals ``play`` times the noise."""
+    """A joint at its maximum a posteriori: ``covariance`` (P, P) of its free parameters and ``log_evidence``
+    against free motion (nats), with ``play`` times the noise."""
 
     model: JointModel
     frames: JointFrames
@@ -50,7 +51,7 @@ class FittedJoint(NamedTuple):
 
 
 class FoundJoint(NamedTuple):
-    """The joint that explains the motion best, ``log_odds`` nats more probable than all else, other joints
+    """The most probable joint, with its ``log_odds`` (nats) against all other explanations, other joints
     included."""
 
     fitted: FittedJoint
@@ -60,12 +61,12 @@ class FoundJoint(NamedTuple):
 def find_joint(
     window: Window, scales: EvidenceParameters, contacts: Sequence[KnownContact], constraints: int
 ) -> FoundJoint | None:
-    """The joint that ticks show, None where there is none.
+    """The joint that explains the ticks of ``window`` better than contacts and free motion; None without any.
 
     Parameters
     ----------
-    contacts : all that may explain the ticks as well, with the elements that fit best.
-    constraints : that the contacts which are named put on the motion: a joint that has fewer says nothing.
+    contacts : the rival contacts, each with its best geometry.
+    constraints : number of constraints of the labelled contacts; joints with fewer are left out.
     """
     if len(window) < LEAST_TICKS or float(window.motion_ratio.sum()) < LEAST_ACTIVITY:
         return None
@@ -91,7 +92,8 @@ def find_joint(
 def fit_joint(
     model: JointModel, window: Window, scales: EvidenceParameters, plays: tuple[float, ...] = PLAYS[:1]
 ) -> FittedJoint:
-    """From a start by moments of the ticks, by damped Gauss-Newton steps, with the noise of each tick."""
+    """Fit a joint to a window: start from moments of the ticks, then damped Gauss-Newton with each tick's
+    noise."""
     noise_sd, moved_sd = _deviations_of(window)
     deviation = _deviations(scales)[model.free]
     frames, damping = model.start(window.zeta), FIRST_DAMPING
@@ -120,7 +122,7 @@ def fit_joint(
 def contact_evidence(
     contact: KnownContact, window: Window, scales: EvidenceParameters, play: float = 1.0
 ) -> float:
-    """Log evidence of a contact by the yardstick of joints: with the same errors, whosever they are."""
+    """Log evidence of a contact, measured like that of joints and with the same noise."""
     motion, c = ConditionalMotion.of(window, scales), contact.c
     value = window.zeta @ c.T
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
@@ -130,19 +132,19 @@ def contact_evidence(
 
 
 def _deviations_of(window: Window) -> tuple[Array, Array]:
-    """Of noise and of how far the object moves (W, 6), in each tick."""
+    """Standard deviations (W, 6) of the noise and of the displacement in each tick."""
     return np.sqrt(window.variance[:, _KINDS]), np.sqrt(window.displacement_variance[:, _KINDS])
 
 
 def _deviations(scales: EvidenceParameters) -> Array:
-    """(13,) of all parameters of a joint, before anything is known of it."""
+    """Prior standard deviations (13,) of all parameters of a joint."""
     deviation = np.ones(PITCH + 1)
     deviation[:6], deviation[PITCH] = scales.reach_m, PITCH_M
     return deviation
 
 
 def _new(values: Array, scales: EvidenceParameters) -> Array:
-    """What is new in each tick (W, ...), of errors that last (T34)."""
+    """Innovations of values (W, ...) in each tick, for correlated errors (T34)."""
     new = values * scales.alone
     new[1:] = values[1:] - scales.correlation * values[:-1]
     return new
@@ -164,7 +166,7 @@ class _Whitened(NamedTuple):
 
 
 def _held(by_pose: Array, noise_sd: Array) -> Array:
-    """Covariance (W, K, K) of the residuals by noise."""
+    """Covariance (W, K, K) of the residuals due to noise."""
     rows = by_pose * noise_sd[:, None]
     return np.asarray(rows @ np.swapaxes(rows, 1, 2))
 
@@ -177,14 +179,14 @@ def _whitened(residual: Residual, noise_sd: Array, scales: EvidenceParameters) -
 
 
 def _price(hessian: Array, deviation: Array) -> float:
-    """What parameters cost of which the ticks say so much, and that had these deviations before."""
+    """Complexity (nats) of parameters with this ``hessian`` (P, P) and prior ``deviation`` (P,)."""
     scaled = hessian * deviation[:, None] * deviation
     return 0.5 * float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])
 
 
 class _Ticks(NamedTuple):
-    """Sums over the ticks: of ``gain``, half the log determinants of free motion over noise; of squared
-    residuals over the noise, ``held``, and over free motion, ``loose``; the number of ``rows``."""
+    """Sums over the ticks: ``gain``, half the log determinants of free motion over noise; squared residuals
+    over noise (``held``) and over free motion (``loose``); the number of ``rows``."""
 
     gain: float
     held: float
@@ -194,7 +196,7 @@ class _Ticks(NamedTuple):
     @classmethod
     def of(cls, residual: Residual, noise_sd: Array, moved_sd: Array, scales: EvidenceParameters) -> "_Ticks":
         scale = np.sqrt(np.square(residual.by_pose * noise_sd[:, None]).sum(axis=2)) + JITTER**2
-        rows = residual.by_pose / scale[..., None]  # nothing depends on the units of a row
+        rows = residual.by_pose / scale[..., None]  # the result does not depend on the units of a row
         held = _held(rows, noise_sd) + JITTER * np.eye(rows.shape[1])
         loose = held + _held(rows, moved_sd)
         new = (_new(residual.value, scales) / scale)[..., None]
@@ -207,7 +209,7 @@ class _Ticks(NamedTuple):
         )
 
     def log_ratio(self, play: float) -> float:
-        """With residuals ``play`` times the noise."""
-        loose = min(self.loose, self.rows)  # free motion follows what is smooth
+        """Log-likelihood ratio against free motion, with ``play`` times the noise."""
+        loose = min(self.loose, self.rows)  # free motion can follow smooth motion
         misfit = 0.5 * (self.held / play**2 - loose)
         return self.gain - self.rows * float(np.log(play)) - misfit

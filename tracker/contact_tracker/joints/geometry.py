@@ -1,4 +1,4 @@
-"""A joint that was found, as elements in the body and in the world."""
+"""Geometry of a joint: its elements in the body and in the world."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,15 +15,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """How an object moves that moves as in a joint.
+    """A joint as whose motion the object moves.
 
     Parameters
     ----------
-    kind, probability : of motion as in this joint.
+    kind, probability : kind of the joint and its probability.
     object, environment : its axis in the body frame and in the world frame; of a ball joint its centre in
         both. A slider's axis is the line along which the body's origin moves.
-    pitch_m_per_rad : shift along the axis while the object turns about it: of a hinge zero, of sliders and
-        ball joints None; ``pitch_sd_m_per_rad`` its standard deviation, of screws.
+    pitch_m_per_rad : translation along the axis per radian about it; zero for hinges, None for sliders and
+    ball
+        joints. ``pitch_sd_m_per_rad`` is its standard deviation, for screws.
     """
 
     kind: JointKind
@@ -34,7 +35,7 @@ class Joint:
     pitch_sd_m_per_rad: float | None
 
     def to_json(self) -> dict[str, Any]:
-        """The object that stands in ``joint``."""
+        """The JSON object of key ``joint``."""
         return {
             "kind": self.kind.value,
             "probability": float(self.probability),
@@ -46,12 +47,12 @@ class Joint:
 
 
 def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origin_m: Array) -> Joint:
-    """With elements in the user's frames.
+    """The joint with its elements in the user's frames.
 
     Parameters
     ----------
-    near_m : (3,) where the body's origin was on average: an axis in the world is told by its point near it.
-    origin_m : (3,) where the world's origin stands from which the ticks are seen.
+    near_m : (3,) mean position of the body's origin; the world axis is given by its nearest point.
+    origin_m : (3,) origin of the ticks' coordinates in the world.
     """
     frames, kind = fitted.frames, fitted.model.kind
     whole = np.zeros((PITCH + 1, PITCH + 1))
@@ -71,7 +72,7 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origin_m: A
 
 
 def _block(whole: Array, turn: NDArray[np.int64], point: NDArray[np.int64]) -> Array:
-    """Covariance (6, 6) of a frame's turns and shifts about and along its own axes."""
+    """Covariance (6, 6) of a frame's turns about and shifts along its own axes."""
     some = np.concatenate([turn, point])
     return np.asarray(whole[np.ix_(some, some)])
 

@@ -1,7 +1,7 @@
-"""What each joint is: its residuals and their derivatives (docs/theory.md, T43).
+"""The joint models: residuals and their derivatives (docs/theory.md, T43).
 
-A joint's frames, one in the body and one in the world, coincide in the joint's zero position, but for the
-motion that it allows. All four joints keep some of the same six numbers at zero. z is the joint's axis.
+A joint has a frame in the body and one in the world, with z along its axis. Up to the motion that the joint
+allows, the two coincide: each joint keeps some of the same six coordinates at zero.
 """
 
 from collections.abc import Callable
@@ -19,19 +19,19 @@ from contact_tracker.motion.lifted_pose import R, T
 Array = NDArray[np.float64]
 
 S_X, S_Y, S_Z, TILT_X, TILT_Y, ANGLE = range(6)
-"""Of the joint's frame in the body as seen from that in the world: where its origin is (m), by how much its
-axis leans, and its angle about the axis (rad)."""
+"""Coordinates of the joint's body frame in its world frame: origin (m), tilt of the axis, and angle about the
+axis (rad)."""
 BODY_POINT: Final = np.arange(0, 3)
 WORLD_POINT: Final = np.arange(3, 6)
 BODY_TURN: Final = np.arange(6, 9)
 WORLD_TURN: Final = np.arange(9, 12)
 PITCH: Final = 12
 _LEAST_TURN: Final = 1e-12
-"""Of the mean square of an angle (rad^2): with less there is no pitch to start from."""
+"""Least mean square of the angle (rad^2) from which a starting pitch is estimated."""
 
 
 class JointKind(StrEnum):
-    """Motion that joints allow."""
+    """Kinds of joints."""
 
     HINGE = "hinge"
     SLIDER = "slider"
@@ -40,13 +40,14 @@ class JointKind(StrEnum):
 
     @property
     def constraints(self) -> int:
-        """That the joint puts on the motion."""
+        """Number of constraints on the motion."""
         return 3 if self is JointKind.BALL else 5
 
 
 class Residual(NamedTuple):
-    """Of W ticks and K constraints: ``value`` (W, K), and its derivatives by the pose, ``by_pose`` (W, K, 6):
-    turns about the body's axes, shifts along the world's; and by the parameters, ``by_x`` (W, K, P)."""
+    """Residuals of W ticks and K constraints: ``value`` (W, K), with derivatives by the pose, ``by_pose`` (W,
+    K, 6) (turns about the body's axes, shifts along the world's), and by the parameters, ``by_x`` (W, K,
+    P)."""
 
     value: Array
     by_pose: Array
@@ -55,8 +56,8 @@ class Residual(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointFrames:
-    """Where a joint is: its frames' axes (columns of ``body_axes`` (3, 3) and ``world_axes`` (3, 3)) and
-    origins (m), and the ``pitch_m``, by which it shifts along its axis per radian."""
+    """The frames of a joint: axes (columns of ``body_axes`` (3, 3) and ``world_axes`` (3, 3)) and origins
+    (m), and the ``pitch_m``, the translation along the axis per radian."""
 
     body_axes: Array
     body_point_m: Array
@@ -65,7 +66,7 @@ class JointFrames:
     pitch_m: float = 0.0
 
     def moved(self, step: Array) -> Self:
-        """The frames after a ``step`` (13,): shifts and turns along and about their own axes."""
+        """The frames after a ``step`` (13,): shifts along and turns about their own axes, and the pitch."""
         return replace(
             self,
             body_axes=self.body_axes @ _turn(step[BODY_TURN]),
@@ -80,9 +81,9 @@ class JointFrames:
 class JointModel:
     """One ``kind`` of joint.
 
-    ``rows`` are the numbers that it keeps at zero, of ``S_X`` to ``ANGLE``; ``free`` are the parameters, of
-    the 13 of ``JointFrames.moved``, by which joints of this kind differ. With a ``pitched`` one the shift
-    along the axis follows the angle.
+    ``rows`` are the coordinates that it keeps at zero, of ``S_X`` to ``ANGLE``; ``free`` are its parameters
+    among the 13 of ``JointFrames.moved``. If it is ``pitched``, the translation along the axis follows the
+    angle.
     """
 
     kind: JointKind
@@ -98,7 +99,7 @@ class JointModel:
         return frames.moved(whole)
 
     def residual(self, frames: JointFrames, zeta: Array) -> Residual:
-        """Of ticks with the mean lifted poses ``zeta`` (W, 25)."""
+        """Residuals of ticks with mean lifted poses ``zeta`` (W, 25)."""
         value, by_pose, by_x = _coordinates(frames, zeta)
         if self.pitched:
             value[:, S_Z] -= frames.pitch_m * value[:, ANGLE]
@@ -110,7 +111,8 @@ class JointModel:
 
 
 def _coordinates(frames: JointFrames, zeta: Array) -> tuple[Array, Array, Array]:
-    """The six numbers (W, 6), and their derivatives by the pose (W, 6, 6) and all parameters (W, 6, 13)."""
+    """The six coordinates (W, 6), and their derivatives by the pose (W, 6, 6) and all parameters (W, 6,
+    13)."""
     rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T]
     world, body, count = frames.world_axes.T, frames.body_axes, len(zeta)
     turned = world @ rotation
@@ -161,8 +163,8 @@ def _start_ball(zeta: Array) -> JointFrames:
 
 
 def _still_point(zeta: Array, along: Array) -> tuple[Array, Array]:
-    """The points of body and world that stay nearest to each other in the directions ``along`` (K, 3); the
-    nearest to the origins where several do."""
+    """The points of body and world with least mean squared distance in the directions ``along`` (K, 3); of
+    several those nearest to the origins."""
     rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T]
     left = np.concatenate([along @ rotation, np.broadcast_to(-along, (len(zeta), *along.shape))], axis=2)
     points = np.linalg.lstsq(left.reshape(-1, 6), -(position @ along.T).ravel(), rcond=1e-6)[0]
@@ -170,7 +172,7 @@ def _still_point(zeta: Array, along: Array) -> tuple[Array, Array]:
 
 
 def _start_hinge(zeta: Array) -> JointFrames:
-    """The direction that turns least, and a point that moves least across it."""
+    """The direction that rotates least, and a point that moves least across it."""
     left, _, right = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
     axis, own = left[:, 0], right[0]
     across = sphere_tangent(axis)
@@ -181,7 +183,7 @@ def _start_hinge(zeta: Array) -> JointFrames:
     frames = JointFrames(_about(own), body, _about(axis), world)
     angle = _coordinates(frames, zeta)[0][:, ANGLE]
     whole = np.zeros(PITCH + 1)
-    whole[BODY_TURN[2]] = -angle.mean()  # angles about zero: they are far from where they wrap
+    whole[BODY_TURN[2]] = -angle.mean()  # centre the angles at zero, far from where they wrap
     return frames.moved(whole)
 
 
@@ -196,7 +198,7 @@ def _start_screw(zeta: Array) -> JointFrames:
 
 
 def _start_slider(zeta: Array) -> JointFrames:
-    """The mean orientation and place, and the direction in which the body moves most."""
+    """The mean orientation and position, and the direction in which the body moves most."""
     left, _, right = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
     mean = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     place = zeta[:, T].mean(axis=0)
@@ -224,4 +226,4 @@ JOINT_MODELS: Final = (
     ),
     JointModel(JointKind.BALL, (S_X, S_Y, S_Z), np.array([*BODY_POINT, *WORLD_POINT]), _start_ball),
 )
-"""In the order of ``JointKind``."""
+"""Models in the order of ``JointKind``."""
