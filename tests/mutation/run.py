@@ -31,7 +31,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 from mutants import Mutant, apply, mutants_of  # noqa: E402  the path comes first
 
 TESTS: dict[str, list[str]] = {
-    "contacts": ["contacts", "hypotheses"],
+    "contacts": [
+        "contacts",
+        *(f"hypotheses/test_{name}.py" for name in ("evidence", "gauss_newton", "element_prior", "parity")),
+    ],
     "hypotheses/evidence.py": ["hypotheses"],
     "hmm": ["hmm"],
     "motion/pose_validation.py": ["motion"],

@@ -345,7 +345,9 @@ def test_panics_of_the_library_are_damage_said_in_a_line_of_ours(
     assert run(["info", str(path)]) == code
     lines = capfd.readouterr().err.splitlines()
     assert all(line.startswith("contact-tracker: ") for line in lines)
-    assert any("damaged: assertion failed" in line or "as a table: assertion failed" in line for line in lines)
+    assert any(
+        "damaged: assertion failed" in line or "as a table: assertion failed" in line for line in lines
+    )
     os.write(2, b"it is heard again")
     assert capfd.readouterr().err == "it is heard again"
 
