@@ -263,6 +263,14 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     assert log.counts["nonfinite"] == 1
 
 
+@pytest.mark.parametrize("line", ["\n", "#\n", "# t x y z qx qy qz qw\n", "  \n"])
+def test_lines_without_an_end_that_say_nothing_are_refused(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.tum"
+    path.write_text(line * 10_000 + "0 0 0 0 0 0 0 1\n")
+    with pytest.raises(UnreadableRecording, match="its first 64 lines are empty or comments"):
+        open_log(str(path))
+
+
 @pytest.mark.parametrize(("rows", "dictionary"), [(20_000_000, True), (3_000_000, False)])
 def test_parquet_becomes_no_more_than_its_size_explains(tmp_path: Path, rows: int, dictionary: bool) -> None:
     pyarrow = pytest.importorskip("pyarrow")

@@ -42,7 +42,9 @@ def layout_of_text(lines: Sequence[str]) -> TableLayout:
     if is_vicon(first):
         return vicon_layout(lines)
     skip = _comments(lines)
-    data = next((line for line in lines[skip:] if line.strip()), "")
+    data = next((line for line in lines[skip:] if line.strip() and not line.startswith("#")), None)
+    if data is None:
+        raise UnreadableRecording(f"its first {len(lines)} lines are empty or comments: leave them out")
     separator = next((mark for mark in (",", ";", "\t") if mark in data), None)
     if separator == "\t" and len(data.split("\t")) < len(data.split()) == _TUM_NAMES:
         separator = None  # blanks and tabs as they came
