@@ -493,3 +493,9 @@ def test_of_faces_the_height_on_either_is_open():
     expected[:3, :3] = covariance[:3, :3]
     np.testing.assert_allclose(found.object.covariance, expected)
     np.testing.assert_allclose(found.environment.covariance, covariance[3:, 3:] + reach_sq)
+
+
+@each_model
+def test_as_many_poses_tell_the_geometry_as_have_a_residual_for_each_free_direction(model):
+    free = model.family.tangent(random_x(model, np.random.default_rng(0)), np.zeros(6)).shape[-1]
+    assert model.needed * model.family.ROWS == free
