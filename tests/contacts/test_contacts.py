@@ -499,3 +499,12 @@ def test_of_faces_the_height_on_either_is_open():
 def test_as_many_poses_tell_the_geometry_as_have_a_residual_for_each_free_direction(model):
     free = model.family.tangent(random_x(model, np.random.default_rng(0)), np.zeros(6)).shape[-1]
     assert model.needed * model.family.ROWS == free
+
+
+def test_each_edge_has_its_part_of_the_covariance():
+    rng, model = np.random.default_rng(3), CONTACT_MODELS[Contact.EE.column]
+    root = rng.normal(size=(12, 12))
+    covariance = root @ root.T
+    found = model.geometry(random_x(model, rng), covariance, 0.5)
+    np.testing.assert_array_equal(found.object.covariance, covariance[:6, :6])
+    np.testing.assert_array_equal(found.environment.covariance, covariance[6:, 6:])
