@@ -488,7 +488,9 @@ def test_of_faces_the_height_on_either_is_open():
     rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.FF.column]
     root = rng.normal(size=(7, 7))
     covariance, reach_sq = root @ root.T, np.diag([0.0, 0.0, 0.0, 0.5**2])
-    found = model.geometry(random_x(model, rng), covariance, 0.5)
+    x = random_x(model, rng)
+    found = model.geometry(x, covariance, 0.5)
+    assert (found.object.offset_m, found.environment.offset_m) == (0.0, x[6])
     expected = reach_sq.copy()
     expected[:3, :3] = covariance[:3, :3]
     np.testing.assert_allclose(found.object.covariance, expected)
@@ -508,3 +510,12 @@ def test_each_edge_has_its_part_of_the_covariance():
     found = model.geometry(random_x(model, rng), covariance, 0.5)
     np.testing.assert_array_equal(found.object.covariance, covariance[:6, :6])
     np.testing.assert_array_equal(found.environment.covariance, covariance[6:, 6:])
+
+
+def test_vertex_and_face_have_their_parts_of_the_covariance():
+    rng, model = np.random.default_rng(5), CONTACT_MODELS[Contact.VF.column]
+    root = rng.normal(size=(7, 7))
+    covariance = root @ root.T
+    found = model.geometry(random_x(model, rng), covariance, 0.5)
+    np.testing.assert_array_equal(found.object.covariance, covariance[:3, :3])
+    np.testing.assert_array_equal(found.environment.covariance, covariance[3:, 3:])
