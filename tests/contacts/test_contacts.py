@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS, parameter_layout
+from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.motion import lifted_pose
 from contact_tracker.paper import direct, motion
 from contact_tracker.states import CONTACTS, Contact
@@ -435,3 +436,86 @@ def test_starts_of_an_exact_motion_hold_the_truth(contact):
         true = x_of(contact, t.object, t.environment)[directions].reshape(-1, 3)
         cosine = np.abs(np.einsum("nds,ds->nd", starts[:, directions].reshape(len(starts), -1, 3), true))
         assert cosine.min(axis=1).max() > np.cos(np.radians(3.0))
+
+
+@each_model
+def test_places_and_starts_of_batches_are_many_singles(model):
+    family, rng = model.family, np.random.default_rng(4)
+    anchors = rng.normal(size=(2, 5, 6))
+    placed = family.place(anchors)
+    assert placed.shape == (2, 5, family.SIZE)
+    np.testing.assert_array_equal(placed[1, 3], family.place(anchors[1, 3]))
+    zeta = model.lifted(lifted_pose.lift(*random_poses(rng, 40)).reshape(4, 10, -1))
+    moments = np.swapaxes(zeta, -1, -2) @ zeta
+    found = family.starts(moments)
+    assert found.shape == (4, found.shape[1], family.SIZE)
+    np.testing.assert_allclose(np.abs(found[2]), np.abs(family.starts(moments[2])), atol=1e-6)
+
+
+@pytest.mark.parametrize("along", [[0.3, 0.0], [0.0, -0.4], [0.2, 0.7]])
+def test_an_edge_is_the_same_wherever_on_it_its_point_is(along):
+    model, rng = CONTACT_MODELS[Contact.EE.column], np.random.default_rng(2)
+    zeta, x = lifted_pose.lift(*random_poses(rng)), random_x(CONTACT_MODELS[Contact.EE.column], rng)
+    shifted = x.copy()
+    shifted[3:6] += along[0] * x[:3]
+    shifted[9:12] += along[1] * x[6:9]
+    same, found = model.measure(x[None], zeta), model.measure(shifted[None], zeta)
+    for name in ("residual", "lever_sq", "reach_sq", "along"):
+        np.testing.assert_allclose(getattr(found, name), getattr(same, name), atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 0.3])
+def test_where_edges_are_taken_for_less_parallel_than_they_are_nothing_changes_the_sine(angle_deg):
+    family, x, moments = CONTACT_MODELS[Contact.EE.column].family, np.zeros((1, 12)), np.zeros((1, 19, 19))
+    x[0, :3], x[0, 6:9] = [1.0, 0.0, 0.0], [np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)), 0.0]
+    moments[0, 18, :9], moments[0, 18, 18] = np.eye(3).ravel(), 1.0
+    assert (family.log_scale_sq_derivative(x, moments) == 0.0).all()
+    x[0, 6:9] = [0.8, 0.6, 0.0]
+    assert (family.log_scale_sq_derivative(x, moments) != 0.0).any()
+
+
+@each_model
+def test_the_object_s_element_comes_first(model):
+    first, second = model.contact.value.split("-")
+    kinds = {"f": Plane, "e": Line, "v": Point}
+    found = model.geometry(random_x(model, np.random.default_rng(0)), np.eye(model.family.SIZE), 0.5)
+    assert isinstance(found.object, kinds[first])
+    assert isinstance(found.environment, kinds[second])
+
+
+def test_of_faces_the_height_on_either_is_open():
+    """Only their distance is known: each may lie anywhere within reach of the body."""
+    rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.FF.column]
+    root = rng.normal(size=(7, 7))
+    covariance, reach_sq = root @ root.T, np.diag([0.0, 0.0, 0.0, 0.5**2])
+    x = random_x(model, rng)
+    found = model.geometry(x, covariance, 0.5)
+    assert (found.object.offset_m, found.environment.offset_m) == (0.0, x[6])
+    expected = reach_sq.copy()
+    expected[:3, :3] = covariance[:3, :3]
+    np.testing.assert_allclose(found.object.covariance, expected)
+    np.testing.assert_allclose(found.environment.covariance, covariance[3:, 3:] + reach_sq)
+
+
+@each_model
+def test_as_many_poses_tell_the_geometry_as_have_a_residual_for_each_free_direction(model):
+    free = model.family.tangent(random_x(model, np.random.default_rng(0)), np.zeros(6)).shape[-1]
+    assert model.needed * model.family.ROWS == free
+
+
+def test_each_edge_has_its_part_of_the_covariance():
+    rng, model = np.random.default_rng(3), CONTACT_MODELS[Contact.EE.column]
+    root = rng.normal(size=(12, 12))
+    covariance = root @ root.T
+    found = model.geometry(random_x(model, rng), covariance, 0.5)
+    np.testing.assert_array_equal(found.object.covariance, covariance[:6, :6])
+    np.testing.assert_array_equal(found.environment.covariance, covariance[6:, 6:])
+
+
+def test_vertex_and_face_have_their_parts_of_the_covariance():
+    rng, model = np.random.default_rng(5), CONTACT_MODELS[Contact.VF.column]
+    root = rng.normal(size=(7, 7))
+    covariance = root @ root.T
+    found = model.geometry(random_x(model, rng), covariance, 0.5)
+    np.testing.assert_array_equal(found.object.covariance, covariance[:3, :3])
+    np.testing.assert_array_equal(found.environment.covariance, covariance[3:, 3:])

@@ -43,7 +43,9 @@ def attack(name: str, case: int, folder: Path) -> str | None:
         target.attack(path, rng)
     except Violation as error:
         return str(error)
-    except Exception:
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # panics of Rust are no Exception
         return traceback.format_exc()
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)

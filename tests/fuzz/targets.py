@@ -2,11 +2,14 @@
 
 import io
 import json
+import os
 import random
 import re
-from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import NamedTuple
 
 import corpus
@@ -41,7 +44,7 @@ class Target(NamedTuple):
 def _command(*arguments: object) -> tuple[int, str]:
     """Run a command: its code and its output; what goes to stderr are lines of ours."""
     out, err = io.StringIO(), io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
+    with _told_of_libraries(err), redirect_stdout(out), redirect_stderr(err):
         code = run([str(argument) for argument in arguments])
     text = err.getvalue()
     if code not in CODES:
@@ -57,6 +60,22 @@ def _command(*arguments: object) -> tuple[int, str]:
         if not line.isprintable():
             raise Violation(f"what steers a terminal: {line!r}")
     return code, out.getvalue()
+
+
+@contextmanager
+def _told_of_libraries(err: io.StringIO) -> Iterator[None]:
+    """Add to ``err`` what is written to the file descriptor of stderr, past Python."""
+    sys.stderr.flush()
+    with TemporaryFile() as note:
+        usual = os.dup(2)
+        os.dup2(note.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(usual, 2)
+            os.close(usual)
+        note.seek(0)
+        err.write(note.read().decode(errors="replace"))
 
 
 def _recording(path: Path, rng: random.Random) -> None:

@@ -55,3 +55,12 @@ def test_several_hypotheses_grow_at_once() -> None:
 def test_without_hypotheses_there_is_no_past() -> None:
     mixed = fixed_lag.mixed(np.zeros((0, LAG, STATES)), np.zeros(0))
     np.testing.assert_array_equal(mixed, np.zeros((LAG, STATES)))
+
+
+@pytest.mark.filterwarnings("error")
+def test_weights_may_be_as_far_apart_as_they_like() -> None:
+    """What is hopeless counts for nothing, also where its weight is no number any more."""
+    past = np.eye(STATES)[:, None]
+    log_left, even = np.array([-2000.0, 0.0, -4000.0]), np.zeros((STATES, STATES))
+    np.testing.assert_array_equal(fixed_lag.inherited(past, log_left, even), past[[1, 1, 1]])
+    np.testing.assert_array_equal(fixed_lag.mixed(past, log_left), past[1])

@@ -257,6 +257,27 @@ def test_many_onsets_may_stay_open():
     np.testing.assert_allclose(past.posterior(forward.living), expected, atol=1e-9)
 
 
+def test_a_row_that_is_given_back_serves_another_onset():
+    """Sixteen onsets fill the smoother's rows; one that is over by the end takes the row of the newest."""
+    rng, ticks = np.random.default_rng(6), 17
+    value = 0.05 * rng.normal(size=(2, ticks, ticks + 1))
+    initial, change = np.log([0.5, 0.5]), np.log(rng.dirichlet(np.ones(2), (ticks, 2)))
+    forward, past, alive = hmm.ForwardFilter(initial), hmm.OpenTicks(), []
+    for tick in range(ticks):
+        onsets = np.arange(1 if tick == ticks - 1 else 0, tick + 1)
+        state, onset = np.repeat([0, 1], len(onsets)), np.tile(onsets, 2)
+        alive.append(np.concatenate([onsets, ticks + onsets]))
+        past.append(forward.advance(state, onset, value[state, onset, tick + 1], change[tick]))
+    trellis = hmm.Trellis(
+        np.repeat([0, 1], ticks),
+        np.tile(np.arange(ticks), 2),
+        alive,
+        [value.reshape(-1, ticks + 1)[rows, tick + 1] for tick, rows in enumerate(alive)],
+    )
+    expected = hmm.smooth(trellis, initial, change)[0]
+    np.testing.assert_allclose(past.posterior(forward.living), expected, atol=1e-9)
+
+
 def test_what_rounding_takes_from_a_posterior_is_given_back():
     past, living = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
     for chance in (0.0, 0.9):  # instead of one

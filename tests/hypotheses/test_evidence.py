@@ -122,6 +122,26 @@ def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
 
 
 @each_model
+@pytest.mark.parametrize("cut", [0, 3])
+def test_errors_that_last_leave_of_a_residual_what_is_new(model, cut):
+    """A hypothesis that begins in the window has no residual before; nor has the first tick of all."""
+    rho = 0.6
+    whole, x = window(np.random.default_rng(8), model)
+    seen, scales = whole.cut(cut, None), replace(SCALES, correlation=rho)
+    assert (seen.before is None) == (cut == 0)
+    measured = model.measure(x, whole.zeta)
+    noise = evidence.residual_noise(measured, whole)
+    for onset in (None, 0, cut, 5):
+        onsets = None if onset is None else np.full(len(x), onset)
+        chi_sq = evidence.log_ratio(model, x, seen, scales, None, onsets).chi_sq
+        for tick in range(cut, len(whole)):
+            now = measured.residual[:, :, tick]
+            is_first = tick in (0, onset)
+            new = now * np.sqrt(1.0 - rho**2) if is_first else now - rho * measured.residual[:, :, tick - 1]
+            np.testing.assert_allclose(chi_sq[:, tick - cut], new**2 / noise[:, :, tick], rtol=1e-9)
+
+
+@each_model
 def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
     """As a camera sees depth: residuals of noisy poses scatter as much as they are said to."""
     rng = np.random.default_rng(5)

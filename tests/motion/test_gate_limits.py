@@ -188,3 +188,17 @@ def test_a_whole_recording_passes_as_its_poses_do(name: str) -> None:
     expected += passed.finish()
     assert list(gate(Poses.collect(poses))) == expected
     assert list(gate(iter(poses))) == expected
+
+
+@pytest.mark.parametrize("last", ["origin", "excursion"])
+def test_a_batch_after_a_pose_that_is_held_or_was_dropped_is_looked_at_closely(last: str) -> None:
+    odd = BATCHES[last][9]
+    before = [*turning(0, 0.01, 60)[:-1], odd._replace(stamp_ns=59 * 5 * MS)]
+    batch = turning(0, 0.01, 30, first=60)
+    one_by_one, at_once = PoseGate(), PoseGate()
+    for pose in before:
+        assert one_by_one.admit(pose) == at_once.admit(pose)
+    assert at_once.admit_all(Poses.collect(batch)) is None
+    expected = [one for pose in batch for one in one_by_one.admit(pose)]
+    assert [one for pose in batch for one in at_once.admit(pose)] == expected
+    assert dict(at_once.counts) == dict(one_by_one.counts)

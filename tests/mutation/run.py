@@ -31,10 +31,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 from mutants import Mutant, apply, mutants_of  # noqa: E402  the path comes first
 
 TESTS: dict[str, list[str]] = {
-    "contacts": ["contacts", "hypotheses"],
-    "hypotheses/evidence.py": ["hypotheses"],
+    "contacts": [
+        "contacts",
+        *(f"hypotheses/test_{name}.py" for name in ("evidence", "gauss_newton", "element_prior", "parity")),
+    ],
+    "hypotheses/evidence.py": ["hypotheses", "tracking/test_ambiguity.py"],
     "hmm": ["hmm"],
-    "motion/pose_validation.py": ["motion"],
+    "motion/pose_validation.py": ["motion/test_pose_validation.py", "motion/test_gate_limits.py"],
     "motion/tick_averaging.py": ["motion"],
     "motion/window.py": ["motion", "hypotheses"],
     "tracking/ambiguity.py": ["tracking/test_ambiguity.py"],
@@ -58,11 +61,14 @@ class Coverage(NamedTuple):
 class Plugin:
     """Runs inside pytest once the tests are collected, in place of its own loop."""
 
-    def __init__(
-        self, files: list[str], budget_s: float, processes: int, every: int, first: int, verbose: bool
-    ) -> None:
-        self.files, self.budget_s, self.processes, self.verbose = files, budget_s, processes, verbose
-        self.every, self.first = every, first
+    def __init__(self, files: list[str], args: argparse.Namespace, named: set[str] | None) -> None:
+        self.files, self.budget_s, self.processes, self.verbose = (
+            files,
+            args.budget,
+            args.processes,
+            args.show,
+        )
+        self.every, self.first, self.named = args.every, args.first, named
         self.failed = False
         self.survivors = list[str]()
         self.tried = 0
@@ -87,6 +93,8 @@ class Plugin:
         running: dict[int, Mutant] = {}
         for file, module in zip(self.files, modules, strict=True):
             for mutant in islice(mutants_of(PACKAGE, file), self.first, None, self.every):
+                if self.named is not None and mutant.name not in self.named:
+                    continue
                 tests = self._tests(mutant, coverage)
                 self.tried += 1
                 self.names.add(mutant.name)
@@ -214,6 +222,11 @@ def main() -> int:
     parser.add_argument("--budget", type=float, default=2.0, help="seconds of tests a fault (default: 2)")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="try one of N faults only")
     parser.add_argument("--first", type=int, default=0, help="which of these (default: 0)")
+    parser.add_argument(
+        "--survivors",
+        action="store_true",
+        help="only the faults that survivors.toml names, as after new tests",
+    )
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument(
         "--show",
@@ -228,14 +241,14 @@ def main() -> int:
     phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
     hypothesis.settings.register_profile("mutation", phases=phases, **quick)
     hypothesis.settings.load_profile("mutation")
-    plugin = Plugin(files, args.budget, args.processes, args.every, args.first, args.show)
+    groups: dict[str, dict[str, Any]] = tomllib.loads(SURVIVORS.read_text(encoding="utf-8"))
+    named = {name for group in groups.values() for name in group["faults"]}
+    plugin = Plugin(files, args, named if args.survivors else None)
     options = ["-p", "no:cacheprovider", "-p", "no:terminal", "-p", "no:xdist", f"--rootdir={ROOT}"]
     code = pytest.main([*options, "-c", str(ROOT / "pyproject.toml"), *tests], plugins=[plugin])
     if code:
         print(f"pytest ended with {code!r} after {plugin.tried} faults", file=sys.stderr)
         return int(code)
-    groups: dict[str, dict[str, Any]] = tomllib.loads(SURVIVORS.read_text(encoding="utf-8"))
-    named = {name for group in groups.values() for name in group["faults"]}
     alive = set(plugin.survivors)
     new = [name for name in plugin.survivors if name not in named]
     killed = sorted(name for name in named & plugin.names - alive)

@@ -1,6 +1,7 @@
 """Trajectories in text files and tables, written by other libraries, and exports of motion capture."""
 
 import csv
+import os
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_tracker.cli.main import run
 from contact_tracker.errors import AmbiguousSource, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import list_sources, open_log, summarise
@@ -262,6 +264,14 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     assert log.counts["nonfinite"] == 1
 
 
+@pytest.mark.parametrize("line", ["\n", "#\n", "# t x y z qx qy qz qw\n", "  \n"])
+def test_lines_without_an_end_that_say_nothing_are_refused(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.tum"
+    path.write_text(line * 10_000 + "0 0 0 0 0 0 0 1\n")
+    with pytest.raises(UnreadableRecording, match="its first 64 lines are empty or comments"):
+        open_log(str(path))
+
+
 @pytest.mark.parametrize(("rows", "dictionary"), [(20_000_000, True), (3_000_000, False)])
 def test_parquet_becomes_no_more_than_its_size_explains(tmp_path: Path, rows: int, dictionary: bool) -> None:
     pyarrow = pytest.importorskip("pyarrow")
@@ -303,6 +313,52 @@ def test_parquet_whose_pages_cannot_be_told_is_refused(tmp_path: Path) -> None:
     path.write_bytes(whole[:4] + b"\xff" * 40 + whole[44:])
     with pytest.raises(UnreadableRecording, match="where its pages begin cannot be read"):
         open_log(str(path))
+
+
+def write_groups(path: Path, rows_of_group: int, poses: Poses = POSES) -> Path:
+    """Parquet of so many rows in a group."""
+    from pyarrow import Table, parquet
+
+    names = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+    table = Table.from_arrays(list(columns(poses).T), names)
+    parquet.write_table(table, path, row_group_size=rows_of_group, compression="zstd")
+    return path
+
+
+@pytest.mark.parametrize("rows_of_group", [1, 7, 299, 300])
+def test_all_groups_of_parquet_are_read(tmp_path: Path, rows_of_group: int) -> None:
+    pytest.importorskip("pyarrow")
+    assert_read(write_groups(tmp_path / "a.parquet", rows_of_group), time_ns=1000)
+
+
+def test_one_group_of_parquet_may_be_long(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    poses = smooth_poses(25_000)
+    assert_read(write_groups(tmp_path / "a.parquet", 25_000, poses), poses, time_ns=1000)
+
+
+@pytest.mark.parametrize(("step", "code"), [("collect_schema", 1), ("collect", 1)])
+def test_panics_of_the_library_are_damage_said_in_a_line_of_ours(
+    step: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As polars does of some damaged Parquet files: its threads print, and what is raised is no Exception."""
+    import polars
+
+    def panic(*_: object, **__: object) -> None:
+        os.write(2, b"thread 'async-executor-0' panicked at immutable.rs:329:9\n")
+        raise polars.exceptions.PanicException("assertion failed: offset + length <= self.length")
+
+    pytest.importorskip("pyarrow")
+    path = write_groups(tmp_path / "a.parquet", 100)
+    monkeypatch.setattr(polars.LazyFrame, step, panic)
+    assert run(["info", str(path)]) == code
+    lines = capfd.readouterr().err.splitlines()
+    assert all(line.startswith("contact-tracker: ") for line in lines)
+    assert any(
+        "damaged: assertion failed" in line or "as a table: assertion failed" in line for line in lines
+    )
+    os.write(2, b"it is heard again")
+    assert capfd.readouterr().err == "it is heard again"
 
 
 def test_without_polars_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

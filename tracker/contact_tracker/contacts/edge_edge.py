@@ -101,9 +101,8 @@ def place(anchors: Array) -> Array:
 
 def starts(moments: Array) -> Array:
     """The relaxed problem's smallest directions, each brought to the nearest pair of lines."""
-    c = np.swapaxes(smallest_directions(moments[..., :18, :18], slice(9, 18), RIDGE), -1, -2)[
-        ..., :STARTS, 9:18
-    ]
+    found = smallest_directions(moments[..., :18, :18], slice(9, 18), RIDGE)
+    c = np.swapaxes(found, -1, -2)[..., :STARTS, :]
     left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
     zero = np.zeros((*c.shape[:-1], 3))
     x = np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)

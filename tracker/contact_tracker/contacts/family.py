@@ -125,21 +125,17 @@ def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Arr
 
 
 def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
-    """Eigenvectors (..., C, k) of a relaxed problem, in order of their minima.
+    """Solutions (..., k, k) of a relaxed problem in its columns, in order of their minima.
 
-    Minimises ``c M c`` over coefficients c (..., C) with unit length in the k entries ``keep``: the others
-    are eliminated (Schur complement, held by a ridge).
+    Minimises ``c M c`` over coefficients c (..., C) with unit length in the k entries ``keep``, which are
+    returned: the others are eliminated (Schur complement, held by a ridge).
     """
     kept, rest = _kept_and_rest(moments.shape[-1], keep.start, keep.stop)
     scale = ridge * moments.trace(axis1=-2, axis2=-1)[..., None, None]
     inner = moments[..., rest[:, None], rest] + scale * np.eye(len(rest))
     coupling = -np.linalg.solve(inner, moments[..., rest[:, None], kept])
     schur = moments[..., kept[:, None], kept] + moments[..., kept[:, None], rest] @ coupling
-    vectors = np.linalg.eigh(0.5 * (schur + np.swapaxes(schur, -1, -2)))[1]
-    out = np.empty((*moments.shape[:-1], len(kept)))
-    out[..., kept, :] = vectors
-    out[..., rest, :] = coupling @ vectors
-    return out
+    return np.asarray(np.linalg.eigh(0.5 * (schur + np.swapaxes(schur, -1, -2)))[1])
 
 
 @cache

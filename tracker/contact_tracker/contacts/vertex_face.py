@@ -73,7 +73,7 @@ def place(anchors: Array) -> Array:
 
 def starts(moments: Array) -> Array:
     c = np.swapaxes(smallest_directions(moments, slice(9, 12), RIDGE), -1, -2)
-    n = unit(c[..., 9:12])
+    n = unit(c)
     x = np.concatenate([np.zeros_like(n), n, np.zeros_like(n[..., :1])], axis=-1)
     return x
 

@@ -45,7 +45,9 @@ def layout_of_text(lines: Sequence[str]) -> TableLayout:
     if is_vicon(first):
         return vicon_layout(lines)
     skip = _comments(lines)
-    data = next((line for line in lines[skip:] if line.strip()), "")
+    data = next((line for line in lines[skip:] if line.strip() and not line.startswith("#")), None)
+    if data is None:
+        raise UnreadableRecording(f"its first {len(lines)} lines are empty or comments: leave them out")
     separator = _separator(data)
     values = _cells(data, separator)
     names = _header(lines[skip - 1] if skip else "", separator, len(values))

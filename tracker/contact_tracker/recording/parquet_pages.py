@@ -22,15 +22,23 @@ _Struct = Mapping[int, Any]
 """The fields of a Thrift struct by their numbers."""
 
 
-def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> None:
-    """Raise UnreadableRecording if some columns of a file, or its rows of so many bodies, become more than
-    its size explains, or if its page headers cannot be parsed."""
+def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> list[int]:
+    """How many rows are in each group of a file of so many bodies.
+
+    Raises
+    ------
+    UnreadableRecording
+        Some columns of the file, or its rows, become more than its size explains, or page headers cannot be
+        parsed.
+    """
     size = os.path.getsize(path)
     budget.count_read(size)
+    rows = list[int]()
     with open(path, "rb") as file:
         try:
             for group in _footer(file, size).get(4, ()):
                 budget.count_rows(group[3] * bodies)
+                rows.append(group[3])
                 chosen = [column for column in group[1] if _name(column) in names]
                 pages = list[tuple[int, int]]()
                 for column in chosen:
@@ -45,6 +53,7 @@ def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> 
             raise UnreadableRecording(
                 f"it is damaged: where its pages begin cannot be read ({error})"
             ) from error
+    return rows
 
 
 def _footer(file: IO[bytes], size: int) -> _Struct:

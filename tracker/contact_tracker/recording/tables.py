@@ -15,6 +15,7 @@ from contact_tracker.recording.extras import MissingExtra, need
 from contact_tracker.recording.items import Channel, RawMessage
 from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.named_columns import MOST_COLUMNS, layout_of_names, layout_of_text
+from contact_tracker.recording.panics import without_panics
 from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
 from contact_tracker.recording.table_layouts import BLANKS, TableLayout
 from contact_tracker.recording.time_units import unit_of
@@ -76,26 +77,28 @@ def read_table(
     """
     polars = need("polars", "a table")
     try:
-        layout, frame = _opened(polars, path, budget)
+        with without_panics():
+            layout, frame, groups = _opened(polars, path, budget)
     except (UnreadableRecording, MissingExtra):
         raise
-    except Exception as error:  # what polars raises has no common base
+    except (Exception, polars.exceptions.PanicException) as error:  # what polars raises has no common base
         raise UnreadableRecording(f"it cannot be read as a table: {_line(error)}") from error
     topic = os.path.basename(path)
     channels = [row_channel(topic, layout.kind, "", body.name) for body in layout.bodies]
     chosen = [
         (channel, body) for channel, body in zip(channels, layout.bodies, strict=True) if wanted(channel)
     ]
-    batches = frame.collect_batches(chunk_size=_ROWS, maintain_order=True) if chosen else iter(())
+    batches = _batches(polars, frame, groups) if chosen else iter(())
     if time_unit is not None and layout.has_own_unit:
         raise UnreadableRecording(OWN_UNIT)
     scale, lost = TIMES_NS[time_unit] if time_unit is not None else layout.time_ns, 0
     while True:
         try:
-            batch = next(batches)
+            with without_panics():
+                batch = next(batches)
         except StopIteration:
             break
-        except Exception as error:
+        except (Exception, polars.exceptions.PanicException) as error:
             report(f"it is damaged: {_line(error)}")
             break
         if scale is None:
@@ -114,8 +117,25 @@ def read_table(
         report(f"{lost} rows have no time")
 
 
-def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, pl.LazyFrame]":
-    """The layout, and the columns that it needs, by their places as names; the time is text."""
+def _batches(polars: Any, frame: "pl.LazyFrame", groups: list[int] | None) -> "Iterator[pl.DataFrame]":
+    """Rows that have a time; of Parquet group by group, so that no thread reads on between two calls."""
+    has_time = polars.col("time").is_not_null() & (polars.col("time") != "")
+    if groups is None:
+        yield from frame.filter(has_time).collect_batches(chunk_size=_ROWS, maintain_order=True)
+        return
+    first = 0
+    for rows in groups:
+        yield from frame.slice(first, rows).filter(has_time).collect().iter_slices(_ROWS)
+        first += rows
+
+
+def _opened(
+    polars: Any, path: str, budget: WorkBudget
+) -> "tuple[TableLayout, pl.LazyFrame, list[int] | None]":
+    """The layout, the columns that it needs, by their places as names, and the rows of each group of Parquet.
+
+    The time is text.
+    """
     with open(path, "rb") as file:
         is_parquet = file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
     if is_parquet:
@@ -123,9 +143,9 @@ def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, p
         names = frame.collect_schema().names()
         layout = layout_of_names(names, "Parquet", None, 0)
         places = {layout.time, *(place for body in layout.bodies for place in body.columns)}
-        check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
+        groups = check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
         frame = frame.select(polars.col(name).alias(str(i)) for i, name in enumerate(names))
-        return layout, _chosen(polars, frame, layout)
+        return layout, _chosen(polars, frame, layout), groups
     budget.count_read(os.path.getsize(path))
     lines = _head(path)
     if any(line.count(mark) >= MOST_COLUMNS for line in lines for mark in ",;\t "):
@@ -158,7 +178,7 @@ def _opened(polars: Any, path: str, budget: WorkBudget) -> "tuple[TableLayout, p
     if layout.separator != "," or any('"' in line for line in lines):  # else no cell has a comma
         cells = (cell.str.replace(",", ".", literal=True) for cell in cells)
     frame = frame.select(cell.alias(str(place)) for place, cell in enumerate(cells))
-    return layout, _chosen(polars, frame, layout)
+    return layout, _chosen(polars, frame, layout), None
 
 
 def _chosen(polars: Any, frame: Any, layout: TableLayout) -> "pl.LazyFrame":
@@ -166,7 +186,7 @@ def _chosen(polars: Any, frame: Any, layout: TableLayout) -> "pl.LazyFrame":
     numbers = [polars.col(place).cast(polars.Float64, strict=False) for place in places]
     time = polars.col(str(layout.time))
     chosen: pl.LazyFrame = frame.select(time.cast(polars.String).alias("time"), *numbers)
-    return chosen.filter(polars.col("time").is_not_null() & (polars.col("time") != ""))
+    return chosen
 
 
 def _head(path: str) -> list[str]:
