@@ -72,7 +72,7 @@ def main() -> None:
     ticks = round(args.hours * 3600.0 / once[0].state.model.tick_s)
     begin_s = time.process_time()
     for number, seen in enumerate(repeated(once, ticks), start=1):
-        segmenter.note(seen.state, seen.glimpse, seen.belief)
+        segmenter.note(seen.state, seen.tick_result, seen.belief)
         if segmenter.due:
             segments += len(segmenter.conclude().segments)
         if number % (ticks // 10) == 0:

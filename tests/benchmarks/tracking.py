@@ -51,7 +51,7 @@ def track(poses: Poses, model: Model, lags_s: Sequence[float] = LAGS_S) -> Track
             state, belief = tracker.update(state, tick)
             now = FilteredTick(state, tick, belief)
             seen.note(now)
-            segmenter.note(state, now.glimpse, belief)
+            segmenter.note(state, now.tick_result, belief)
             for lag_s, lag in lags.items():
                 if len(seen.beliefs) > lag:
                     lagged[lag_s].append(lagged_belief(state, len(state.recent) - 1 - lag).probability)

@@ -24,14 +24,14 @@ def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
         past.append(step)
         survivors.append(step)
         if b % every == 0:
-            probability, certain = past.look_back(forward.living, tolerance)
+            probability, certain = past.look_back(forward.frontier, tolerance)
             posterior.append(probability[:certain])
             past.drop(certain)
-            path += survivors.decided_prefix(forward.living)
+            path += survivors.decided_prefix(forward.frontier)
             told.append((past.first, survivors.first))
     if len(past):
-        posterior.append(past.look_back(forward.living, tolerance)[0])
-    return path + survivors.finish(forward.living), np.concatenate(posterior), told
+        posterior.append(past.look_back(forward.frontier, tolerance)[0])
+    return path + survivors.finish(forward.frontier), np.concatenate(posterior), told
 
 
 def whole(trellis, log_initial, log_transition):
@@ -51,10 +51,10 @@ def pruned(trellis, log_initial, log_transition, margin=20.0):
         value.append(likelihood[kept])
         state, onset = trellis.state[alive[-1]], trellis.onset[alive[-1]]
         forward.advance(state, onset, value[-1], log_transition[b])
-        living = forward.living
+        frontier = forward.frontier
         good = {
             (a, i)
-            for a, i, w in zip(living.onset, living.state, living.log_weight, strict=True)
+            for a, i, w in zip(frontier.onset, frontier.state, frontier.log_weight, strict=True)
             if w > -margin
         }
         hopeless[alive[-1]] = [pair not in good for pair in zip(onset, state, strict=True)]
@@ -119,8 +119,8 @@ def test_as_many_ticks_are_certain_as_no_future_can_change(checked, seed):
     spread = np.ptp(seen, axis=0).max(axis=1)
     for tolerance in (TOLERANCE, *(spread + 1e-9), *np.maximum(spread - 1e-9, 0.0)):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("contact_tracker.hmm.smoother._CHECKED", checked)
-            certain = past.count_decided(forward.living, float(tolerance))
+            patch.setattr("contact_tracker.hmm.smoother._CHECK_INTERVAL", checked)
+            certain = past.count_decided(forward.frontier, float(tolerance))
         assert certain == int(np.argmax(np.append(spread, np.inf) > tolerance + 1e-12))
 
 
@@ -141,7 +141,7 @@ def test_futures_may_agree_on_now_and_not_on_before():
         )
         state, onset = np.array(alive).T
         past.append(forward.advance(state, onset, np.zeros(len(alive)), into_0.get(tick, never)))
-    posterior, certain = past.look_back(forward.living, TOLERANCE)
+    posterior, certain = past.look_back(forward.frontier, TOLERANCE)
     assert certain == 0
     np.testing.assert_allclose(posterior[[10, 30, 50]], [[0, 0.5, 0.5], [0.5, 0, 0.5], [1, 0, 0]], atol=1e-12)
 
@@ -179,15 +179,15 @@ def test_what_is_alive_and_the_digits_stay_bounded_for_hours(evidence, certain):
         past.append(step)
         survivors.append(step)
         if (past.first + len(past)) % 1000 == 0:
-            probability, until = past.look_back(forward.living, TOLERANCE)
+            probability, until = past.look_back(forward.frontier, TOLERANCE)
             past.drop(until)
-    assert len(forward.living.onset) < 200
-    assert forward.living.log_weight.max() == pytest.approx(0.0, abs=3.0)  # no digits are lost
+    assert len(forward.frontier.onset) < 200
+    assert forward.frontier.log_weight.max() == pytest.approx(0.0, abs=3.0)  # no digits are lost
     assert (len(past) < 1100) is certain
     assert past.size < 10_000 * ticks
     if certain:
         assert probability[0].argmax() == 0
-        ((contact, _, end),) = survivors.finish(forward.living)[-1:]
+        ((contact, _, end),) = survivors.finish(forward.frontier)[-1:]
         assert (contact, end) == (0, ticks)
 
 
@@ -200,9 +200,9 @@ def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
         forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), change)
         state, onset = np.array([0, 0, 0, 0, 1]), np.array([0, 1, 1, 1, 0])
         forward.advance(state, onset, np.array([behind, 0.0, 0.0, 0.0, 0.0]), change)
-        living = forward.living
-        assert np.isfinite(living.log_weight).all()
-        assert living.probability.sum() == pytest.approx(1.0)
+        frontier = forward.frontier
+        assert np.isfinite(frontier.log_weight).all()
+        assert frontier.probability.sum() == pytest.approx(1.0)
 
 
 def test_what_has_not_begun_is_refused():
@@ -227,11 +227,11 @@ def test_what_has_no_way_in_came_from_nowhere():
     """Nothing comes before the first tick, and a state to which no path leads has no best one."""
     forward, only = hmm.ForwardFilter(np.log([0.5, 0.25, 0.25])), np.full((3, 3), -np.inf)
     step = forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), only)
-    assert forward.living.origin.tolist() == [-1, -1]
+    assert forward.frontier.origin.tolist() == [-1, -1]
     assert step.best.tolist() == [[0, 0, -1], [-1, -1, -1]]
     only[1, 2] = 0.0
     step = forward.advance(np.array([0, 2]), np.array([0, 1]), np.zeros(2), only)
-    assert forward.living.origin.tolist() == [-1, 1]
+    assert forward.frontier.origin.tolist() == [-1, 1]
     assert step.best.tolist() == [[0, -1, 1], [-1, -1, 1]]
 
 
@@ -254,7 +254,7 @@ def test_many_onsets_may_stay_open():
         [value.reshape(-1, ticks + 1)[rows, tick + 1] for tick, rows in enumerate(alive)],
     )
     expected = hmm.smooth(trellis, initial, change)[0][20:]
-    np.testing.assert_allclose(past.posterior(forward.living), expected, atol=1e-9)
+    np.testing.assert_allclose(past.posterior(forward.frontier), expected, atol=1e-9)
 
 
 def test_a_row_that_is_given_back_serves_another_onset():
@@ -275,17 +275,17 @@ def test_a_row_that_is_given_back_serves_another_onset():
         [value.reshape(-1, ticks + 1)[rows, tick + 1] for tick, rows in enumerate(alive)],
     )
     expected = hmm.smooth(trellis, initial, change)[0]
-    np.testing.assert_allclose(past.posterior(forward.living), expected, atol=1e-9)
+    np.testing.assert_allclose(past.posterior(forward.frontier), expected, atol=1e-9)
 
 
 def test_what_rounding_takes_from_a_posterior_is_given_back():
-    past, living = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
+    past, frontier = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
     for chance in (0.0, 0.9):  # instead of one
         way = np.array([0]), np.array([1]), np.array([1.0])
         past.append(hmm.ForwardMessage(np.array([[0.0, 0.0], [chance, 0.0]]), *way, np.zeros((2, 2))))
-    np.testing.assert_allclose(past.posterior(living), [[0.0, 1.0], [1.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(past.posterior(frontier), [[0.0, 1.0], [1.0, 0.0]], atol=1e-12)
 
 
 def test_weights_of_what_is_alive_may_have_any_factor():
-    living = hmm.FilterFrontier(*map(np.array, ([0, 1], [0, 1], [-2000.0, -2000.0], [0.0, 0.0], [0, 0])))
-    np.testing.assert_allclose(living.probability, [0.5, 0.5])
+    frontier = hmm.FilterFrontier(*map(np.array, ([0, 1], [0, 1], [-2000.0, -2000.0], [0.0, 0.0], [0, 0])))
+    np.testing.assert_allclose(frontier.probability, [0.5, 0.5])

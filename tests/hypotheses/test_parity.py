@@ -288,8 +288,8 @@ def test_what_begins_joins_alike(model, old, many, correlation):
     moment = TickInput(births, 456, shorter, before_.window, np.zeros((7, 7)), np.full(7, -0.1))
     scales = replace(SCALES, correlation=correlation)
     advanced = both(bank_update.update, banks, [moment], BEYOND, scales, margin=1e4)
-    numpy, kernel = (living.banks[column] for living in advanced)
-    told = [weighed for living in advanced for weighed in living.tick_weights]
+    numpy, kernel = (updated.banks[column] for updated in advanced)
+    told = [weighed for updated in advanced for weighed in updated.tick_weights]
     for name in ("log_birth_weight", "log_state_weight", "residual"):
         np.testing.assert_allclose(*(getattr(weighed, name) for weighed in told), atol=5e-3)
     np.testing.assert_array_equal(*(weighed.best_rows for weighed in told))

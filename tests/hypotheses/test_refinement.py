@@ -16,7 +16,7 @@ from contact_tracker.evaluation.bound import cramer_rao
 from contact_tracker.evaluation.elements import angle_rad, deviation
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.hypotheses.ar1_noise import Ar1Noise, estimate_ar1, whiten_ar1
-from contact_tracker.hypotheses.refinement import FIRST_ECHO, refine
+from contact_tracker.hypotheses.refinement import FIRST_CORRELATION, refine
 from contact_tracker.hypotheses.window_fit import fit_window
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
@@ -79,23 +79,23 @@ def test_covariances_know_of_errors_that_last(contact, monkeypatch):
 
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.7))
-@example(seed=138, echo=0.6875).via("squares of other ticks than those of the products had it at 0.92")
-def test_size_and_echo_of_errors_are_learned_from_residuals(seed, echo):
+@example(seed=138, correlation=0.6875).via("squares of other ticks than those of the products had it at 0.92")
+def test_size_and_correlation_of_errors_are_learned_from_residuals(seed, correlation):
     """Of residuals with and without what a fit of a line and a wave has taken of them."""
     rng, count = np.random.default_rng(seed), 400
     index = np.cumsum(rng.integers(1, 3, count))
     new = rng.normal(size=(1, count))
     errors = new.copy()
     for tick in range(1, count):
-        left = echo ** (index[tick] - index[tick - 1])
+        left = correlation ** (index[tick] - index[tick - 1])
         errors[:, tick] = left * errors[:, tick - 1] + np.sqrt(1.0 - left**2) * new[:, tick]
-    np.testing.assert_allclose(whiten_ar1(errors, np.full(1, echo), index), new, atol=1e-9)
+    np.testing.assert_allclose(whiten_ar1(errors, np.full(1, correlation), index), new, atol=1e-9)
     shapes = np.stack([np.ones(count), index / 400.0, np.sin(index / 5.0), np.cos(index / 5.0)], axis=1)
     left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
-    start = Ar1Noise(np.ones(1), np.full(1, FIRST_ECHO))
+    start = Ar1Noise(np.ones(1), np.full(1, FIRST_CORRELATION))
     for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
         found = estimate_ar1(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
-        assert abs(found.correlation - echo) < 0.3
+        assert abs(found.correlation - correlation) < 0.3
         assert 0.5 < 4.0 * found.weight < 2.0
 
 
@@ -183,6 +183,6 @@ def test_poses_that_are_held_exactly_leave_a_finite_geometry(contact):
     scales = scales_of(load_model())
     zeta = np.tile(lift(np.eye(3), np.zeros(3)), (count, 1))
     rest = Window(np.arange(count), zeta, np.tile([1e-9, 1e-8], (count, 1)), np.zeros((count, 2)))
-    polished = refine(fit_window(model, rest, scales), model, rest, scales)
-    assert np.isfinite(polished.bank.x).all()
-    assert np.isfinite(polished.information).all()
+    refined = refine(fit_window(model, rest, scales), model, rest, scales)
+    assert np.isfinite(refined.bank.x).all()
+    assert np.isfinite(refined.information).all()

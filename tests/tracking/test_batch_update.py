@@ -66,12 +66,12 @@ def some_at_a_time(name):
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
     expected, found = one_by_one(name), some_at_a_time(name)
-    seen = [glimpse for _, some in found for glimpse in some]
+    seen = [tick_result for _, some in found for tick_result in some]
     assert [one.tick.stamp_ns for one in seen] == [one.tick.stamp_ns for one in expected]
-    for glimpse, one in zip(seen, expected, strict=True):
+    for tick_result, one in zip(seen, expected, strict=True):
         for name_ in ("log_birth_weight", "log_transition", "residual"):
-            np.testing.assert_array_equal(getattr(glimpse, name_), getattr(one.glimpse, name_))
-        for a, b in zip(glimpse.live_hypotheses, one.state.live_hypotheses, strict=True):
+            np.testing.assert_array_equal(getattr(tick_result, name_), getattr(one.tick_result, name_))
+        for a, b in zip(tick_result.live_hypotheses, one.state.live_hypotheses, strict=True):
             np.testing.assert_array_equal(a, b)
     many = np.cumsum([len(some) for _, some in found])
     for end, (state, _) in zip(many, found, strict=True):  # the states in between are the same as well
@@ -142,8 +142,8 @@ def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
                 and one.tick.stamp_ns >= due.get(one.belief.onset_ns, 0)
                 for one, p in zip(seen, sure, strict=True)
             ]
-            living = bank_update.update(*given, StopCondition(probability, sureness, due))
-            assert len(living.tick_weights) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
+            updated = bank_update.update(*given, StopCondition(probability, sureness, due))
+            assert len(updated.tick_weights) == ([*teaches, True].index(True) + 1 if any(teaches) else 20)
     assert len(bank_update.update(*given).tick_weights) == 20
 
 
@@ -190,13 +190,13 @@ def test_weights_that_are_no_numbers_end_a_stride():
     births = ahead[0].births._replace(proposals=begins, log_birth_weight=np.full(7, np.nan))
     banks = (blank(CONTACT_MODELS[0], 0), *state.banks[1:])
     given = MODEL.noise.extra_contact_variance, scales_of(MODEL), MODEL.search.margin_nats
-    living = bank_update.update(
+    updated = bank_update.update(
         banks,
         [ahead[0]._replace(births=births), *ahead[1:]],
         *given,
         StopCondition(MAP_INSERTION_PROBABILITY, 0.5, {}),
     )
-    assert len(living.tick_weights) == 1
+    assert len(updated.tick_weights) == 1
 
 
 def test_what_has_taught_is_due_when_it_has_lasted_longer_by_half():

@@ -144,7 +144,7 @@ def again_and_again(times):
 def in_pieces(executor=None, times=1):
     segmenter, found, most = Segmenter(executor), [], 0
     for seen in again_and_again(times):
-        segmenter.note(seen.state, seen.glimpse, seen.belief)
+        segmenter.note(seen.state, seen.tick_result, seen.belief)
         if segmenter.due:
             found.append(segmenter.conclude())
             most = max(most, segmenter.open_ticks)

@@ -19,8 +19,8 @@ from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.pose_buffer import Waiting
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 
-_TOLD: Final = np.dtype([("stamp_ns", np.int64), ("contact", np.int8), ("probability", np.float64, 7)])
-Told = NDArray[np.void]
+_JUDGED: Final = np.dtype([("stamp_ns", np.int64), ("contact", np.int8), ("probability", np.float64, 7)])
+BeliefRows = NDArray[np.void]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,8 @@ class Judge:
     def __init__(self, truth: Truth) -> None:
         self._truth = truth
         self._stamp_ns = array("q")
-        self._offline: list[Told] = []
-        self._online: list[Told] = []
+        self._offline: list[BeliefRows] = []
+        self._online: list[BeliefRows] = []
         self._geometry = geometry_errors(Poses.collect([]), truth, ())
         self._true = deque(_groups(truth))
         self._segments: list[Segment] = []  # those that may lie in what is not yet compared
@@ -90,8 +90,8 @@ class Judge:
 
     def piece(self, found: Segmentation) -> None:
         """What was concluded next."""
-        self._offline.append(_told(found.beliefs))
-        self._online.append(_told(found.filtered))
+        self._offline.append(_belief_rows(found.beliefs))
+        self._online.append(_belief_rows(found.filtered))
         if found.segments:
             self._segments += found.segments
             self._compare(found.segments[-1].end_ns)
@@ -102,7 +102,7 @@ class Judge:
             self._compare_next()
         scored = scoring(np.frombuffer(self._stamp_ns, np.int64), self._truth)
         self._stamp_ns, stamp_ns = array("q"), scored.stamp_ns  # not twice
-        offline, online = _taken(self._offline), _taken(self._online)
+        offline, online = _joined(self._offline), _joined(self._online)
         return Evaluation(
             _tally(scored, tick_containing(stamp_ns, offline["stamp_ns"]), offline),
             _tally(scored, tick_in_force(stamp_ns, online["stamp_ns"]), online),
@@ -134,20 +134,20 @@ def _groups(truth: Truth) -> Iterator[tuple[TruthInterval, ...]]:
         yield tuple(group)
 
 
-def _told(beliefs: Beliefs) -> Told:
-    """What is judged of them."""
-    beliefs_of_ticks = np.empty(len(beliefs), _TOLD)
-    for name in _TOLD.names or ():
+def _belief_rows(beliefs: Beliefs) -> BeliefRows:
+    """The columns that are judged."""
+    beliefs_of_ticks = np.empty(len(beliefs), _JUDGED)
+    for name in _JUDGED.names or ():
         beliefs_of_ticks[name] = beliefs.rows[name]
     return beliefs_of_ticks
 
 
-def _taken(parts: list[Told]) -> Told:
-    """All of them in one, and no longer in parts."""
-    whole = np.concatenate([np.empty(0, _TOLD), *parts])
+def _joined(parts: list[BeliefRows]) -> BeliefRows:
+    """Concatenate the parts, which are cleared."""
+    whole = np.concatenate([np.empty(0, _JUDGED), *parts])
     parts.clear()
     return whole
 
 
-def _tally(scored: Scoring, tick: Ints, beliefs_of_ticks: Told) -> Tally:
+def _tally(scored: Scoring, tick: Ints, beliefs_of_ticks: BeliefRows) -> Tally:
     return tally(scored, tick, beliefs_of_ticks["contact"], beliefs_of_ticks["probability"])

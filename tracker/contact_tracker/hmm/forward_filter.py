@@ -81,7 +81,7 @@ class ForwardFilter:
         self._ended: _Ended
 
     @property
-    def living(self) -> FilterFrontier:
+    def frontier(self) -> FilterFrontier:
         """The active beginnings after the last tick."""
         onset, origin, weight, best = self._ended
         since, state = weight.nonzero()

@@ -11,7 +11,7 @@ from contact_tracker.hmm.log_space import Array
 
 _STEP_BYTES: Final = 1300
 _WAY_BYTES: Final = 13
-_CHECKED: Final = 16
+_CHECK_INTERVAL: Final = 16
 """Interval in ticks at which the backward pass checks whether the futures still differ."""
 
 
@@ -41,42 +41,44 @@ class OpenTicks:
         del self._steps[:count]
         self.first += count
 
-    def look_back(self, living: FilterFrontier, tolerance: float) -> tuple[Array, int]:
+    def look_back(self, frontier: FilterFrontier, tolerance: float) -> tuple[Array, int]:
         """Posterior (n, N) of the open ticks given the data so far, and how many of the oldest are
         decided."""
-        return self.posterior(living), self.count_decided(living, tolerance)
+        return self.posterior(frontier), self.count_decided(frontier, tolerance)
 
-    def posterior(self, living: FilterFrontier) -> Array:
+    def posterior(self, frontier: FilterFrontier) -> Array:
         """Posterior (n, N) of the open ticks, given the data so far."""
-        posterior = self._covered(living)
+        posterior = self._state_probabilities(frontier)
         return np.asarray(posterior / posterior.sum(axis=1, keepdims=True))
 
-    def _covered(self, living: FilterFrontier) -> Array:
+    def _state_probabilities(self, frontier: FilterFrontier) -> Array:
         """Weights (n, N) of the states at the open ticks, given the active beginnings."""
         posterior = np.zeros((len(self), len(self._steps[0].origin_probability)))
-        for row, cover, _ in self._followed(living, living.probability[:, None]):
-            posterior[row] = cover[:, 0]
+        for row, probability, _ in self._backward_pass(frontier, frontier.probability[:, None]):
+            posterior[row] = probability[:, 0]
         return posterior
 
-    def count_decided(self, living: FilterFrontier, tolerance: float) -> int:
+    def count_decided(self, frontier: FilterFrontier, tolerance: float) -> int:
         """How many of the oldest open ticks later data cannot change by more than ``tolerance``."""
-        futures = np.eye(len(living.onset))
-        if not self._common(living, futures[:, [0, -1]], tolerance):
+        futures = np.eye(len(frontier.onset))
+        if not self._count_common(frontier, futures[:, [0, -1]], tolerance):
             return 0  # the usual case at rest; comparing all beginnings would take long
-        return self._common(living, futures, tolerance)
+        return self._count_common(frontier, futures, tolerance)
 
-    def _common(self, living: FilterFrontier, futures: Array, tolerance: float) -> int:
+    def _count_common(self, frontier: FilterFrontier, futures: Array, tolerance: float) -> int:
         """How many of the oldest ticks have the same posterior in all ``futures``, up to ``tolerance``."""
         common = len(self)
-        for row, cover, open_states in self._followed(living, futures):
-            spread = np.max(cover.max(axis=1) - cover.min(axis=1))
+        for row, probability, open_beginnings in self._backward_pass(frontier, futures):
+            spread = np.max(probability.max(axis=1) - probability.min(axis=1))
             if spread > tolerance:
                 common = row
-            elif row % _CHECKED == 0 and spread + 2.0 * open_states.apart <= tolerance:
+            elif row % _CHECK_INTERVAL == 0 and spread + 2.0 * open_beginnings.spread <= tolerance:
                 break  # older ticks differ by no more than this
         return common
 
-    def _followed(self, living: FilterFrontier, futures: Array) -> Iterator[tuple[int, Array, "_Held"]]:
+    def _backward_pass(
+        self, frontier: FilterFrontier, futures: Array
+    ) -> Iterator[tuple[int, Array, "_OpenBeginnings"]]:
         """Backward pass through the open ticks for C ``futures`` at once, each a distribution (L, C) over the
         active beginnings.
 
@@ -84,19 +86,19 @@ class OpenTicks:
         that last through it.
         """
         states, columns = len(self._steps[0].origin_probability), futures.shape[1]
-        open_states = _Held(states, columns, self.first, self.first + len(self))
-        open_states.add(living.onset, living.state, futures)
-        cover = np.zeros((states, columns))
-        np.add.at(cover, living.state, futures)
+        open_beginnings = _OpenBeginnings(states, columns, self.first, self.first + len(self))
+        open_beginnings.add(frontier.onset, frontier.state, futures)
+        probability = np.zeros((states, columns))
+        np.add.at(probability, frontier.state, futures)
         left = np.zeros((states, columns))  # probability that a state is left at the tick's end
         for row in range(len(self) - 1, -1, -1):
             step = self._steps[row]
             if left.any():
-                cover += left
-                open_states.add(step.onset, step.state, step.probability[:, None] * left[step.state])
-            yield row, cover, open_states
-            beginning = open_states.take(self.first + row)
-            cover = np.maximum(cover - beginning, 0.0)
+                probability += left
+                open_beginnings.add(step.onset, step.state, step.probability[:, None] * left[step.state])
+            yield row, probability, open_beginnings
+            beginning = open_beginnings.take(self.first + row)
+            probability = np.maximum(probability - beginning, 0.0)
             left = step.origin_probability @ beginning
 
 
@@ -104,7 +106,7 @@ def _size(step: ForwardMessage) -> int:
     return _STEP_BYTES + _WAY_BYTES * len(step.onset)
 
 
-class _Held:
+class _OpenBeginnings:
     """Probabilities (N, C) by onset of the beginnings that last through the current tick of the backward
     pass.
 
@@ -140,7 +142,7 @@ class _Held:
         return beginning
 
     @property
-    def apart(self) -> float:
+    def spread(self) -> float:
         """Sum over all beginnings of the spread between the futures."""
         return float((self._table.max(axis=2) - self._table.min(axis=2)).sum())
 

@@ -26,9 +26,9 @@ class Survivors:
     def append(self, step: ForwardMessage) -> None:
         self._best.append(step.best)
 
-    def decided_prefix(self, living: FilterFrontier) -> list[PathSegment]:
+    def decided_prefix(self, frontier: FilterFrontier) -> list[PathSegment]:
         """The segments that later data cannot change; each is returned once."""
-        nodes = {(-a, i) for a, i in zip(living.onset.tolist(), living.origin.tolist(), strict=True)}
+        nodes = {(-a, i) for a, i in zip(frontier.onset.tolist(), frontier.origin.tolist(), strict=True)}
         latest = list(nodes)
         heapify(latest)
         while len(nodes) > 1 and -latest[0][0] > self.first:
@@ -40,9 +40,9 @@ class Survivors:
                 heappush(latest, before)
         return self._tell(latest[0])
 
-    def finish(self, living: FilterFrontier) -> list[PathSegment]:
+    def finish(self, frontier: FilterFrontier) -> list[PathSegment]:
         """The rest of the best path, at the end of the stream."""
-        return self._tell((-(self.first + len(self)), int(living.state[living.best.argmax()])))
+        return self._tell((-(self.first + len(self)), int(frontier.state[frontier.best.argmax()])))
 
     def _before(self, node: Node) -> Node:
         onset, origin = self._best[-node[0] - self.first - 1][:, node[1]].tolist()

@@ -37,9 +37,9 @@ def estimate_ar1(
     follows from the ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the
     estimate stays near ``errors``.
     """
-    (weight, echo), count = errors, whitened.shape[1]
+    (weight, correlation), count = errors, whitened.shape[1]
     sums = _Sums.of(np.concatenate([jacobian, whitened[..., None]], axis=2), index)
-    new = sums.new(echo)
+    new = sums.new(correlation)
     for _ in range(LEARNING_STEPS):
         eigenvalues, eigenvectors = np.linalg.eigh(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
@@ -51,16 +51,16 @@ def estimate_ar1(
             :, determined
         ].T
         product, square = np.einsum("ikpq,pq->ik", sums.pairs, taken)
-        echo = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
-        new = sums.new(echo)
+        correlation = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
+        new = sums.new(correlation)
         variance = np.maximum(np.einsum("kpq,pq->k", new, taken) / count, LEAST_SCALE)
         weight = variance ** (-count / (count + PRIOR_TICKS))
-    return Ar1Noise(weight, echo)
+    return Ar1Noise(weight, correlation)
 
 
-def whiten_ar1(rows: Array, echo: Array, index: Index) -> Array:
+def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
     """Innovations of rows (K, W, ...): what the tick before does not predict, scaled to the same variance."""
-    left = echo[:, None] ** np.diff(index)
+    left = correlation[:, None] ** np.diff(index)
     left = left.reshape(*left.shape, *(1,) * (rows.ndim - 2))
     later = (rows[:, 1:] - left * rows[:, :-1]) / np.sqrt(1.0 - left**2)
     return np.concatenate([rows[:, :1], later], axis=1)
@@ -98,9 +98,9 @@ class _Sums(NamedTuple):
         first = _products(rows[:, :1], rows[:, :1])
         return cls(gaps.astype(float), first, later, earlier, both, np.array([product, square]))
 
-    def new(self, echo: Array) -> Array:
+    def new(self, correlation: Array) -> Array:
         """Sums (K, Z, Z) of products of the innovations (``whiten_ar1``)."""
-        left = (echo ** self.gaps[:, None])[:, :, None, None]
+        left = (correlation ** self.gaps[:, None])[:, :, None, None]
         later = (self.later - left * self.both + left**2 * self.earlier) / (1.0 - left**2)
         return np.asarray(self.first + later.sum(axis=0))
 

@@ -25,9 +25,9 @@ ROUNDS: Final = 3
 """Alternations of fitting the geometry and estimating the noise from the residuals."""
 STEPS: Final = 20
 TOLERANCE_NATS: Final = 1e-4
-FIRST_ECHO: Final = 0.5
+FIRST_CORRELATION: Final = 0.5
 FEW_TICKS: Final = 15
-STRANGE_SIGMAS: Final = 2.5
+END_TICK_SIGMAS: Final = 2.5
 """The first and the last tick are left out if they are this far off, unless there are fewer than
 ``FEW_TICKS``."""
 LEAST_CURVATURE: Final = 1e-9
@@ -58,17 +58,17 @@ def refine(bank: Bank, model: ContactModel, window: Window, scales: EvidencePara
     The first and the last tick are left out if they do not fit the others: they may contain frames of the
     neighbouring segments. If no step improves the cost, x stays that of ``bank``.
     """
-    settled = _refine_once(bank, model, window, scales)
-    if len(window) < FEW_TICKS or (settled.begins and settled.ends):
-        return settled.polished
-    inner = window.cut(0 if settled.begins else 1, None if settled.ends else -1)
-    return _refine_once(settled.polished.bank, model, inner, scales).polished
+    first = _refine_once(bank, model, window, scales)
+    if len(window) < FEW_TICKS or (first.begins and first.ends):
+        return first.refined
+    inner = window.cut(0 if first.begins else 1, None if first.ends else -1)
+    return _refine_once(first.refined.bank, model, inner, scales).refined
 
 
 class _RefinedOnce(NamedTuple):
     """A fit to all ticks of a window, and whether the first and the last tick are inliers."""
 
-    polished: Refined
+    refined: Refined
     begins: bool
     ends: bool
 
@@ -77,7 +77,7 @@ def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: Eviden
     family = model.family
     anchors = anchors_of(bank, model)
     prior = prior_of(bank, model, anchors, scales.reach_m)
-    x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.full(family.ROWS, FIRST_ECHO))
+    x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.full(family.ROWS, FIRST_CORRELATION))
     for _ in range(ROUNDS):
         x = _maximise(model, x, errors, anchors, window, prior)
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
@@ -92,10 +92,10 @@ def _refine_once(bank: Bank, model: ContactModel, window: Window, scales: Eviden
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
     belong = _are_inlier_ticks(whitened, jacobian, errors.weight, information + prior_information)
     begins, ends = bool(belong[0]), bool(belong[-1])
-    return _RefinedOnce(_polished(bank, x[0], row_weight, moments, information), begins, ends)
+    return _RefinedOnce(_refined(bank, x[0], row_weight, moments, information), begins, ends)
 
 
-def _polished(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Refined:
+def _refined(bank: Bank, x: Array, row_weight: Array, moments: Array, information: Array) -> Refined:
     return Refined(
         bank.replace_columns(x=x, row_weight=row_weight).replace_onset_columns(second_moment=moments),
         information,
@@ -110,20 +110,20 @@ def _are_inlier_ticks(
     covariance = np.linalg.pinv(information, LEAST_SHOWN, hermitian=True)
     leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, covariance, jacobian)
     square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
-    return np.asarray(np.all(square < STRANGE_SIGMAS**2, axis=0))
+    return np.asarray(np.all(square < END_TICK_SIGMAS**2, axis=0))
 
 
 def _maximise(
     model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window, prior: Prior
 ) -> Array:
     """Minimise the weighted squares of the residuals' innovations from x (1, S), by Levenberg-Marquardt."""
-    weight, echo = errors
+    weight, correlation = errors
 
     def new(x: Array) -> tuple[float, Array, Array, Array]:
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
-        residual = whiten_ar1(whitened, echo, window.index)
+        residual = whiten_ar1(whitened, correlation, window.index)
         cost = float(0.5 * weight @ np.sum(residual**2, axis=1) + prior.cost(x)[0])
-        return cost, residual, whiten_ar1(jacobian, echo, window.index), tangent
+        return cost, residual, whiten_ar1(jacobian, correlation, window.index), tangent
 
     damping, (now, residual, jacobian, tangent) = FIRST_DAMPING, new(x)
     for _ in range(STEPS):

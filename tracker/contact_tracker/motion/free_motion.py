@@ -115,8 +115,8 @@ class FreeMotion(NamedTuple):
         beyond = np.maximum(np.minimum(self.spread, now) - STILL * rest, 0.0)
         moving = beyond / variance * share
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
-        echo = np.maximum(self.autocorrelation, 0.0)
-        fresh = (1.0 - echo) / (1.0 + echo)
+        correlation = np.maximum(self.autocorrelation, 0.0)
+        fresh = (1.0 - correlation) / (1.0 + correlation)
         return np.asarray(variance * (np.maximum(axes, 1.0) ** (fresh / 3.0) - 1.0))
 
 

@@ -34,7 +34,7 @@ class FilteredTick(NamedTuple):
     belief: Belief
 
     @property
-    def glimpse(self) -> TickResult:
+    def tick_result(self) -> TickResult:
         """The weights of the hypotheses."""
         return TickResult.of(self.state, self.tick)
 

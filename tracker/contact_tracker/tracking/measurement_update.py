@@ -76,8 +76,8 @@ def update_hypotheses(state: TrackerState, tick: Tick, sliding: SlidingWindow) -
     """Update by an informative tick: window, births, and weights of the hypotheses."""
     model, ahead = state.model, predict(state, tick, sliding)
     beyond, margin = model.noise.extra_contact_variance, model.search.margin_nats
-    living = bank_update.update(state.banks, [ahead.tick_input], beyond, scales_of(model), margin)
-    return with_weights(state, tick, ahead, living.banks, living.tick_weights[0])
+    updated = bank_update.update(state.banks, [ahead.tick_input], beyond, scales_of(model), margin)
+    return with_weights(state, tick, ahead, updated.banks, updated.tick_weights[0])
 
 
 def predict(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> Prediction:
@@ -141,12 +141,12 @@ def advanced_window(state: TrackerState, tick: Tick) -> SlidingWindow:
     return advance_window(state.sliding_window, state.ticks, tick, state.model)
 
 
-def _with_longer_history(living: Bank, column: int) -> Bank:
+def _with_longer_history(bank: Bank, column: int) -> Bank:
     """The bank with its lag histories extended by a tick in the state of ``column``."""
     return (
-        replace(living, lag_history=fixed_lag.grown(living.lag_history, column))
-        if living.lag_history.shape[1]
-        else living
+        replace(bank, lag_history=fixed_lag.grown(bank.lag_history, column))
+        if bank.lag_history.shape[1]
+        else bank
     )
 
 

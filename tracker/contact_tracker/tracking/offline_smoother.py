@@ -109,13 +109,15 @@ def pieces(
     segmenter = Segmenter(executor, wrenches)
     if watch is None and online < Detail.SHARED:
         for state, some in filter_batches(poses, model, progress, knowledge):
-            for glimpse in some:
-                segmenter.note(state, glimpse)
+            for tick_result in some:
+                segmenter.note(state, tick_result)
                 if segmenter.due:
                     yield segmenter.conclude()
     else:
         for result in forward(poses, model, progress, knowledge, online):
-            segmenter.note(result.state, result.glimpse, result.belief if online >= Detail.SHARED else None)
+            segmenter.note(
+                result.state, result.tick_result, result.belief if online >= Detail.SHARED else None
+            )
             if watch is not None:
                 watch(result)
             if segmenter.due:
@@ -152,7 +154,7 @@ class Segmenter:
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, result.residual)
         self._waiting.append((result.live_hypotheses, result.log_transition, row))
         if len(self._waiting) == _TOGETHER:
-            self._followed()
+            self._extended_trellis()
         if belief is not None:
             self._online.append(belief)
         if len(self._online) == _FEW:  # objects are large
@@ -172,12 +174,12 @@ class Segmenter:
 
     def conclude(self) -> Segmentation:
         """The segments decided since the last call."""
-        living = self._followed()
-        posterior, certain = self._past.look_back(living, TOLERANCE)
+        frontier = self._extended_trellis()
+        posterior, certain = self._past.look_back(frontier, TOLERANCE)
         if self._past.size > ROOM_BYTES:
             certain = max(certain, len(posterior) // 2)
         self._smoothed(posterior[:certain])
-        self._decided(self._survivors.decided_prefix(living))
+        self._decided(self._survivors.decided_prefix(frontier))
         self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
         waiting = len(self._finished)
         self._begin(final=False)
@@ -187,14 +189,14 @@ class Segmenter:
         """The rest, at the end of the recording."""
         if self._forward is None:
             return Segmentation()
-        living = self._followed()
+        frontier = self._extended_trellis()
         if len(self._past):
-            self._smoothed(self._past.posterior(living))
-        self._decided(self._survivors.finish(living))
+            self._smoothed(self._past.posterior(frontier))
+        self._decided(self._survivors.finish(frontier))
         self._begin(final=True)
         return self._tell(len(self._finished))
 
-    def _followed(self) -> hmm.FilterFrontier:
+    def _extended_trellis(self) -> hmm.FilterFrontier:
         """The frontier after the last tick; the trellis is extended up to it."""
         assert self._forward is not None
         for alive, change, row in self._waiting:
@@ -203,7 +205,7 @@ class Segmenter:
             self._survivors.append(step)
             self._ticks.append(row)
         self._waiting.clear()
-        return self._forward.living
+        return self._forward.frontier
 
     def _smoothed(self, posterior: Array) -> None:
         self._past.drop(len(posterior))

@@ -116,10 +116,10 @@ def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | Non
     """Where the best hypothesis of ``label`` touches."""
     if label is Contact.FREE:
         return None
-    living, contact = state.banks[label.column], CONTACT_MODELS[label.column]
+    bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best_rows[label.column])
     assert state.averaging is not None
     scales, origin_m = scales_of(state.model), state.averaging.origin_m
-    pair = element_pairs(state.knowledge, contact)[living.known_pair_index[row]]
+    pair = element_pairs(state.knowledge, contact)[bank.known_pair_index[row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
-    return named(contact_geometry(living, row, contact, scales, window, origin_m), pair)
+    return named(contact_geometry(bank, row, contact, scales, window, origin_m), pair)
