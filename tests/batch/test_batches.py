@@ -12,6 +12,7 @@ import pytest
 
 import contact_tracker
 from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_recordings
+from contact_tracker import exit_codes
 from contact_tracker.batch import rows, segmenting
 from contact_tracker.batch.dataset import open_dataset
 from contact_tracker.batch.finding import find, recordings_among
@@ -191,7 +192,7 @@ def test_a_fault_of_ours_is_a_row_as_well(
     monkeypatch.setattr("contact_tracker.batch.segmenting.open_log", fail)
     assert run(recordings[:1], tmp_path / "dataset").bad == 1
     (row,) = summary(tmp_path / "dataset").iter_rows(named=True)
-    assert row["exit_code"] == rows.UNEXPECTED
+    assert row["exit_code"] == exit_codes.UNEXPECTED
     assert "ZeroDivisionError: by nothing (test_batches.py:" in row["error"]
     assert run(recordings[:1], tmp_path / "dataset").unchanged == 1  # the next version may do better
 
@@ -222,7 +223,7 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
         killed = lambda _, jobs: ((job, KILLED) for job in jobs)  # noqa: E731
         outcome = batch.run(find(map(str, recordings)), lambda: nullcontext(killed))
     assert outcome.bad == 3
-    assert set(summary(tmp_path / "dataset")["exit_code"]) == {rows.KILLED}
+    assert set(summary(tmp_path / "dataset")["exit_code"]) == {exit_codes.KILLED}
     assert run(recordings, tmp_path / "dataset").bad == 0
 
 

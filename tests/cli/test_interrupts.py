@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from contact_tracker import exit_codes
 from contact_tracker.__main__ import INTERRUPTED
-from contact_tracker.cli import status
 
 ROOT = Path(__file__).resolve().parents[2]
 LOG = str(ROOT / "recordings" / "paper_experiment.mcap")
@@ -52,7 +52,7 @@ def assert_ended_in_order(code: int, said: str) -> None:
 
 
 def test_there_is_one_code_for_it() -> None:
-    assert INTERRUPTED == status.INTERRUPTED
+    assert INTERRUPTED == exit_codes.INTERRUPTED
 
 
 @pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])

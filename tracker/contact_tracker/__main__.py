@@ -6,7 +6,7 @@ An interrupt ends it in order as soon as this file runs: all else is imported in
 import sys
 
 INTERRUPTED = 130
-"""As in ``cli/status.py``, which would have to be imported first."""
+"""As in ``exit_codes.py``, which would have to be imported first."""
 
 
 def main() -> int:

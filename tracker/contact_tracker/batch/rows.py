@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any, Final
 
-from contact_tracker import __version__
+from contact_tracker import __version__, exit_codes
 from contact_tracker.batch.settings import Settings
 from contact_tracker.errors import printable
 from contact_tracker.exports.columns import PROBABILITIES, Kind
@@ -51,13 +51,6 @@ SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
     "segments_bytes": "integer",
     "ticks_bytes": "integer",
 }
-OK: Final = 0
-INPUT: Final = 1
-USAGE: Final = 2
-DAMAGED: Final = 3
-UNEXPECTED: Final = 70
-KILLED: Final = 137
-"""What a recording alone would have made of ``segment``'s exit code; ``UNEXPECTED`` is a fault of ours."""
 
 
 def shown(name: str) -> str:
@@ -98,7 +91,7 @@ def base(name: str, settings: Settings) -> Row:
     """A row with nothing in it but what was asked for."""
     return dict.fromkeys(SUMMARY_COLUMNS) | {
         "recording": shown(name),
-        "exit_code": OK,
+        "exit_code": exit_codes.DONE,
         "model": settings.model.name,
         "model_hash": settings.model_hash,
         "settings_hash": settings.settings_hash,

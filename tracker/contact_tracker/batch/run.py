@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Final
 
+from contact_tracker import exit_codes
 from contact_tracker.batch import rows
 from contact_tracker.batch.dataset import Dataset
 from contact_tracker.batch.finding import Found
@@ -74,7 +75,9 @@ class Batch:
             for (name, *_), answer in call(segment_recording, chain([first], jobs)):
                 if isinstance(answer, Killed):
                     error = f"{name}: {_GIVEN_UP}"
-                    answer = Answer(name, "", rows.failure(name, self._settings, rows.KILLED, error, None))
+                    answer = Answer(
+                        name, "", rows.failure(name, self._settings, exit_codes.KILLED, error, None)
+                    )
                 self._take(answer)
         return self.outcome
 
@@ -102,6 +105,6 @@ class Batch:
         outcome, code = self.outcome, self._dataset.exit_code(name)
         outcome.done += is_new
         outcome.unchanged += not is_new
-        outcome.damaged += code == rows.DAMAGED
-        outcome.bad += code not in (rows.OK, rows.DAMAGED)
+        outcome.damaged += code == exit_codes.DAMAGED
+        outcome.bad += code not in (exit_codes.DONE, exit_codes.DAMAGED)
         self._set_done(outcome.total)

@@ -6,6 +6,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from contact_tracker import exit_codes
 from contact_tracker.adaptation import OfflineTracker
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.batch import remote, rows
@@ -82,7 +83,7 @@ def _signature_of(name: str) -> str:
 
 
 def _code(error: ContactTrackerError) -> int:
-    return rows.INPUT if isinstance(error, InputError) else rows.USAGE
+    return exit_codes.INPUT if isinstance(error, InputError) else exit_codes.USAGE
 
 
 def _answer(
@@ -103,13 +104,13 @@ def _answer(
     except ContactTrackerError as error:
         code, text, is_lasting = _code(error), str(error), not isinstance(error, MissingExtra | _Unread)
     except MemoryError:
-        code, text, is_lasting = rows.INPUT, "it takes more memory than there is", False
+        code, text, is_lasting = exit_codes.INPUT, "it takes more memory than there is", False
     except OSError:
         raise
     except Exception as error:
         place = _innermost(error)
         text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
-        code, is_lasting = rows.UNEXPECTED, True
+        code, is_lasting = exit_codes.UNEXPECTED, True
     text = text.replace(path, name)
     text = text if name in text else f"{name}: {text}"
     row = rows.failure(name, settings, code, text, content.digits if is_lasting else None)
@@ -150,7 +151,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         **rows.base(name, settings),
         **tally.cells(),
         **rows.adapted_cells(adapted),
-        "exit_code": rows.OK if log.damage is None else rows.DAMAGED,
+        "exit_code": exit_codes.DONE if log.damage is None else exit_codes.DAMAGED,
         "damage": log.damage,
         "warnings": "\n".join(notes) or None,
         "counts": rows.counts_text({**log.counts, "outlier": outliers}),

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
-from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.cli.wrench import add_wrench, asked_for_wrenches
 from contact_tracker.errors import UsageError
+from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
 

@@ -13,10 +13,10 @@ from contact_tracker.cli.arguments import LOGS_HELP, add_source, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config.shipped import preset_names
 from contact_tracker.errors import UsageError
+from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.arguments import LOGS_HELP, add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.recordings import recordings
-from contact_tracker.cli.status import DAMAGED, DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, show, warn
 from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.errors import AmbiguousSource, InputError, NoPoses
+from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, USAGE
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model

@@ -5,9 +5,9 @@ import json
 from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import LOG_HELP, add_time_unit
-from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import show, warn
 from contact_tracker.errors import NoPoses
+from contact_tracker.exit_codes import DAMAGED, DONE
 
 if TYPE_CHECKING:
     from contact_tracker.adaptation import Report

@@ -17,9 +17,9 @@ from contact_tracker.cli.arguments import (
 )
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.status import DONE, INTERRUPTED
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import UsageError
+from contact_tracker.exit_codes import DONE, INTERRUPTED
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import TICKS, require_library
 from contact_tracker.interrupts import SIGNALS, deferred

@@ -11,11 +11,11 @@ from contact_tracker.cli.arguments import add_model, add_recordings, model_of, o
 from contact_tracker.cli.jobs import PLACE, jobs_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.status import DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import detail, fail, progress, show
 from contact_tracker.cli.workers import add_processes, workers
 from contact_tracker.cli.wrench import add_wrench, evidence_of
 from contact_tracker.errors import AmbiguousSource, InputError
+from contact_tracker.exit_codes import DONE, INPUT, USAGE
 from contact_tracker.exports.replacement import check_output
 from contact_tracker.exports.suffixes import SUFFIXES, WHOLE, require_library
 

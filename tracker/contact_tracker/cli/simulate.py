@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.replacement import add_overwrite
-from contact_tracker.cli.status import DONE
 from contact_tracker.cli.terminal import say, show
 from contact_tracker.errors import UsageError
+from contact_tracker.exit_codes import DONE
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli.status import DAMAGED, DONE
 from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import NoPoses
+from contact_tracker.exit_codes import DAMAGED, DONE
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.recording import PoseLog

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.arguments import LOG_HELP, add_interval, add_model, add_source, model_of, output_file
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.replacement import add_overwrite, files_read
-from contact_tracker.cli.status import DONE, INPUT, USAGE
 from contact_tracker.cli.terminal import fail, progress, say
 from contact_tracker.errors import AmbiguousSource, InputError, UsageError
+from contact_tracker.exit_codes import DONE, INPUT, USAGE
 from contact_tracker.exports.replacement import check_output
 
 if TYPE_CHECKING:
