@@ -1,4 +1,4 @@
-"""Processes that a batch works in: those that are killed, interrupted, or left alone."""
+"""Processes of batch and calibrate: killed, interrupted, or left alone."""
 
 import os
 import signal

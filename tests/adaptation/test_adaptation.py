@@ -32,6 +32,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import tracker
+from contact_tracker.tracking.ambiguity import at_most
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.forward_pass import RecordedPass, forward
 from contact_tracker.tracking.offline_smoother import segment
@@ -294,6 +295,27 @@ def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -
     assert both.contact is STATES[int(both.probability.argmax())]
     assert both.onset_ns <= both.stamp_ns
     assert spread_out(both.probability).max() < 0.6
+
+
+def test_a_mixture_is_no_surer_than_an_open_formation_allows() -> None:
+    surest = np.full(7, 1e-3)
+    surest[Contact.EF.column] = 1.0 - surest[:6].sum()
+    capped = at_most(surest, Contact.EF)
+    own = Belief(5, Contact.EF, capped, 3, None, np.full(6, np.nan), is_open=True)
+    other = Belief(5, Contact.EF, surest, 3, None, np.full(6, np.nan))
+    both = mixture((own, other), np.log([0.6, 0.4]))
+    assert both.is_open
+    assert both.probability[Contact.EF.column] == pytest.approx(0.9)
+    other = replace(
+        other, contact=Contact.VF, probability=np.roll(surest, Contact.VF.column - Contact.EF.column)
+    )
+    both = mixture((own, other), np.log([0.4, 0.6]))
+    assert (both.contact, both.is_open) == (Contact.VF, False)
+    freed = mixture(
+        (replace(own, probability=np.full(7, 1 / 7)), replace(own, probability=other.probability)),
+        np.zeros(2),
+    )
+    assert (freed.contact, freed.is_open, freed.p_restricted) == (Contact.VF, False, 0.0)
 
 
 def test_what_is_dropped_leaves_one_whose_evidence_is_best() -> None:

@@ -1,6 +1,7 @@
 """Joints: their derivatives, and what is named where an object moves in one, or in none."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -132,9 +133,23 @@ def test_each_joint_is_named_with_its_place(kind: JointKind, seed: int) -> None:
 
 
 @needs_kernels
+def test_a_hinge_with_play_is_a_hinge() -> None:
+    """Errors of five times the noise, slower than that."""
+    _, poses = moved(JointKind.HINGE, 3)
+    time_s = 1e-9 * poses.stamp_ns
+    loose = 5.0 * SIGMA[0] * band_limited(np.random.default_rng(4), time_s, 3, 2.0)
+    found = adaptation.segment(
+        replace(poses, position_m=poses.position_m + loose), load_model().with_noise(*SIGMA)
+    )
+    assert joint_in(found).kind is JointKind.HINGE
+
+
+@needs_kernels
 @pytest.mark.parametrize("kind", JointKind)
 def test_no_label_is_sure_beside_a_joint(kind: JointKind) -> None:
     found = segmented(kind, 1)
+    assert any(segment.joint for segment in found.segments)
+    assert any(belief.joint for belief in found.beliefs)
     for segment in found.segments:
         if segment.joint is not None:
             assert segment.probability <= 0.9

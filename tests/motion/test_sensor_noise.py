@@ -83,7 +83,7 @@ def test_what_is_told_now_and_then_is_what_would_be_told_with_each_tick(
         poses = moving(np.random.default_rng(seed), 1.5 * seconds, rate_hz, sigma_m, sigma_rad)
         tick, prior = max(1, round(rate_hz / 10.0)), (sigma_m, sigma_rad)
         sigmas = []
-        for share in (sensor_noise.UNTOLD, 0.0):
+        for share in (sensor_noise.NEW_SHARE, 0.0):
             monkeypatch.setattr(sensor_noise, "UNTOLD", share)
             seen = list(streamed(poses, tick, prior))
             sigmas.append([(e.sigma_position_m / sigma_m, e.sigma_rotation_rad / sigma_rad) for e in seen])
@@ -106,7 +106,7 @@ def test_memory_is_bounded_and_the_noise_may_change():
         assert state.differences.shape[1] <= sensor_noise.MEMORY
         assert (
             len(state.frames)
-            <= sensor_noise.UNTOLD * sensor_noise.MEMORY * sensor_noise.STRIDE + 10 + sensor_noise.ORDER
+            <= sensor_noise.NEW_SHARE * sensor_noise.MEMORY * sensor_noise.STRIDE + 10 + sensor_noise.ORDER
         )
     *_, estimate = streamed(both, 10, (5e-4, 4e-3))
     assert estimate.sigma_position_m == pytest.approx(1e-3, rel=0.1)

@@ -1,8 +1,8 @@
 """Processes of this machine that help a command: they start when it asks and end with it.
 
 ``local_processes`` calls a function with many arguments. Each process has an executor of its own: when it
-ends, it is certain which job it was at, and it costs no other. ``helpers`` is one executor for who hands out
-work while it goes on reading, and cannot do without any of it.
+ends, it is certain which job it was at, and it costs no other. ``helpers`` is one executor for a caller that
+submits work while it goes on reading; if one process ends early, the command fails.
 """
 
 import os
@@ -53,6 +53,7 @@ def helpers(count: int, prepare: Callable[[], None]) -> Iterator[Executor]:
     ContactTrackerError
         One ended before its work was done.
     """
+    _use_one_thread_each()
     executor = ProcessPoolExecutor(count, get_context("spawn"), _begin, (prepare,))
     try:
         with kept_from_children():
@@ -65,6 +66,13 @@ def helpers(count: int, prepare: Callable[[], None]) -> Iterator[Executor]:
         raise ContactTrackerError(f"{_ENDED}; try --processes 1") from None
     finally:
         executor.shutdown(cancel_futures=True)
+
+
+def _use_one_thread_each() -> None:
+    """Processes that are started from now on use one thread each in numerics, unless the user has said
+    otherwise."""
+    for name in _THREADS:
+        os.environ.setdefault(name, "1")
 
 
 class Runner:
@@ -132,8 +140,7 @@ def local_processes(
     ContactTrackerError
         One cannot even start.
     """
-    for name in _THREADS:  # as many processes as cores: each takes one
-        os.environ.setdefault(name, "1")
+    _use_one_thread_each()
     lanes = [_Lane() for _ in range(processes)]
     try:
         _start(lanes, prepare)

@@ -83,9 +83,8 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
 
     Parameters
     ----------
-    log_weight, log_prior : (K,), in nats; their difference is the evidence. Before ``LONGEST_S``, the best by
-    weight
-        and the best by evidence alone are both kept if they differ.
+    log_weight, log_prior : (K,), in nats; their difference is the evidence. Before ``LONGEST_S``, the best
+        by weight and the best by evidence alone are both kept if they differ.
     """
     if moved_s < HOPELESS_AFTER_S:
         return np.ones(len(log_weight), np.bool_)

@@ -16,7 +16,7 @@ from contact_tracker.tracking import tracker
 
 WRONG_NATS: Final = 8.0
 """Lead of the tracker without the prior map from which that is reported as wrong. Right directions cost up to
-5 nats, if they are two standard deviations off, or while a wrong contact fits."""
+5 nats, if they are two and a half standard deviations off, or while a wrong contact fits."""
 DOUBTED_NATS: Final = 6.0
 """Lead from which no label is sure."""
 LONGEST_S: Final = 60.0
@@ -47,6 +47,8 @@ def advance(known: Contradiction, model: Model, knowledge: PriorMap, poses: Pose
     """Advance by poses; ``model`` has the ticks of the stream. Without ``knowledge`` nothing is compared."""
     if known.is_settled or not knowledge:
         return known._replace(is_settled=True)
+    if not len(poses):
+        return known
     given, with_it = follow(known.given or Explained(tracker.start(model, knowledge=knowledge)), poses)
     nothing, without = follow(known.nothing or Explained(tracker.start(model)), poses)
     lead = known.lead

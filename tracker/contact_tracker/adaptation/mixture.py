@@ -1,4 +1,4 @@
-"""What several trackers believe together, and what is left of it while the stream itself is in doubt."""
+"""The mixture of the beliefs of several trackers, and a belief while the stream itself is in doubt."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.states import STATES
+from contact_tracker.tracking.ambiguity import at_most
 from contact_tracker.tracking.belief import Belief
 
 Array = NDArray[np.float64]
@@ -19,8 +20,8 @@ DOUBT: Final = 0.5
 def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
 
-    What else there is to say of that state says the most probable tracker among those that have its label;
-    where none has, its onset and elements are not known.
+    Onset, elements and alternatives are those of the most probable tracker with this label; without one they
+    are unknown.
     """
     if len(beliefs) == 1:
         return beliefs[0]
@@ -33,11 +34,19 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     source, _ = ranked[-1]
     if source.contact is not label:
         source = replace(
-            source, contact=label, onset_ns=source.stamp_ns, geometry=None, inseparable=(), further=()
+            source,
+            contact=label,
+            onset_ns=source.stamp_ns,
+            geometry=None,
+            inseparable=(),
+            p_restricted=0.0,
+            further=(),
+            is_open=False,
         )
-    return replace(source, probability=probability)
+    # only one of the trackers looks for further contacts, and caps its own label
+    return replace(source, probability=at_most(probability, label) if source.is_open else probability)
 
 
 def spread_out(probability: Array) -> Array:
-    """Posterior (..., 7) of which nothing is sure: the poses may not be what they seem."""
+    """Posterior (..., 7) mixed with a uniform one: the poses may not be what they seem."""
     return np.asarray((1.0 - DOUBT) * probability + DOUBT / len(STATES))

@@ -54,7 +54,8 @@ class Calibration:
 
     @property
     def log_loss(self) -> tuple[float, float] | None:
-        """Tallies before and after, on held-out recordings with truth, of filtered and smoothed beliefs."""
+        """Log-loss (nats) before and after, on held-out recordings with truth, of filtered and smoothed
+        beliefs."""
         before = [h.before.evaluation for h in self.held_out if h.before.evaluation is not None]
         after = [h.after.evaluation for h in self.held_out if h.after.evaluation is not None]
         return (mean_log_loss(before), mean_log_loss(after)) if before else None

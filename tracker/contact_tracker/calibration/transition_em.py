@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 
 MOST_ROUNDS: Final = 50
 CONVERGED: Final = 1e-3
-"""Iteration ends when no count above ``NEGLIGIBLE`` changes by more than this share."""
+"""Iteration ends when no rate or probability above ``NEGLIGIBLE`` changes by more than this share."""
 NEGLIGIBLE: Final = 1e-3
 LEAST_EXPOSURE_S: Final = 1e-9
-"""Stands for zero counts, to avoid zero over zero."""
+"""Stands for zero exposure, to avoid zero over zero."""
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,6 @@ SAME_ROW: Final = 0.05
 JITTER: Final = 1e-9
 TINY: Final = 1e-30
 _MOVES: Final = lifted_pose.perturbations()
-_KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
-"""Of the noise of each of a pose's directions: first turns, then shifts."""
 
 
 @cache
@@ -73,15 +71,13 @@ class ConditionalMotion:
     @classmethod
     def of(cls, window: Window, scales: EvidenceParameters) -> Self:
         """Ticks in which no contact is kept."""
-        zeta, new = window.zeta, window.zeta * scales.alone
-        if scales.correlation:
-            new[1:] = zeta[1:] - scales.correlation * zeta[:-1]
-            if window.before is not None:
-                new[0] = zeta[0] - scales.correlation * window.before
+        zeta, new = window.zeta, scales.innovations(window.zeta, window.before)
         moved = (zeta @ _MOVES.reshape(-1, lifted_pose.SIZE).T).reshape(len(zeta), 6, lifted_pose.SIZE)
-        excess_sd = np.sqrt(window.innovation_excess[:, _KINDS])
+        excess_sd = np.sqrt(window.innovation_excess[:, lifted_pose.NOISE_OF_PERTURBATION])
         free = excess_sd[:, :, None] * np.eye(6)
-        return cls(new, moved, np.sqrt(window.variance[:, _KINDS]), excess_sd, free)
+        return cls(
+            new, moved, np.sqrt(window.variance[:, lifted_pose.NOISE_OF_PERTURBATION]), excess_sd, free
+        )
 
     def keeping(self, c: Array, first: int = 0, end: int | None = None) -> "ConditionalMotion":
         """The same motion where the ticks from ``first`` to ``end`` keep the constraints c (K, 25), too."""

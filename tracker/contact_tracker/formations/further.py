@@ -1,7 +1,6 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -73,6 +72,11 @@ class Further(NamedTuple):
         return KnownContact(self.elements.model, self.elements.x)
 
 
+Ranks = tuple[tuple[frozenset[int], int], ...]
+"""Of each set of further contacts that hold at once, by number: the constraints of these and the first
+together."""
+
+
 class Formation(NamedTuple):
     """What touches beside the first contact of a segment.
 
@@ -82,8 +86,7 @@ class Formation(NamedTuple):
 
     further: tuple[Further, ...]
     is_open: bool
-    ranks: Mapping[frozenset[int], int] = MappingProxyType({})
-    """Constraints of the first contact and of all further ones, by their numbers, that hold at once."""
+    ranks: Ranks = ()
 
 
 NOTHING: Final = Formation((), False)
@@ -136,20 +139,18 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
     return Formation(tuple(found), is_open, _ranks(free, first, found))
 
 
-def _ranks(
-    motion: ConditionalMotion, first: KnownContact, found: Sequence[Further]
-) -> dict[frozenset[int], int]:
+def _ranks(motion: ConditionalMotion, first: KnownContact, found: Sequence[Further]) -> Ranks:
     holds = np.zeros((len(motion), len(found)), bool)
     for number, one in enumerate(found):
         for run in one.runs:
             holds[slice(*run), number] = True
-    ranks = {}
+    ranks = list[tuple[frozenset[int], int]]()
     for pattern in np.unique(holds, axis=0):
         numbers = np.flatnonzero(pattern).tolist()
         if numbers:
             contacts = [first.c, *(found[number].known.c for number in numbers)]
-            ranks[frozenset(numbers)] = count_constraints(motion, contacts)
-    return ranks
+            ranks.append((frozenset(numbers), count_constraints(motion, contacts)))
+    return tuple(ranks)
 
 
 def _further_contacts(
@@ -177,7 +178,7 @@ def _further_contacts(
         if geometry is None or more <= before or not uses_freedom:
             # what is moved in fewer directions than it could be is held back by something else
             return found, True
-        others = inseparable_kinds(segment, motion, best, some, more - before)
+        others = inseparable_kinds(segment, motion, best, some, run, more - before)
         found.append(Further(elements, geometry, best.presence.runs, best.presence.log_odds, others))
         for one in best.presence.runs:
             motion = motion.keeping(best.known.c, *one)
@@ -286,17 +287,22 @@ def longest(presence: Presence) -> Run:
 
 
 def inseparable_kinds(
-    segment: FormationTicks, motion: ConditionalMotion, best: Candidate, others: Sequence[Candidate], new: int
+    segment: FormationTicks,
+    motion: ConditionalMotion,
+    best: Candidate,
+    others: Sequence[Candidate],
+    run: Run,
+    new: int,
 ) -> tuple[Contact, ...]:
-    """Kinds that explain as much as the ``best``, which puts so many ``new`` constraints on the motion.
+    """Kinds that explain as much as the ``best``, which puts ``new`` constraints on the motion.
 
-    What a kind contains explains as much if it has as many. Elements as a search leaves them may fit less
-    well than the best, which were refined: then these are refined, too.
+    A kind that is contained in one of these explains as much if it has as many constraints. The elements of
+    the best were refined on the ticks of ``run``; those of others that fit less well are refined there, too.
     """
     alike = {best.known.model.contact}
     for one in others:
         if one.rms > AS_WELL and one.gain > SAME_GAIN * best.gain:
-            one, _ = refined(segment, motion, one, one.presence.runs[-1])
+            one, _ = refined(segment, motion, one, run)
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
         fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > SAME_GAIN * best.gain
         if near or fits:

@@ -1,7 +1,8 @@
 """Further contacts while poses come in: bounded work in each tick (docs/theory.md, section 18).
 
-Now and then constraints are looked for that the last ticks keep; if there may be some, kinds are searched for
-one after the other, one in a tick. What was found is weighed anew in every tick.
+From time to time the latest ticks are tested for constraints beyond those of the known contacts. If there may
+be some, kinds of contacts are searched for, a few in each tick. Contacts that were found are weighed in every
+tick.
 """
 
 from collections.abc import Iterator, Sequence
@@ -291,7 +292,9 @@ def _rejudged(beside: Beside, ticks: FormationTicks, first: KnownContact) -> Bes
     part = motion.cut(*run)
     new = count_constraints(part, [*holding, best.known.c]) - count_constraints(part, holding)
     held = list(beside.held)
-    held[beside.rejudged] = one._replace(inseparable=inseparable_kinds(ticks, motion, best, candidates, new))
+    held[beside.rejudged] = one._replace(
+        inseparable=inseparable_kinds(ticks, motion, best, candidates, run, new)
+    )
     return beside._replace(held=tuple(held), found=(), kinds=False, rejudged=-1)
 
 
@@ -338,7 +341,7 @@ def _accepted(
     held = Held(
         Elements(kind, best.known.x),
         geometry,
-        inseparable_kinds(ticks, motion, best, candidates, constraints - before),
+        inseparable_kinds(ticks, motion, best, candidates, last, constraints - before),
         best.presence.log_odds,
         int(ticks.window.index[last.first]),
         True,

@@ -1,4 +1,5 @@
-"""What the elements of a further contact cost that were fitted to its ticks (docs/theory.md, T19 and T36)."""
+"""Complexity of the elements of a further contact that were fitted to its ticks (docs/theory.md, T19 and
+T36)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +14,26 @@ Array = NDArray[np.float64]
 
 
 def price(
-    model: ContactModel, x: Array, motion: ConditionalMotion, window: Window, scales: EvidenceParameters
+    model: ContactModel,
+    x: Array,
+    motion: ConditionalMotion,
+    window: Window,
+    scales: EvidenceParameters,
+    noise_factor: float = 1.0,
 ) -> float:
-    """Nats that elements x (S,) cost: what the ticks say of them beyond their first tick and free motion."""
+    """Complexity (nats) of elements x (S,) fitted to the ticks of ``window``, with ``noise_factor`` times
+    their noise.
+
+    The information of the first tick, and what free motion predicts, are not counted
+    (``evidence.complexity``).
+    """
     family = model.family
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, scales.reach_m)
     c = coefficients(model, x)
     noise = np.sqrt(np.square(motion.gradients(c) * motion.noise_sd[:, None]).sum(axis=2)) + TINY  # (W, K)
     along = family.tangent(x[None], anchors)[0].T @ family.rows_derivative(x[None])[0]  # (K, P, C)
-    slopes = np.einsum("kpc,wc->wkp", along, model.lifted(motion.new)) / noise[..., None]
+    slopes = np.einsum("kpc,wc->wkp", along, model.lifted(motion.new)) / (noise_factor * noise[..., None])
     hessian = np.einsum("wkp,wkq->kpq", slopes, slopes)
     gain = motion.evidence(c).gain.mean() / family.ROWS
     ticks = max(float(window.motion_ratio.sum()), 1.0)

@@ -32,6 +32,15 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
+def cross_matrix(v: Array) -> Array:
+    """Matrices (..., 3, 3) with ``cross_matrix(v) @ w == cross(v, w)``."""
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
 def sphere_tangent(n: Array) -> Array:
     """Two orthonormal directions (..., 3, 2) normal to unit vectors n (..., 3).
 

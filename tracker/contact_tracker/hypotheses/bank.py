@@ -56,8 +56,7 @@ class Bank(Table):
     number : (H,) identifies the hypothesis in the whole recording.
     log_birth_weight : (H,) log weight at birth.
     protected_until : (H,) pruning by weight spares it until it has this many ``effective_ticks`` (thinning of
-    old
-        onsets does not). Set at birth if it may search, and extended when its likelihood drops.
+        old onsets does not). Set at birth if it may search, and extended when its likelihood drops.
     prior_index : (H,) which known or remembered elements it assumes; 0: none.
     prior_mean, prior_information : (H, S), (H, S, S) the Gaussian prior on x that follows from them.
     line_anchor : (H, 6) points by which lines through a known point are parametrised; NaN: near the body.

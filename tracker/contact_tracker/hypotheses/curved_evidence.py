@@ -1,8 +1,8 @@
-"""How much better a curved contact explains motion than free motion does (docs/theory.md, section 20).
+"""Evidence of curved contacts against free motion (docs/theory.md, section 20).
 
-Motion that none of the six contacts explains is called free. Where it keeps a constraint of
-``curved_contact`` it is not. Such contacts have many parameters: the first half of the motion tells them,
-and what counts is how well they foretell the second half.
+Motion that none of the six contacts explains is labelled free, but is not if it keeps a constraint of
+``curved_contact``. These have many parameters, so they are fitted to the first half of the motion and judged
+by their prediction of the second half.
 """
 
 from functools import cache

@@ -56,6 +56,16 @@ class EvidenceParameters:
         (T34)."""
         return sqrt(1.0 - self.correlation**2)
 
+    def innovations(self, values: Array, before: Array | None = None) -> Array:
+        """Innovations of values (W, ...) tick by tick (T34), given those (...) of the tick ``before`` the
+        first."""
+        new = values * self.alone
+        if self.correlation:
+            new[1:] = values[1:] - self.correlation * values[:-1]
+            if before is not None:
+                new[0] = values[0] - self.correlation * before
+        return new
+
 
 @dataclass(frozen=True, eq=False)
 class Ratio:

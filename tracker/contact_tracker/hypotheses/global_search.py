@@ -56,8 +56,8 @@ def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
     """For each hypothesis the row (H,) of the one whose geometry fits its window best; its own if it fits, or
     none is better.
 
-    Hypotheses far behind the best neither donate nor receive, so that it does not matter whether they have
-    been pruned.
+    Hypotheses far behind the best neither donate (after burn-in) nor receive (unless protected), so that it
+    does not matter whether they have been pruned.
     """
     donor = np.arange(len(bank))
     recipients, donors = np.flatnonzero(accepts_donor(bank)), np.flatnonzero(is_competitive(bank, model))

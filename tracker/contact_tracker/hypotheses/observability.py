@@ -24,8 +24,6 @@ from contact_tracker.motion import lifted_pose
 
 Array = NDArray[np.float64]
 
-_KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
-"""Index of the noise variance of each perturbation of a pose: three turns (rotation), then three shifts."""
 SHOWN: Final = 10.0
 """A direction is observed if the information of the window is this many times that of prior and noise."""
 NOISE_MARGIN: Final = 1.5
@@ -148,7 +146,7 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
     slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
     # change of each row when a pose is perturbed by one sigma in each direction
     off = (slopes.reshape(free * rows, columns) @ _perturbations(model)).reshape(free, rows, 6, columns)
-    off *= np.sqrt(precision[:, None] * variance[_KINDS])[..., None]
+    off *= np.sqrt(precision[:, None] * variance[lifted_pose.NOISE_OF_PERTURBATION])[..., None]
     jitter = off.reshape(-1, columns) @ moments
     return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
 

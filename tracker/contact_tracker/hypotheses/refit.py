@@ -89,8 +89,7 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(motion, REST_WEIGHT) / variance
-    new = lifted * scales.alone
-    new[1:] = lifted[1:] - scales.correlation * lifted[:-1]
+    new = scales.innovations(lifted)
     bank = bank.replace_onset_columns(
         onset_row=new[0] / np.sqrt(variance[0]),
         second_moment=np.einsum("w,wcd->cd", weight, _products(model, new, lifted)),

@@ -127,9 +127,9 @@ def findings(inspection: Inspection) -> tuple[Finding, ...]:
     if inspection.units:
         found.append(Finding("units", _units_text(inspection), True))
     if inspection.bodies:
-        share = f"{100.0 * inspection.share:.0f} % of the frames"
+        share = f" ({100.0 * inspection.share:.0f} % of the frames)" if inspection.share else ""
         text = (
-            f"poses jump back and forth between two places ({share}): two bodies on one topic? "
+            f"poses jump back and forth between two places{share}: two bodies on one topic? "
             "choose one with --topic or --frame, or record them on topics of their own"
         )
         found.append(Finding("bodies", text, True))
@@ -196,9 +196,8 @@ def _inspect_block(before: Inspection, window: Poses) -> Inspection:
     time_s = 1e-9 * (near.stamp_ns - near.stamp_ns[0])
     interval_s = _median(np.diff(time_s))
     back = returned(near, interval_s)
-    if is_of_two_bodies(window[-BLOCK:]):
-        back = np.ones(BLOCK, np.bool_)
-    page, bodies = page_sum(before.page, back)
+    are_close = is_of_two_bodies(window[-BLOCK:])
+    page, bodies = page_sum(before.page, back | are_close)
     top_m_per_s = max(before.top_m_per_s, _speed(near.position_m, time_s))
     after = before._replace(
         blocks=blocks, page=page, share=float(back.mean()), bodies=bodies, top_m_per_s=top_m_per_s

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.formations.conditional import ConditionalMotion
-from contact_tracker.formations.further import KnownContact
+from contact_tracker.formations.further import SURE_NATS, KnownContact
 from contact_tracker.formations.price import price
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
+from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
 from contact_tracker.motion.used_directions import used_directions
 from contact_tracker.motion.window import Window
 
@@ -21,11 +22,9 @@ MOST_DIRECTIONS: Final = 3
 LEAST_TICKS: Final = 20
 LEAST_ACTIVITY: Final = 10.0
 """Least number of ticks with motion: smooth motion of a hand may follow a joint by chance for a while."""
-SURE_NATS: Final = 2.5
-"""A joint is reported if its log odds against contacts and free motion exceed this."""
 PLAYS: Final = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Factors of the noise that are tried for motion of one degree of freedom, because joints have play and
-markers bend; contacts get the same factor."""
+markers bend, and for contacts as well."""
 STEPS: Final = 12
 FIRST_DAMPING: Final = 1e-3
 DAMPING: Final = (0.2, 10.0)
@@ -35,12 +34,10 @@ PITCH_M: Final = 0.05
 """Prior standard deviation of the pitch (m/rad); that of turns is one radian, that of points the usual
 reach."""
 JITTER: Final = 1e-9
-_KINDS: Final = np.array([1, 1, 1, 0, 0, 0])
-"""Index of the noise variance of each perturbation of a pose: three turns (rotation), then three shifts."""
 
 
 class FittedJoint(NamedTuple):
-    """A joint at its maximum a posteriori: ``covariance`` (P, P) of its free parameters and ``log_evidence``
+    """A joint at its greatest likelihood: ``covariance`` (P, P) of its free parameters and ``log_evidence``
     against free motion (nats), with ``play`` times the noise."""
 
     model: JointModel
@@ -78,11 +75,12 @@ def find_joint(
         for one in JOINT_MODELS
         if one.kind.constraints >= constraints and (used == 1 or one.kind is JointKind.BALL)
     ]
-    fitted = [fit_joint(model, window, scales, PLAYS if used == 1 else PLAYS[:1]) for model in some]
+    plays = PLAYS if used == 1 else PLAYS[:1]
+    fitted = [fit_joint(model, window, scales, plays) for model in some]
     best = max(fitted, key=lambda one: one.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
-    rivals = [0.0, *(contact_evidence(one, window, scales, best.play) for one in contacts)]
+    rivals = [0.0, *(contact_evidence(one, window, scales, plays) for one in contacts)]
     if best.log_evidence - max(rivals) <= SURE_NATS:
         return None
     rivals += [one.log_evidence for one in fitted if one is not best]
@@ -120,20 +118,26 @@ def fit_joint(
 
 
 def contact_evidence(
-    contact: KnownContact, window: Window, scales: EvidenceParameters, play: float = 1.0
+    contact: KnownContact, window: Window, scales: EvidenceParameters, plays: tuple[float, ...] = PLAYS[:1]
 ) -> float:
-    """Log evidence of a contact, measured like that of joints and with the same noise."""
+    """Log evidence of a contact against the same free motion as for joints, with the best of the same
+    ``plays``."""
     motion, c = ConditionalMotion.of(window, scales), contact.c
     value = window.zeta @ c.T
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
-    ratio = _Ticks.of(residual, *_deviations_of(window), scales).log_ratio(play)
-    cost = price(contact.model, contact.x, motion, window, scales)
-    return scales.likelihood_exponent * (ratio - cost)
+    ticks = _Ticks.of(residual, *_deviations_of(window), scales)
+    evidence = [
+        ticks.log_ratio(play) - price(contact.model, contact.x, motion, window, scales, play)
+        for play in plays
+    ]
+    return scales.likelihood_exponent * max(evidence)
 
 
 def _deviations_of(window: Window) -> tuple[Array, Array]:
     """Standard deviations (W, 6) of the noise and of the displacement in each tick."""
-    return np.sqrt(window.variance[:, _KINDS]), np.sqrt(window.displacement_variance[:, _KINDS])
+    return np.sqrt(window.variance[:, NOISE_OF_PERTURBATION]), np.sqrt(
+        window.displacement_variance[:, NOISE_OF_PERTURBATION]
+    )
 
 
 def _deviations(scales: EvidenceParameters) -> Array:
@@ -141,13 +145,6 @@ def _deviations(scales: EvidenceParameters) -> Array:
     deviation = np.ones(PITCH + 1)
     deviation[:6], deviation[PITCH] = scales.reach_m, PITCH_M
     return deviation
-
-
-def _new(values: Array, scales: EvidenceParameters) -> Array:
-    """Innovations of values (W, ...) in each tick, for correlated errors (T34)."""
-    new = values * scales.alone
-    new[1:] = values[1:] - scales.correlation * values[:-1]
-    return new
 
 
 class _Whitened(NamedTuple):
@@ -174,7 +171,7 @@ def _held(by_pose: Array, noise_sd: Array) -> Array:
 def _whitened(residual: Residual, noise_sd: Array, scales: EvidenceParameters) -> _Whitened:
     lower = np.linalg.cholesky(_held(residual.by_pose, noise_sd))
     both = np.concatenate([residual.value[..., None], residual.by_x], axis=2)
-    white = np.linalg.solve(lower, _new(both, scales))
+    white = np.linalg.solve(lower, scales.innovations(both))
     return _Whitened(white[..., 0].ravel(), white[..., 1:].reshape(-1, white.shape[2] - 1))
 
 
@@ -199,7 +196,7 @@ class _Ticks(NamedTuple):
         rows = residual.by_pose / scale[..., None]  # the result does not depend on the units of a row
         held = _held(rows, noise_sd) + JITTER * np.eye(rows.shape[1])
         loose = held + _held(rows, moved_sd)
-        new = (_new(residual.value, scales) / scale)[..., None]
+        new = (scales.innovations(residual.value) / scale)[..., None]
         gain = 0.5 * float((np.linalg.slogdet(loose)[1] - np.linalg.slogdet(held)[1]).sum())
         return cls(
             gain,

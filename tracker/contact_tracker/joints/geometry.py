@@ -23,8 +23,7 @@ class Joint:
     object, environment : its axis in the body frame and in the world frame; of a ball joint its centre in
         both. A slider's axis is the line along which the body's origin moves.
     pitch_m_per_rad : translation along the axis per radian about it; zero for hinges, None for sliders and
-    ball
-        joints. ``pitch_sd_m_per_rad`` is its standard deviation, for screws.
+        ball joints. ``pitch_sd_m_per_rad`` is its standard deviation, for screws.
     """
 
     kind: JointKind

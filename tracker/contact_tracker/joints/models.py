@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
-from contact_tracker.geometry.vectors import sphere_tangent
+from contact_tracker.geometry.vectors import cross_matrix, sphere_tangent
 from contact_tracker.motion.lifted_pose import R, T
 
 Array = NDArray[np.float64]
@@ -122,11 +122,11 @@ def _coordinates(frames: JointFrames, zeta: Array) -> tuple[Array, Array, Array]
     value[:, :3], value[:, TILT_X], value[:, TILT_Y] = s, d[:, 0, 2], d[:, 1, 2]
     value[:, ANGLE] = np.unwrap(np.arctan2(d[:, 1, 0] - d[:, 0, 1], d[:, 0, 0] + d[:, 1, 1]))
     by_pose, by_x = np.zeros((count, 6, 6)), np.zeros((count, 6, PITCH + 1))
-    by_pose[:, :3, :3] = -turned @ _cross_matrix(frames.body_point_m)
+    by_pose[:, :3, :3] = -turned @ cross_matrix(frames.body_point_m)
     by_pose[:, :3, 3:] = world
     by_x[:, :3, BODY_POINT] = d
     by_x[:, :3, WORLD_POINT] = -np.eye(3)
-    by_x[:, :3, WORLD_TURN] = _cross_matrix(s)
+    by_x[:, :3, WORLD_TURN] = cross_matrix(s)
     for row, number in ((0, TILT_X), (1, TILT_Y)):
         across = np.cross([0.0, 0.0, 1.0], d[:, row])  # e_z x D^T e_i
         by_pose[:, number, :3] = across @ body.T
@@ -139,13 +139,6 @@ def _coordinates(frames: JointFrames, zeta: Array) -> tuple[Array, Array, Array]
 
 def _turn(vector: Array) -> Array:
     return np.asarray(matrices(from_rotation_vectors(vector[None]))[0])
-
-
-def _cross_matrix(v: Array) -> Array:
-    zero = np.zeros(v.shape[:-1])
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _about(axis: Array) -> Array:

@@ -47,9 +47,8 @@ def fuse(later: Element, earlier: Element) -> Element:
     first, second = _better_first(later, earlier)
     free = _free(first)
     ours, theirs = _along(free, first), _along(free, second)
-    share, eigenvectors = linalg.eigenvectors(
-        theirs, ours + theirs
-    )  # of the variance of both, that of the second
+    # shares: of the variance of both, that of the second
+    share, eigenvectors = linalg.eigenvectors(theirs, ours + theirs)
     was, now = (share, 1.0 - share) if first is later else (1.0 - share, share)
     of_second = (now > VAGUER**2 * was) == (first is later)
     back = free @ (ours + theirs) @ eigenvectors

@@ -138,7 +138,7 @@ def _as_before(one: Landmark, before: Landmark | None = None) -> Landmark:
 
 
 class _Candidate(NamedTuple):
-    """A candidate for an element of a new contact: ``element``, or None for an unknown one.
+    """A candidate for an element of a new contact: ``known``, or None for an unknown one.
 
     With it: whether it is of the last contact, whether it touched itself (else it is incident with one that
     did), and whether it is the latest of its kind.

@@ -298,9 +298,8 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
 
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
     """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3)."""
-    from filterpy.kalman import (
-        KalmanFilter,
-    )  # its function `update` takes any exception for a value without axes
+    # not its function `update`, which takes any exception, an interrupt too, for a value without axes
+    from filterpy.kalman import KalmanFilter
 
     step = KalmanFilter(dim_x=6, dim_z=2)
     step.P, step.H, step.R = prediction.covariance, _VALUE, variance * np.eye(2)

@@ -10,6 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.vectors import cross_matrix
+
 Array = NDArray[np.float64]
 
 SIZE: Final = 25
@@ -18,6 +20,8 @@ T: Final = np.arange(9, 12)
 U: Final = np.arange(12, 15)
 TXR: Final = np.arange(15, 24)
 ONE: Final = np.array([24])
+NOISE_OF_PERTURBATION: Final = np.array([1, 1, 1, 0, 0, 0])
+"""Index into (position, rotation) variances of each of the six ``perturbations`` of a pose."""
 _INVERSE_ORDER: Final = np.concatenate(
     [
         R.reshape(3, 3).T.ravel(),
@@ -88,29 +92,25 @@ def recentring(world_shift_m: Array, body_shift_m: Array) -> Array:
     c[np.ix_(U, R)] -= np.kron(s, eye)
     c[np.ix_(U, ONE)] += b[:, None]
     # [t']x R = [t]x R - [s]x R + [R b]x R, and [R b]x R = R [b]x
-    c[np.ix_(TXR, R)] += np.kron(-_cross_matrix(s), eye) + np.kron(eye, _cross_matrix(b).T)
+    c[np.ix_(TXR, R)] += np.kron(-cross_matrix(s), eye) + np.kron(eye, cross_matrix(b).T)
     return c
 
 
 def perturbations() -> Array:
-    """Six linear maps (6, 25, 25): what zeta changes by when the pose is a little off.
+    """Six linear maps (6, 25, 25): the change of zeta by small perturbations of the pose.
 
-    First by turns about the body's axes, ``dR = R [e_i]x``, then by shifts along the world's, ``dt = e_i``.
+    First turns about the body's axes, ``dR = R [e_i]x``, then shifts along the world's, ``dt = e_i``.
     """
     out = np.zeros((6, SIZE, SIZE))
     eye = np.eye(3)
     for axis, turn, shift in zip(eye, out[:3], out[3:], strict=True):
-        cross = _cross_matrix(axis)
+        cross = cross_matrix(axis)
         turn[np.ix_(R, R)] = turn[np.ix_(TXR, TXR)] = np.kron(eye, cross.T)
         turn[np.ix_(U, U)] = cross.T
         shift[np.ix_(T, ONE)] = axis[:, None]
         shift[np.ix_(U, R)] = np.kron(axis, eye)
         shift[np.ix_(TXR, R)] = np.kron(cross, eye)
     return out
-
-
-def _cross_matrix(v: Array) -> Array:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]], float)
 
 
 def lift_of_inverse(zeta: Array) -> Array:

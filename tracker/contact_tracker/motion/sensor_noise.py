@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.rotation import between, matrices, rotation_vectors
+from contact_tracker.geometry.vectors import cross_matrix
 from contact_tracker.motion.poses import NO_POSES, Poses
 
 Array = NDArray[np.float64]
@@ -27,13 +28,13 @@ MEMORY: Final = 1000
 """Number of differences in memory."""
 PRIOR: Final = 5
 """Weight of the model's noise, as a number of differences."""
-BALL: Final = 15
+ISOTROPY_PRIOR: Final = 15
 """Weight of isotropic noise, as a number of differences."""
 REGULAR: Final = 1.5
 """Differences are only taken where the interval is within this factor of the usual one."""
-THOROUGH: Final = 15
+FIRST_ITERATIONS: Final = 15
 """Steps of Tyler's iteration from a sphere; from the last estimate one is enough."""
-UNTOLD: Final = 0.05
+NEW_SHARE: Final = 0.05
 """The noise is estimated again once this share of the differences is new; that moves it by a quarter of its
 standard error."""
 SPREAD_M: Final = 0.3
@@ -101,7 +102,7 @@ def advance(
     """
     frames_left, known = Poses.join([buffer.frames, frames]).fresh, buffer.differences.shape[1]
     new = (len(frames_left) - ORDER + 1) // STRIDE
-    if new < UNTOLD * min(known + new, MEMORY):
+    if new < NEW_SHARE * min(known + new, MEMORY):
         return NoiseBuffer(buffer.differences, frames_left), estimate
     differences = np.concatenate([buffer.differences, _third_differences(frames_left)], axis=1)[:, -MEMORY:]
     return NoiseBuffer(differences, frames_left[max(new, 0) * STRIDE :]), _estimate(
@@ -117,7 +118,7 @@ def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, f
     across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
     shape = _shape(differences[:6] / deviation.repeat(3)[:, None], estimate.shape)
     centre_m = _centre(shape, deviation[0] / deviation[1], differences.shape[1])
-    at_centre = np.einsum("ijn,jn->in", turn, across - _cross_matrix(centre_m) @ about)
+    at_centre = np.einsum("ijn,jn->in", turn, across - cross_matrix(centre_m) @ about)
     both = np.array([estimate.position_m2, estimate.rotation_rad2])
     covariance = _covariance(np.array([at_centre, about]), np.array(prior), both)
     return NoiseEstimate(covariance[0], covariance[1], centre_m, shape)
@@ -130,7 +131,7 @@ def estimate_noise(poses: Poses) -> tuple[float, float]:
         return float("nan"), float("nan")
     across, about, turn = differences[:3], differences[3:6], differences[6:].reshape(3, 3, -1)
     rows = np.array([np.einsum("ijn,jn->in", turn, across), about])
-    sigma = np.sqrt(_size_sq(rows, _shape(rows, np.eye(3)[None], THOROUGH)))
+    sigma = np.sqrt(_size_sq(rows, _shape(rows, np.eye(3)[None], FIRST_ITERATIONS)))
     return float(sigma[0]), float(sigma[1])
 
 
@@ -177,7 +178,7 @@ def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
     It depends on the directions of the columns only.
     """
     size, count = rows.shape[-2:]
-    ball = BALL * np.eye(size)
+    ball = ISOTROPY_PRIOR * np.eye(size)
     shape = start
     for _ in range(steps):
         length_sq = _distance_sq(rows, shape)
@@ -199,7 +200,3 @@ def _distance_sq(rows: Array, shape: Array) -> Array:
 
 def _trace(matrix: Array) -> Array:
     return np.asarray(matrix.trace(axis1=-2, axis2=-1))[..., None, None]
-
-
-def _cross_matrix(v: Array) -> Array:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

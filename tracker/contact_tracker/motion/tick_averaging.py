@@ -70,7 +70,7 @@ class TickRun(NamedTuple):
     is_rest: bool
     """Whether the first is the rest of a tick that was closed early."""
     last: Tick | None
-    """Number of the tick before them."""
+    """The tick before them; None at the start."""
 
 
 def average_run(learnt: StreamState, run: TickRun, model: Model) -> tuple[StreamState, list[Tick]]:
@@ -114,9 +114,8 @@ def _average_tick(
     buffer, estimate = learnt.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
-        typical = (
-            some if 2 * len(some) > len(frames) else frames
-        )  # unless most are outliers, these are no noise
+        # outliers do not count as noise, unless most frames are outliers
+        typical = some if 2 * len(some) > len(frames) else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origin_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))

@@ -1,4 +1,4 @@
-"""What Rust prints when a library of it panics, which no exception handler can take back."""
+"""Silence for panics of Rust libraries, which print to the file descriptor of stderr whatever is caught."""
 
 import os
 import sys
@@ -11,7 +11,7 @@ _STDERR: Final = 2
 
 
 class _Silence:
-    """How many callers want it quiet at the moment, and where stderr goes otherwise."""
+    """The number of callers that want silence at the moment, and a copy of stderr's descriptor."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -20,9 +20,9 @@ class _Silence:
 
     def begin(self) -> None:
         with self._lock:
-            self._callers += 1
-            if self._callers == 1:
+            if not self._callers:
                 self._kept = _closed_stderr()
+            self._callers += 1
 
     def end(self) -> None:
         with self._lock:
@@ -37,9 +37,9 @@ _SILENCE: Final = _Silence()
 
 @contextmanager
 def without_panics() -> Iterator[None]:
-    """Send what is printed to the file descriptor of stderr nowhere, meanwhile; the error is raised as well.
+    """Discard meanwhile what is printed to the file descriptor of stderr; errors are raised all the same.
 
-    The threads of polars print it: a message, and a backtrace where ``RUST_BACKTRACE`` asks for one.
+    The threads of polars print a message, and with ``RUST_BACKTRACE`` a backtrace.
     """
     if sys.stderr is not None:
         sys.stderr.flush()
@@ -51,12 +51,16 @@ def without_panics() -> Iterator[None]:
 
 
 def _closed_stderr() -> int | None:
-    """A copy of the descriptor, which itself leads nowhere now; None where there is none."""
+    """Redirect the descriptor to nowhere; returns a copy of it, or None if that is not possible."""
     try:
         kept = os.dup(_STDERR)
     except OSError:
         return None
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+    except OSError:  # no descriptors are left
+        os.close(kept)
+        return None
     os.dup2(nowhere, _STDERR)
     os.close(nowhere)
     return kept

@@ -95,8 +95,10 @@ def predict(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> Predicti
         past,
         turn,
     )
-    moment = TickInput(births, tick.stamp_ns, window, state.window, ahead.log_transition, ahead.log_survival)
-    return Prediction(sliding, ahead, moment)
+    tick_input = TickInput(
+        births, tick.stamp_ns, window, state.window, ahead.log_transition, ahead.log_survival
+    )
+    return Prediction(sliding, ahead, tick_input)
 
 
 def with_weights(

@@ -33,8 +33,12 @@ def flush_lag(state: TrackerState) -> list[Belief]:
     return [lagged_belief(state, row) for row in range(said, len(state.recent))]
 
 
+def _had_begun(belief: Belief, stamp_ns: int) -> bool:
+    return all(one.start_ns <= stamp_ns for one in belief.further)
+
+
 def lagged_belief(state: TrackerState, row: int) -> Belief:
-    """What is believed now of the tick of ``recent[row]``."""
+    """The belief about the tick of ``recent[row]``, given all data until now."""
     then = state.recent[row]
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
     back = row - len(state.recent)
@@ -47,8 +51,10 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     geometry = telling.geometry if telling.contact is contact else None
     inseparable = telling.inseparable if telling.contact is contact else ()
     p_restricted = telling.p_restricted if telling.contact is contact else 0.0
-    further = telling.further if telling.contact is contact else ()
-    further = tuple(one for one in further if one.start_ns <= then.stamp_ns)
+    # as in the belief that knows most, of those whose further contacts had all begun: their constraints are
+    # counted
+    begun = (b.further for b in state.recent[row:] if b.contact is contact and _had_begun(b, then.stamp_ns))
+    further = max(begun, key=len, default=())
     is_open = telling.contact is contact and telling.is_open
     possible = state.knowledge.allowed
     probability = ambiguity.redistribute(probability, contact, inseparable, p_restricted, possible)

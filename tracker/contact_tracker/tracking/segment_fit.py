@@ -1,8 +1,7 @@
 """What the ticks of a segment tell when its ends are known: its elements, and what else fits."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.special import expit
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.formations.further import FormationTicks, KnownContact, find_formation
+from contact_tracker.formations.further import FormationTicks, KnownContact, Ranks, find_formation
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.packing import pack
 from contact_tracker.hypotheses.bank import Bank
@@ -70,16 +69,16 @@ class FittedFormation(NamedTuple):
 
     further: tuple[FittedContact, ...] = ()
     is_open: bool = False
-    ranks: Mapping[frozenset[int], int] = MappingProxyType({})
+    ranks: Ranks = ()
 
     @property
     def constraints(self) -> int:
         """The most that contacts put on the motion together; none without further ones."""
-        return max(self.ranks.values(), default=0)
+        return max((rank for _, rank in self.ranks), default=0)
 
     def constraints_with(self, number: int) -> int:
         """The most while a further contact holds."""
-        return max(rank for numbers, rank in self.ranks.items() if number in numbers)
+        return max(rank for numbers, rank in self.ranks if number in numbers)
 
 
 NO_FORMATION: Final = FittedFormation()
@@ -339,7 +338,7 @@ def _is_one(before: tuple[FinishedSegment, SegmentFit], after: tuple[FinishedSeg
 def _formations_of(
     further: Sequence[tuple[int, FurtherContact]],
     stamp_ns: NDArray[np.int64],
-    ranks: Mapping[frozenset[int], int],
+    ranks: Ranks,
 ) -> tuple[NDArray[np.int64], list[tuple[FurtherContact, ...]]]:
     """The further contacts of each tick, with the constraints of all: the number of a formation, or -1."""
     number = np.full(len(stamp_ns), -1)
@@ -356,7 +355,7 @@ def _formations_of(
     for pattern in patterns.T:
         there_now = [one for one, is_there in zip(further, pattern, strict=True) if is_there]
         numbers = frozenset(number for number, _ in there_now)
-        rank = max((rank for some, rank in ranks.items() if some <= numbers), default=0)
+        rank = max((rank for some, rank in ranks if some <= numbers), default=0)
         formations.append(tuple(replace(one, constraints=rank) for _, one in there_now))
     number[:] = which
     number[~there.any(axis=0)] = -1

@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.vectors import cross, dot
+from contact_tracker.geometry.vectors import cross, cross_matrix, dot
 from contact_tracker.states import STATES
 from contact_tracker.wrenches.line_of_action import FLOOR_M, LinesOfAction, fixed_direction, fixed_in_both
-from contact_tracker.wrenches.load import ContactWrenches, skew
+from contact_tracker.wrenches.load import ContactWrenches
 
 Array = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ class WrenchEvidence:
             moment - cross(middle, force),
             place + FLOOR_M**2,
             of_force,
-            of_moment - skew(middle) @ of_force,
+            of_moment - cross_matrix(middle) @ of_force,
         )
         world = body.seen_from_world(
             rotation, np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]

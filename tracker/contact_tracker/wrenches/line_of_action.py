@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.vectors import EYE, cross, dot, sphere_tangent, unit
-from contact_tracker.wrenches.load import skew
+from contact_tracker.geometry.vectors import EYE, cross, cross_matrix, dot, sphere_tangent, unit
 
 Array = NDArray[np.float64]
 
@@ -74,14 +73,14 @@ class LinesOfAction:
         moment = np.einsum("tij,tj->ti", rotation, self.moment_nm)
         about = origin_m - origin_m.mean(axis=0)
         of_force = rotation @ self.common_n
-        of_moment = rotation @ self.common_nm + skew(about) @ of_force
+        of_moment = rotation @ self.common_nm + cross_matrix(about) @ of_force
         return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
 
     def through_point(self) -> float:
         """Log evidence that all go through one point of the frame."""
         strength = np.linalg.norm(self.force_n, axis=1)
-        across = skew(self.direction)
-        design = across @ np.concatenate([skew(self.force_n) * REACH_M, self.common_nm], axis=2)
+        across = cross_matrix(self.direction)
+        design = across @ np.concatenate([cross_matrix(self.force_n) * REACH_M, self.common_nm], axis=2)
         design /= strength[:, None, None]
         target = np.einsum("tij,tj->ti", across, self.moment_nm) / strength[:, None]
         weight = 1.0 / self.variance_m2 - 1.0 / self.excess
@@ -107,7 +106,7 @@ class LinesOfAction:
         direction."""
         weight = (1.0 / self.variance_m2 - 1.0 / self.excess) / dot(self.force_n, self.force_n)
         rows = np.concatenate(
-            [self.moment_nm[..., None], self.common_nm, skew(self.force_n) * REACH_M], axis=2
+            [self.moment_nm[..., None], self.common_nm, cross_matrix(self.force_n) * REACH_M], axis=2
         )
         count = rows.shape[2]
         moments = np.einsum("t,tia,tjb->iajb", weight, rows, rows).reshape(3 * count, 3 * count)

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.vectors import EYE, cross
+from contact_tracker.geometry.vectors import EYE, cross, cross_matrix
 from contact_tracker.wrenches.tick_wrench import TickWrenches
 
 Array = NDArray[np.float64]
@@ -271,8 +271,10 @@ def _force_design(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
 def _moment_design(ticks: TickWrenches, gravity: Array, rows: NDArray[np.int64]) -> Array:
     """(n, 3, 12) of centre of mass, inertia and bias in the moment of the hand."""
     spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
-    inertial = _inertia_times(turning) + np.einsum("tij,tjk->tik", skew(spin), _inertia_times(spin))
-    return np.concatenate([skew(gravity), inertial, np.broadcast_to(EYE, (len(inertial), 3, 3))], axis=2)
+    inertial = _inertia_times(turning) + np.einsum("tij,tjk->tik", cross_matrix(spin), _inertia_times(spin))
+    return np.concatenate(
+        [cross_matrix(gravity), inertial, np.broadcast_to(EYE, (len(inertial), 3, 3))], axis=2
+    )
 
 
 def _moment_prior(mass: float) -> Array:
@@ -286,11 +288,3 @@ def _inertia_times(v: Array) -> Array:
     none = np.zeros_like(x)
     rows = [[x, none, none, y, z, none], [none, y, none, x, none, z], [none, none, z, none, x, y]]
     return np.asarray(np.array(rows).transpose(2, 0, 1))
-
-
-def skew(v: Array) -> Array:
-    """(..., 3, 3) with ``skew(v) @ w == cross(v, w)``."""
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    none = np.zeros_like(x)
-    rows = [[none, -z, y], [z, none, -x], [-y, x, none]]
-    return np.asarray(np.moveaxis(np.array(rows), (0, 1), (-2, -1)))

@@ -26,7 +26,7 @@ struct OnsetLayout {
 };
 
 // What sort of contact it is, see `contacts`: where its body is, how many poses
-// are `needed` and the `patience` that follows; which entries of a pose are
+// are `needed` and the `burn_in` that follows; which entries of a pose are
 // `lifted` (C,); `pull` (S,) of the weak prior; how many starts are `relaxed`.
 struct Kind {
     bool body_in_1;

@@ -21,10 +21,10 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
     const Lanes ticks = larger<Lanes>(sums.ticks, 1.0);
     const Lanes share = weights.foreknowledge * kind.needed /
                         larger<Lanes>(read(rows.since, kind.since.effective_ticks), 1.0);
-    Lanes earned = read(rows.own, where.gain_before_window), predicted_share[F::K], first[F::C];
+    Lanes gain = read(rows.own, where.gain_before_window), predicted_share[F::K], first[F::C];
     for (int k = 0; k < F::K; ++k) {
         predicted_share[k] = share * exp(-2.0 * sums.gain[k] / larger<Lanes>(sums.after, 1.0));
-        earned += sums.gain[k];
+        gain += sums.gain[k];
         write(rows.own, where.row_weight + k, sums.precision[k] / ticks);
     }
     read(rows.since, kind.since.onset_row, F::C, first);
@@ -32,7 +32,7 @@ void weigh_evidence(const Kind& kind, const Rows& rows, const Lanes* x, const Ev
     work.prior.times(x, work.pull);
     price += 0.5 * dot<F::S>(x, work.pull) - dot<F::S>(x, work.prior.information) + work.prior.constant;
     const Lanes evidence =
-        sums.log_ratio + read(rows.own, where.llr_before_window) - smaller<Lanes>(earned, price);
+        sums.log_ratio + read(rows.own, where.llr_before_window) - smaller<Lanes>(gain, price);
     write(rows.own, where.log_likelihood, read(rows.own, where.log_prior) + weights.independence * evidence);
     write(rows.own, where.rms, sqrt(sums.chi_sq / (ticks * double(F::K))));
     write(rows.own, where.x, F::S, x);
@@ -111,10 +111,10 @@ void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, co
         read(rows.own, where.x, F::S, x);
         const Onsets begun(kind, rows);
         const EvidenceSums<F> sums = sum_evidence<F>(kind, x, begun.onset, begun.certain, gone, lengths);
-        Lanes earned = read(rows.own, where.gain_before_window);
-        for (int k = 0; k < F::K; ++k) earned += sums.gain[k];
+        Lanes gain = read(rows.own, where.gain_before_window);
+        for (int k = 0; k < F::K; ++k) gain += sums.gain[k];
         write(rows.own, where.llr_before_window, read(rows.own, where.llr_before_window) + sums.log_ratio);
-        write(rows.own, where.gain_before_window, earned);
+        write(rows.own, where.gain_before_window, gain);
     }
 }
 

@@ -117,10 +117,10 @@ void search(const Kind& kind, const Bank& bank, int b, const Directions& directi
         std::copy_n(found[i].x, F::S, weighed.row(i) + kind.where.x);
     }
     for (int time = 0; time < settings.search_refits; ++time) {
-        RefitQueue learners;
+        RefitQueue queue;
         for (int i = 0; i < weighed.count; ++i)
-            learners.add(kind, {weighed.row(i), one.since}, steps_of(kind, one));
-        learners.learn<F>(kind, ticks, weights, work);
+            queue.add(kind, {weighed.row(i), one.since}, steps_of(kind, one));
+        queue.learn<F>(kind, ticks, weights, work);
     }
     int best = 0;
     for (int i = 1; i < weighed.count; ++i) {

@@ -90,8 +90,8 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
     }
     for (int i = 0; i < count; ++i) sum += std::exp(log_weight_of(kind.where, bank.own.row(i)) - top);
     held.keep(count, begun);
-    const Bank living(kind, held.own(), held.onsets());
-    return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, living), leader};
+    const Bank kept(kind, held.own(), held.onsets());
+    return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, kept), leader};
 }
 
 // Reference: `tick_update.TickInput`, with what is `assumed` of each contact by what

@@ -69,13 +69,13 @@ void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const Evidenc
     const std::vector<int> giver = best_donors<F>(kind, bank);
     std::vector<double> offered(static_cast<std::size_t>(bank.count()) * F::S);
     for (int b = 0; b < bank.count(); ++b) std::copy_n(bank[b].own + kind.where.x, F::S, &offered[b * F::S]);
-    RefitQueue learners;
+    RefitQueue queue;
     for (int b = 0; b < bank.count(); ++b) {
         if (giver[b] == b) continue;
         std::copy_n(&offered[giver[b] * F::S], F::S, bank[b].own + kind.where.x);
-        learners.add(kind, bank[b], steps_of(kind, bank[b]));
+        queue.add(kind, bank[b], steps_of(kind, bank[b]));
     }
-    learners.learn<F>(kind, ticks, weights, work);
+    queue.learn<F>(kind, ticks, weights, work);
 }
 
 // The group of a hypothesis in `global_search.select_for_search`; -1 if it does
@@ -119,7 +119,7 @@ template <class F>
 void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, const Ticks& gone,
              const EvidenceParameters& weights, double log_stay, const Directions* directions) {
     Work<F> work;
-    RefitQueue learners;
+    RefitQueue queue;
     const double motion_ratio = ticks.motion_ratio();
     std::vector<double> was(bank.count());
     marginalise_expired_ticks<F>(kind, bank, old, gone, weights.lengths);
@@ -132,18 +132,18 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
         // changes no weight
         const bool idle =
             (is_deferred(kind, row) && !directions) || (begins && whole(row, kind.where.from_landmark) != 0);
-        if (!idle) learners.add(kind, bank[b], steps_of(kind, bank[b]));
+        if (!idle) queue.add(kind, bank[b], steps_of(kind, bank[b]));
     }
-    learners.learn<F>(kind, ticks, weights, work);
+    queue.learn<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
         if (has_fallen(kind, bank[b].own, was[b], settings.defer_nats))
-            learners.add(kind, bank[b], settings.recovery_steps);
+            queue.add(kind, bank[b], settings.recovery_steps);
     }
-    learners.learn<F>(kind, ticks, weights, work);
+    queue.learn<F>(kind, ticks, weights, work);
     for (int b = 0; b < bank.count(); ++b) {
         if (!has_fallen(kind, bank[b].own, was[b], settings.protection_nats)) continue;
-        double& grace = bank[b].own[kind.where.protected_until];
-        grace = std::max(grace, bank[b].since[kind.since.effective_ticks] + settings.protection_ticks);
+        double& until = bank[b].own[kind.where.protected_until];
+        until = std::max(until, bank[b].since[kind.since.effective_ticks] + settings.protection_ticks);
     }
     if (!directions) return;
     adopt<F>(kind, bank, ticks, weights, work);

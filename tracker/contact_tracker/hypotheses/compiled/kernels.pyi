@@ -34,7 +34,7 @@ class Model:
         onsets: tuple[int, Mapping[str, int]],
         body_in_1: bool,
         needed: float,
-        patience: float,
+        burn_in: float,
         lifted: Sequence[int],
         pull: Sequence[float],
         relaxed: int,

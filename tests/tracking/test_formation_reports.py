@@ -1,5 +1,6 @@
-"""What is told of several contacts at once: constraints, lags, and segments that wrenches make one."""
+"""Reports of several contacts at once: constraints, lags, and segments that wrenches make one."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -61,13 +62,14 @@ def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
     """The first to be found joins last: what counts is what holds together, not which came last."""
     later = FittedContact(Contact.EF, 0.9, ((6, 9),), GEOMETRY, ())
     earlier = FittedContact(Contact.VF, 0.9, ((2, 7),), GEOMETRY, ())
-    ranks = {frozenset([0]): 4, frozenset([1]): 3, frozenset([0, 1]): 5}
+    ranks = ((frozenset([0]), 4), (frozenset([1]), 3), (frozenset([0, 1]), 5))
     fit = fitted(Contact.EF, formation=FittedFormation((later, earlier), False, ranks))
     segment, beliefs = finished(Contact.EF, 0, 10).with_fit(fit)
     assert [one.contact for one in segment.further] == [Contact.VF, Contact.EF]
     assert [one.constraints for one in segment.further] == [5, 5]
     assert [belief.constraints for belief in beliefs] == [2, 2, 3, 3, 3, 3, 5, 5, 4, 4]
     assert fit.constraints == 5
+    assert pickle.loads(pickle.dumps(fit)).formation.ranks == ranks  # processes hand it over
 
 
 def further(start_ns: int) -> FurtherContact:
@@ -94,9 +96,11 @@ def test_with_a_lag_an_open_formation_stays_unsure() -> None:
 
 
 def test_with_a_lag_nothing_joins_before_its_time() -> None:
-    beside = (further(4), further(8))
-    belief = lagging(said(5, Contact.FREE), said(9, further=beside))
-    assert belief.further == beside[:1]
+    one, two = (further(4),), (replace(further(4), constraints=4), replace(further(8), constraints=4))
+    assert lagging(said(5, Contact.FREE), said(9, further=one)).further == one
+    belief = lagging(said(5, Contact.FREE), said(6, further=one), said(9, further=two))
+    assert (belief.further, belief.constraints) == (one, one[0].constraints)
+    assert lagging(said(5, Contact.FREE), said(9, further=two)).further == ()
 
 
 def test_a_stream_that_is_resumed_knows_what_was_shown() -> None:
