@@ -22,9 +22,11 @@ MOST_DIRECTIONS: Final = 3
 LEAST_TICKS: Final = 20
 LEAST_ACTIVITY: Final = 10.0
 """Least number of ticks with motion: smooth motion of a hand may follow a joint by chance for a while."""
-PLAYS: Final = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""Factors of the noise that are tried for motion of one degree of freedom, because joints have play and
-markers bend, and for contacts as well."""
+MOST_PLAY: Final = 16.0
+"""Joints have play and markers bend: for motion of one degree of freedom the errors of a joint, and of
+contacts, may be up to this many times the noise."""
+FITS: Final = 2
+"""Fits of a joint with play: with the noise alone, and with the play that the first fit shows."""
 STEPS: Final = 12
 FIRST_DAMPING: Final = 1e-3
 DAMPING: Final = (0.2, 10.0)
@@ -38,13 +40,12 @@ JITTER: Final = 1e-9
 
 class FittedJoint(NamedTuple):
     """A joint at its greatest likelihood: ``covariance`` (P, P) of its free parameters and ``log_evidence``
-    against free motion (nats), with ``play`` times the noise."""
+    against free motion (nats)."""
 
     model: JointModel
     frames: JointFrames
     covariance: Array
     log_evidence: float
-    play: float
 
 
 class FoundJoint(NamedTuple):
@@ -75,12 +76,12 @@ def find_joint(
         for one in JOINT_MODELS
         if one.kind.constraints >= constraints and (used == 1 or one.kind is JointKind.BALL)
     ]
-    plays = PLAYS if used == 1 else PLAYS[:1]
-    fitted = [fit_joint(model, window, scales, plays) for model in some]
+    most_play = MOST_PLAY if used == 1 else 1.0
+    fitted = [fit_joint(model, window, scales, most_play) for model in some]
     best = max(fitted, key=lambda one: one.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
-    rivals = [0.0, *(contact_evidence(one, window, scales, plays) for one in contacts)]
+    rivals = [0.0, *(contact_evidence(one, window, scales, most_play) for one in contacts)]
     if best.log_evidence - max(rivals) <= SURE_NATS:
         return None
     rivals += [one.log_evidence for one in fitted if one is not best]
@@ -88,56 +89,64 @@ def find_joint(
 
 
 def fit_joint(
-    model: JointModel, window: Window, scales: EvidenceParameters, plays: tuple[float, ...] = PLAYS[:1]
+    model: JointModel, window: Window, scales: EvidenceParameters, most_play: float = 1.0
 ) -> FittedJoint:
-    """Fit a joint to a window: start from moments of the ticks, then damped Gauss-Newton with each tick's
-    noise."""
-    noise_sd, moved_sd = _deviations_of(window)
-    deviation = _deviations(scales)[model.free]
-    frames, damping = model.start(window.zeta), FIRST_DAMPING
-    at = _whitened(model.residual(frames, window.zeta), noise_sd, scales)
+    """Fit a joint to a window, from a start by moments of its ticks, with errors of up to ``most_play`` times
+    the noise."""
+    deviation, noise_sd = _deviations(scales)[model.free], _noise_sd(window)
+    frames, play = model.start(window.zeta), np.eye(len(model.rows))
+    for _ in range(FITS if most_play > 1.0 else 1):
+        frames = _minimise(model, frames, window, scales, play)
+        residual = model.residual(frames, window.zeta)
+        play = _play(_whitened(residual, noise_sd, scales).residual, most_play)
+    hessian = _whitened(residual, noise_sd, scales, play).normal()[0]
+    evidence = _log_ratio(residual, window, scales, play) - _price(hessian, deviation)
+    covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
+    return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence)
+
+
+def _minimise(
+    model: JointModel, frames: JointFrames, window: Window, scales: EvidenceParameters, play: Array
+) -> JointFrames:
+    """Damped Gauss-Newton steps, with the noise of each tick and the ``play`` (K, K) as in ``_play``."""
+    noise_sd, damping, deviation = _noise_sd(window), FIRST_DAMPING, _deviations(scales)[model.free]
+    at = _whitened(model.residual(frames, window.zeta), noise_sd, scales, play)
     for _ in range(STEPS):
         hessian, gradient = at.normal()
         damped = hessian + np.diag(damping * hessian.diagonal() + deviation**-2.0)
         step = np.asarray(-np.linalg.solve(damped, gradient), np.float64)
         there = model.moved(frames, step)
-        then = _whitened(model.residual(there, window.zeta), noise_sd, scales)
+        then = _whitened(model.residual(there, window.zeta), noise_sd, scales, play)
         gained = at.cost - then.cost
         damping = max(damping * DAMPING[0 if gained > 0.0 else 1], JITTER)
         if gained > 0.0:
             frames, at = there, then
         if abs(gained) < CONVERGED * (1.0 + at.cost):
             break
-    hessian = at.normal()[0]
-    ticks = _Ticks.of(model.residual(frames, window.zeta), noise_sd, moved_sd, scales)
-    evidence = [ticks.log_ratio(play) - _price(hessian / play**2, deviation) for play in plays]
-    best = int(np.argmax(evidence))
-    precision = hessian / plays[best] ** 2 + np.diag(deviation**-2.0)
-    covariance = np.asarray(np.linalg.inv(precision), np.float64)
-    return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence[best], plays[best])
+    return frames
 
 
 def contact_evidence(
-    contact: KnownContact, window: Window, scales: EvidenceParameters, plays: tuple[float, ...] = PLAYS[:1]
+    contact: KnownContact, window: Window, scales: EvidenceParameters, most_play: float = 1.0
 ) -> float:
-    """Log evidence of a contact against the same free motion as for joints, with the best of the same
-    ``plays``."""
+    """Log evidence of a contact against the same free motion as for joints, with play as these have it."""
     motion, c = ConditionalMotion.of(window, scales), contact.c
     value = window.zeta @ c.T
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
-    ticks = _Ticks.of(residual, *_deviations_of(window), scales)
-    evidence = [
-        ticks.log_ratio(play) - price(contact.model, contact.x, motion, window, scales, play)
-        for play in plays
-    ]
-    return scales.likelihood_exponent * max(evidence)
+    play = _play(_whitened(residual, _noise_sd(window), scales).residual, most_play)
+    factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))
+    cost = price(contact.model, contact.x, motion, window, scales, factor)
+    return scales.likelihood_exponent * (_log_ratio(residual, window, scales, play) - cost)
 
 
-def _deviations_of(window: Window) -> tuple[Array, Array]:
-    """Standard deviations (W, 6) of the noise and of the displacement in each tick."""
-    return np.sqrt(window.variance[:, NOISE_OF_PERTURBATION]), np.sqrt(
-        window.displacement_variance[:, NOISE_OF_PERTURBATION]
-    )
+def _noise_sd(window: Window) -> Array:
+    """Standard deviations (W, 6) of the noise in each tick."""
+    return np.sqrt(window.variance[:, NOISE_OF_PERTURBATION])
+
+
+def _moved_sd(window: Window) -> Array:
+    """Standard deviations (W, 6) of the displacement in each tick."""
+    return np.sqrt(window.displacement_variance[:, NOISE_OF_PERTURBATION])
 
 
 def _deviations(scales: EvidenceParameters) -> Array:
@@ -148,31 +157,52 @@ def _deviations(scales: EvidenceParameters) -> Array:
 
 
 class _Whitened(NamedTuple):
-    """Residuals (n,) of unit variance, and their derivatives (n, P)."""
+    """Innovations of the residuals (W, K), of unit variance, and their derivatives (W, K, P)."""
 
     residual: Array
     slope: Array
 
     @property
     def cost(self) -> float:
-        return 0.5 * float(self.residual @ self.residual)
+        return 0.5 * float(np.square(self.residual).sum())
 
     def normal(self) -> tuple[Array, Array]:
         """The Hessian (P, P) and the gradient (P,) of the cost."""
-        return self.slope.T @ self.slope, self.slope.T @ self.residual
+        slope = self.slope.reshape(-1, self.slope.shape[2])
+        return slope.T @ slope, slope.T @ self.residual.ravel()
 
 
-def _held(by_pose: Array, noise_sd: Array) -> Array:
-    """Covariance (W, K, K) of the residuals due to noise."""
-    rows = by_pose * noise_sd[:, None]
+def _covariance(by_pose: Array, pose_sd: Array) -> Array:
+    """Covariance (W, K, K) of the residuals due to errors of the pose with standard deviations (W, 6)."""
+    rows = by_pose * pose_sd[:, None]
     return np.asarray(rows @ np.swapaxes(rows, 1, 2))
 
 
-def _whitened(residual: Residual, noise_sd: Array, scales: EvidenceParameters) -> _Whitened:
-    lower = np.linalg.cholesky(_held(residual.by_pose, noise_sd))
-    both = np.concatenate([residual.value[..., None], residual.by_x], axis=2)
-    white = np.linalg.solve(lower, scales.innovations(both))
-    return _Whitened(white[..., 0].ravel(), white[..., 1:].reshape(-1, white.shape[2] - 1))
+def _factors(residual: Residual, noise_sd: Array) -> tuple[Array, Array]:
+    """Standard deviations (W, K) of the residuals by noise, and Cholesky factors (W, K, K) of their
+    correlation."""
+    scale = np.sqrt(np.square(residual.by_pose * noise_sd[:, None]).sum(axis=2)) + JITTER**2
+    correlation = _covariance(residual.by_pose / scale[..., None], noise_sd)
+    lower = np.linalg.cholesky(correlation + JITTER * np.eye(correlation.shape[1]))
+    return np.asarray(scale, np.float64), np.asarray(lower, np.float64)
+
+
+def _whitened(
+    residual: Residual, noise_sd: Array, scales: EvidenceParameters, play: Array | None = None
+) -> _Whitened:
+    scale, lower = _factors(residual, noise_sd)
+    both = np.concatenate([residual.value[..., None], residual.by_x], axis=2) / scale[..., None]
+    white: Array = np.linalg.solve(lower, scales.innovations(both)).astype(float)
+    if play is not None:
+        white = np.linalg.solve(play, white).astype(float)
+    return _Whitened(white[..., 0], white[..., 1:])
+
+
+def _play(white: Array, most: float) -> Array:
+    """Symmetric matrix (K, K): the standard deviation of whitened residuals (W, K) in each of their principal
+    directions, at least 1 and at most ``most``."""
+    variance, axes = np.linalg.eigh(white.T @ white / len(white))
+    return np.asarray((axes * np.clip(np.sqrt(np.maximum(variance, 0.0)), 1.0, most)) @ axes.T)
 
 
 def _price(hessian: Array, deviation: Array) -> float:
@@ -181,32 +211,20 @@ def _price(hessian: Array, deviation: Array) -> float:
     return 0.5 * float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])
 
 
-class _Ticks(NamedTuple):
-    """Sums over the ticks: ``gain``, half the log determinants of free motion over noise; squared residuals
-    over noise (``held``) and over free motion (``loose``); the number of ``rows``."""
+def _log_ratio(residual: Residual, window: Window, scales: EvidenceParameters, play: Array) -> float:
+    """Log-likelihood ratio of the residuals, with their ``play`` (K, K), against free motion (T44).
 
-    gain: float
-    held: float
-    loose: float
-    rows: int
-
-    @classmethod
-    def of(cls, residual: Residual, noise_sd: Array, moved_sd: Array, scales: EvidenceParameters) -> "_Ticks":
-        scale = np.sqrt(np.square(residual.by_pose * noise_sd[:, None]).sum(axis=2)) + JITTER**2
-        rows = residual.by_pose / scale[..., None]  # the result does not depend on the units of a row
-        held = _held(rows, noise_sd) + JITTER * np.eye(rows.shape[1])
-        loose = held + _held(rows, moved_sd)
-        new = (scales.innovations(residual.value) / scale)[..., None]
-        gain = 0.5 * float((np.linalg.slogdet(loose)[1] - np.linalg.slogdet(held)[1]).sum())
-        return cls(
-            gain,
-            float((new * np.linalg.solve(held, new)).sum()),
-            float((new * np.linalg.solve(loose, new)).sum()),
-            residual.value.size,
-        )
-
-    def log_ratio(self, play: float) -> float:
-        """Log-likelihood ratio against free motion, with ``play`` times the noise."""
-        loose = min(self.loose, self.rows)  # free motion can follow smooth motion
-        misfit = 0.5 * (self.held / play**2 - loose)
-        return self.gain - self.rows * float(np.log(play)) - misfit
+    The entries of the covariance that the play adds are estimated from as many ticks; each costs half a log
+    of these.
+    """
+    noise_sd = _noise_sd(window)
+    white, held = (_whitened(residual, noise_sd, scales, some).residual for some in (None, play))
+    scale, lower = _factors(residual, noise_sd)
+    moved = np.linalg.solve(lower, residual.by_pose / scale[..., None] * _moved_sd(window)[:, None])
+    loose = np.eye(len(play)) + moved @ np.swapaxes(moved, 1, 2)
+    gain = 0.5 * float(np.linalg.slogdet(loose)[1].sum())
+    of_free = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
+    of_joint = float(np.square(held).sum())
+    wide = int((np.linalg.eigvalsh(play) > 1.0 + JITTER).sum())
+    cost = len(held) * float(np.linalg.slogdet(play)[1]) + 0.25 * wide * (wide + 1) * float(np.log(len(held)))
+    return gain - cost - 0.5 * (of_joint - min(of_free, held.size))  # free motion can follow smooth motion
