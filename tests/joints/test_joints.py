@@ -142,7 +142,8 @@ def test_a_hinge_with_play_is_a_hinge() -> None:
         replace(poses, position_m=poses.position_m + loose), load_model().with_noise(*SIGMA)
     )
     joint = joint_in(found)
-    assert joint.kind in (JointKind.HINGE, JointKind.SCREW)  # errors along the axis may look like a small pitch
+    # errors along the axis may look like a small pitch
+    assert joint.kind in (JointKind.HINGE, JointKind.SCREW)
     assert abs(joint.pitch_m_per_rad or 0.0) < 0.01
 
 
