@@ -84,7 +84,7 @@ def test_what_is_told_now_and_then_is_what_would_be_told_with_each_tick(
         tick, prior = max(1, round(rate_hz / 10.0)), (sigma_m, sigma_rad)
         sigmas = []
         for share in (sensor_noise.NEW_SHARE, 0.0):
-            monkeypatch.setattr(sensor_noise, "UNTOLD", share)
+            monkeypatch.setattr(sensor_noise, "NEW_SHARE", share)
             seen = list(streamed(poses, tick, prior))
             sigmas.append([(e.sigma_position_m / sigma_m, e.sigma_rotation_rad / sigma_rad) for e in seen])
             monkeypatch.undo()
