@@ -1,0 +1,92 @@
+"""What measured wrenches add to motion, on the sets of physics-engine recordings that carry them.
+
+    python tests/benchmarks/wrenches.py
+    python tests/benchmarks/wrenches.py --set singular paper --tables docs/benchmarks/wrenches.json
+
+The topic is ``/object/wrench``. ``noise and bias`` adds white noise of 0.1 N and 0.01 N m to each sample, and
+a bias of the sensor of 0.5 N and 0.05 N m in each axis (standard deviations), which the tracker has to find.
+Figures are means over the time of all recordings of a set, offline.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from functools import reduce
+from operator import add
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+import kept_tables
+from contact_tracker.adaptation import OfflineTracker
+from contact_tracker.adaptation.with_wrenches import NoLoad, wrench_evidence
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import need_truth, open_log, read_wrenches
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.wrenches.wrenches import Wrenches
+from kept_tables import Table
+
+TOPIC: Final = "/object/wrench"
+NOISE: Final = (0.1, 0.01)
+BIAS: Final = (0.5, 0.05)
+WAYS: Final = ("motion alone", "wrenches", "wrenches with noise and bias")
+COLUMNS: Final = ("set", "with", "recordings", "offline", "sure and wrong", "within 3 sd")
+
+
+def disturbed(wrenches: Wrenches, seed: int) -> Wrenches:
+    """The same with the noise and a bias of a sensor (N, N m)."""
+    rng = np.random.default_rng(seed)
+    force_n, moment_nm = (
+        values + rng.normal(0.0, noise, values.shape) + rng.normal(0.0, bias, 3)
+        for values, noise, bias in zip((wrenches.force_n, wrenches.moment_nm), NOISE, BIAS, strict=True)
+    )
+    return Wrenches(wrenches.stamp_ns, force_n, moment_nm)
+
+
+def measure(path: Path, way: str, seed: int) -> Evaluation:
+    """Segment one recording in one of the WAYS, and judge it."""
+    model, log = load_model(), open_log(str(path))
+    poses, evidence = Poses.collect(log), None
+    if way != WAYS[0]:
+        wrenches = read_wrenches(str(path), TOPIC, log.source, poses).wrenches
+        try:
+            evidence, _ = wrench_evidence(
+                poses, disturbed(wrenches, seed) if way == WAYS[2] else wrenches, model
+            )
+        except NoLoad as reason:
+            print(f"{path.stem}: {reason}", file=sys.stderr)
+    found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(poses)))
+    return evaluate(poses, need_truth(str(path)), found)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--set", nargs="+", default=["singular"], metavar="NAME", help="default: singular")
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
+    args = parser.parse_args(argv)
+    folder = Path(os.environ["CONTACT_TRACKER_RECORDINGS"]) / "physics"
+    rows = []
+    for name in args.set:
+        paths = sorted((folder / name).glob("*.mcap"))
+        for way in WAYS:
+            judged = [measure(path, way, seed) for seed, path in enumerate(paths)]
+            offline, geometry = reduce(add, (one.offline for one in judged)), [one.geometry for one in judged]
+            within = reduce(add, geometry).within_3_sd
+            figures = (offline.accuracy(), offline.sure_wrong, within)
+            rows.append([name, way, str(len(paths)), *(number(float(figure)) for figure in figures)])
+            print(table(COLUMNS, rows[-1:], 2), flush=True)
+    if args.tables:
+        command = f"python tests/benchmarks/wrenches.py --set {' '.join(args.set)}"
+        kept_tables.keep(args.tables, command, {"sets": Table(COLUMNS, rows)})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
