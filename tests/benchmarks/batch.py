@@ -139,6 +139,7 @@ def read_summary(dataset: Path) -> list[int]:
 def compare(folder: Path, some: int, pairs: int) -> None:
     """One process, two, and a cluster of two, by turns on the same recordings."""
     recordings = sorted((folder / "recordings").glob("[0-9]*.mcap"))[:some]
+    some = len(recordings)
     names = [str(path) for path in recordings]
     ways: dict[str, list[Run]] = {"one process": [], "two processes": [], "LocalCluster of two": []}
     with local_cluster(2) as address:
