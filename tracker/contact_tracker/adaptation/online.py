@@ -169,7 +169,7 @@ def look_at(state: AdaptiveState, poses: Poses) -> AdaptiveState:
 
 
 def compare(state: AdaptiveState, poses: Poses) -> AdaptiveState:
-    """Weigh what is given by poses, whoever tracks them."""
+    """Advance the test of the prior map by poses, however they are tracked."""
     trackers = state.trackers
     if not trackers.trackers:
         return state

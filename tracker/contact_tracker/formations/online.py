@@ -237,7 +237,7 @@ def _searched(
     if best is None and candidates:
         best = best_of([_fitted(ticks, motion, max(candidates, key=lambda one: one.presence.log_odds))])
     if best is None:
-        # what holds now may be told when it has lasted longer
+        # a contact that holds now may be reported once it has lasted longer
         wait = LOOK_TICKS if candidates else min(2.0 * beside.wait, LONGEST_WAIT_TICKS)
         return beside._replace(found=(), wait=wait, is_open=False)
     if beside.kinds:
@@ -246,7 +246,7 @@ def _searched(
 
 
 def _fitted(ticks: FormationTicks, motion: ConditionalMotion, one: Candidate) -> Candidate:
-    """With its elements at their best in all of its run, of which a part has told them."""
+    """The candidate with its elements, found on a part of its run, refitted to all of it."""
     return refined(ticks, motion, one, one.presence.runs[-1])[0]
 
 

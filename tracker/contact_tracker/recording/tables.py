@@ -67,7 +67,7 @@ def read_table(
     wanted : bodies of other channels are left out.
     report : is told in a line of rows that cannot be read.
     budget : bounds what a compressed table may become.
-    assume : is told in a line of what the table does not say.
+    assume : called with a line about what the table leaves to an assumption.
     time_unit : of ``config.quantities.TIMES_NS``, of a table whose format has none.
 
     Raises
