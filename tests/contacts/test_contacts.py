@@ -503,19 +503,11 @@ def test_as_many_poses_tell_the_geometry_as_have_a_residual_for_each_free_direct
     assert model.needed * model.family.ROWS == free
 
 
-def test_each_edge_has_its_part_of_the_covariance():
-    rng, model = np.random.default_rng(3), CONTACT_MODELS[Contact.EE.column]
-    root = rng.normal(size=(12, 12))
+@pytest.mark.parametrize(("contact", "first"), [(Contact.EE, 6), (Contact.VF, 3)])
+def test_each_element_has_its_part_of_the_covariance(contact, first):
+    rng, model = np.random.default_rng(3), CONTACT_MODELS[contact.column]
+    root = rng.normal(size=(model.family.SIZE, model.family.SIZE))
     covariance = root @ root.T
     found = model.geometry(random_x(model, rng), covariance, 0.5)
-    np.testing.assert_array_equal(found.object.covariance, covariance[:6, :6])
-    np.testing.assert_array_equal(found.environment.covariance, covariance[6:, 6:])
-
-
-def test_vertex_and_face_have_their_parts_of_the_covariance():
-    rng, model = np.random.default_rng(5), CONTACT_MODELS[Contact.VF.column]
-    root = rng.normal(size=(7, 7))
-    covariance = root @ root.T
-    found = model.geometry(random_x(model, rng), covariance, 0.5)
-    np.testing.assert_array_equal(found.object.covariance, covariance[:3, :3])
-    np.testing.assert_array_equal(found.environment.covariance, covariance[3:, 3:])
+    np.testing.assert_array_equal(found.object.covariance, covariance[:first, :first])
+    np.testing.assert_array_equal(found.environment.covariance, covariance[first:, first:])

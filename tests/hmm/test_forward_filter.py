@@ -235,47 +235,37 @@ def test_what_has_no_way_in_came_from_nowhere():
     assert step.best.tolist() == [[0, -1, 1], [-1, -1, 1]]
 
 
-def test_many_onsets_may_stay_open():
-    """More than the smoother first has room for: all of them are kept apart."""
-    rng, ticks = np.random.default_rng(5), 60
+def assert_smoothed(seed, onsets_of_ticks, drop_at=None, dropped=0):
+    """The smoother agrees with smoothing of the whole, with random likelihoods and these onsets alive by
+    tick."""
+    rng, ticks = np.random.default_rng(seed), len(onsets_of_ticks)
     value = 0.05 * rng.normal(size=(2, ticks, ticks + 1))
     initial, change = np.log([0.5, 0.5]), np.log(rng.dirichlet(np.ones(2), (ticks, 2)))
     forward, past, alive = hmm.ForwardFilter(initial), hmm.OpenTicks(), []
-    for tick in range(ticks):
-        state, onset = np.repeat([0, 1], tick + 1), np.tile(np.arange(tick + 1), 2)
-        alive.append(np.concatenate([np.arange(tick + 1), ticks + np.arange(tick + 1)]))
+    for tick, onsets in enumerate(onsets_of_ticks):
+        state, onset = np.repeat([0, 1], len(onsets)), np.tile(onsets, 2)
+        alive.append(np.concatenate([onsets, ticks + onsets]))
         past.append(forward.advance(state, onset, value[state, onset, tick + 1], change[tick]))
-        if tick == 50:  # those before it are not asked for any more
-            past.drop(20)
+        if tick == drop_at:  # those before it are not asked for any more
+            past.drop(dropped)
     trellis = hmm.Trellis(
         np.repeat([0, 1], ticks),
         np.tile(np.arange(ticks), 2),
         alive,
         [value.reshape(-1, ticks + 1)[rows, tick + 1] for tick, rows in enumerate(alive)],
     )
-    expected = hmm.smooth(trellis, initial, change)[0][20:]
+    expected = hmm.smooth(trellis, initial, change)[0][dropped:]
     np.testing.assert_allclose(past.posterior(forward.frontier), expected, atol=1e-9)
+
+
+def test_many_onsets_may_stay_open():
+    """More than the smoother first has room for: all of them are kept apart."""
+    assert_smoothed(5, [np.arange(tick + 1) for tick in range(60)], drop_at=50, dropped=20)
 
 
 def test_a_row_that_is_given_back_serves_another_onset():
     """Sixteen onsets fill the smoother's rows; one that is over by the end takes the row of the newest."""
-    rng, ticks = np.random.default_rng(6), 17
-    value = 0.05 * rng.normal(size=(2, ticks, ticks + 1))
-    initial, change = np.log([0.5, 0.5]), np.log(rng.dirichlet(np.ones(2), (ticks, 2)))
-    forward, past, alive = hmm.ForwardFilter(initial), hmm.OpenTicks(), []
-    for tick in range(ticks):
-        onsets = np.arange(1 if tick == ticks - 1 else 0, tick + 1)
-        state, onset = np.repeat([0, 1], len(onsets)), np.tile(onsets, 2)
-        alive.append(np.concatenate([onsets, ticks + onsets]))
-        past.append(forward.advance(state, onset, value[state, onset, tick + 1], change[tick]))
-    trellis = hmm.Trellis(
-        np.repeat([0, 1], ticks),
-        np.tile(np.arange(ticks), 2),
-        alive,
-        [value.reshape(-1, ticks + 1)[rows, tick + 1] for tick, rows in enumerate(alive)],
-    )
-    expected = hmm.smooth(trellis, initial, change)[0]
-    np.testing.assert_allclose(past.posterior(forward.frontier), expected, atol=1e-9)
+    assert_smoothed(6, [*(np.arange(tick + 1) for tick in range(16)), np.arange(1, 17)])
 
 
 def test_what_rounding_takes_from_a_posterior_is_given_back():

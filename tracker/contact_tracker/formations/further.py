@@ -30,9 +30,9 @@ HOP_TICKS: Final = 15
 """Constraints are looked for in all ticks, and in spans of so many, this far apart."""
 TRIED_SPANS: Final = 2
 SURE_NATS: Final = 2.5
-"""A further contact is reported that is so much more probable than none."""
+"""Log odds (nats) against none from which a further contact, or a joint, is reported."""
 LEAST_GAIN: Final = 25.0
-"""Nats that the elements of a single constraint cost, at least, where so few ticks tell them."""
+"""Complexity (nats) of the elements of a single constraint at least, in short runs of ticks."""
 SAME_GAIN: Final = 0.9
 FITS: Final = 1.5
 """A whitened residual beyond which elements are those of no contact."""
@@ -112,7 +112,7 @@ class FormationTicks(NamedTuple):
 
     @property
     def kinds(self) -> tuple[Contact, ...]:
-        """That may join; others are impossible."""
+        """Kinds that the prior map allows."""
         return tuple(filter(self.knowledge.allows, CONTACTS))
 
     def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
@@ -186,7 +186,7 @@ def _further_contacts(
 
 
 def possible(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Those of kinds that may join."""
+    """The candidates of kinds that the prior map allows."""
     return [one for one in candidates if one.known.model.contact in segment.kinds]
 
 
@@ -225,10 +225,10 @@ def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]
 
 
 def promising_kinds(motion: ConditionalMotion) -> tuple[float, list[ContactModel]]:
-    """Kinds of single constraints of which the ticks may keep one more, mostly none, and what they would
-    explain at most (nats).
+    """Kinds of single constraints that the ticks may keep in addition (usually none), with the largest gain
+    (nats) of any of them.
 
-    In few ticks only one that motion could violate so much that this is worth more than its elements cost.
+    In few ticks a constraint counts only if its gain can exceed the complexity of its elements.
     """
     least = float(np.expm1(2.0 * LEAST_GAIN / len(motion)))
     ratios = {model: ratio for model, ratio in _ratios(motion).items() if ratio > least}

@@ -134,7 +134,7 @@ def contact_evidence(
     value = window.zeta @ c.T
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
     play = _play(_whitened(residual, _noise_sd(window), scales).residual, most_play)
-    factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))
+    factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
     cost = price(contact.model, contact.x, motion, window, scales, factor)
     return scales.likelihood_exponent * (_log_ratio(residual, window, scales, play) - cost)
 
@@ -218,13 +218,14 @@ def _log_ratio(residual: Residual, window: Window, scales: EvidenceParameters, p
     of these.
     """
     noise_sd = _noise_sd(window)
-    white, held = (_whitened(residual, noise_sd, scales, some).residual for some in (None, play))
+    white = _whitened(residual, noise_sd, scales).residual
     scale, lower = _factors(residual, noise_sd)
     moved = np.linalg.solve(lower, residual.by_pose / scale[..., None] * _moved_sd(window)[:, None])
     loose = np.eye(len(play)) + moved @ np.swapaxes(moved, 1, 2)
     gain = 0.5 * float(np.linalg.slogdet(loose)[1].sum())
     of_free = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
-    of_joint = float(np.square(held).sum())
+    of_joint = float(np.square(np.linalg.solve(play, white.T)).sum())
     wide = int((np.linalg.eigvalsh(play) > 1.0 + JITTER).sum())
-    cost = len(held) * float(np.linalg.slogdet(play)[1]) + 0.25 * wide * (wide + 1) * float(np.log(len(held)))
-    return gain - cost - 0.5 * (of_joint - min(of_free, held.size))  # free motion can follow smooth motion
+    ticks = len(white)
+    cost = ticks * float(np.linalg.slogdet(play)[1]) + 0.25 * wide * (wide + 1) * float(np.log(ticks))
+    return gain - cost - 0.5 * (of_joint - min(of_free, white.size))  # free motion can follow smooth motion
