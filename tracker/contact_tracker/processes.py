@@ -1,8 +1,8 @@
 """Processes of this machine that help a command: they start when it asks and end with it.
 
-``local_processes`` calls a function with many arguments. Each process has an executor of its own: when it
-ends, it is certain which job it was at, and it costs no other. ``helpers`` is one executor for a caller that
-submits work while it goes on reading; if one process ends early, the command fails.
+``local_processes`` calls a function with many arguments: when a process ends, it is certain which job it was
+at, and it costs no other. ``helpers`` is an executor for a caller that submits work while it goes on reading;
+if one process ends early, the command fails. Both have an executor of the standard library for each process.
 """
 
 import os
@@ -54,18 +54,59 @@ def helpers(count: int, prepare: Callable[[], None]) -> Iterator[Executor]:
         One ended before its work was done.
     """
     _use_one_thread_each()
-    executor = ProcessPoolExecutor(count, get_context("spawn"), _begin, (prepare,))
+    helping = _Helpers()
     try:
         with kept_from_children():
-            for _ in range(count):
-                executor.submit(int)  # starts one
-        yield executor
+            helping.start(count, prepare)
+        yield helping
+        helping.check()
     except BrokenProcessPool:
-        for process in active_children():  # the executor waits for one that it started meanwhile
+        for process in active_children():  # an executor waits for one that it started meanwhile
             process.kill()
         raise ContactTrackerError(f"{_ENDED}; try --processes 1") from None
     finally:
-        executor.shutdown(cancel_futures=True)
+        helping.shutdown(cancel_futures=True)
+
+
+class _Helpers(Executor):
+    """An executor for each process, as an executor that still starts processes fails when one of them ends:
+    a thread of it reads the table to which they are added."""
+
+    def __init__(self) -> None:
+        self._executors: list[ProcessPoolExecutor] = []
+        self._futures: list[list[Future[Any]]] = []
+
+    def start(self, count: int, prepare: Callable[[], None]) -> None:
+        """Start so many processes, without waiting for them."""
+        for _ in range(count):
+            executor = _executor_of_one(prepare)
+            self._executors.append(executor)
+            self._futures.append([executor.submit(int)])
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Give the work to the process that has least to do."""
+        self._futures = [[f for f in futures if not f.done()] for futures in self._futures]
+        least = min(range(len(self._futures)), key=lambda number: len(self._futures[number]))
+        future = self._executors[least].submit(fn, *args, **kwargs)
+        self._futures[least].append(future)
+        return future
+
+    def check(self) -> None:
+        """Wait until every process has answered; raise ``BrokenProcessPool`` if one has ended."""
+        for future in [executor.submit(int) for executor in self._executors]:
+            future.result()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End all processes."""
+        for executor in self._executors:
+            executor.shutdown(wait=False, cancel_futures=cancel_futures)
+        if wait:
+            for executor in self._executors:
+                executor.shutdown()
+
+
+def _executor_of_one(prepare: Callable[[], None]) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, get_context("spawn"), _begin, (prepare,))
 
 
 def _use_one_thread_each() -> None:
@@ -170,7 +211,7 @@ class _Lane:
 
     def begin(self, prepare: Callable[[], None]) -> None:
         """Start the process, without waiting for it."""
-        self._executor = ProcessPoolExecutor(1, get_context("spawn"), _begin, (prepare,))
+        self._executor = _executor_of_one(prepare)
         self._started = self._executor.submit(os.getpid)
 
     def wait_until_started(self) -> None:
