@@ -30,6 +30,7 @@ from contact_tracker.motion.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.recording import open_log, read_truth
+from contact_tracker.simulate import simulate
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.ambiguity import at_most
@@ -362,3 +363,12 @@ def test_noise_of_filtered_poses_at_rest_is_not_taken_for_motion() -> None:
     assert np.mean([belief.contact is Contact.FF for belief in beliefs]) > 0.7
     alone = segment(rest, MODEL).filtered
     assert np.mean([contact is Contact.FF for contact in alone.contacts]) < 0.5
+
+
+@needs_kernels
+def test_offline_smooth_free_motion_at_the_start_is_no_contact() -> None:
+    for seed in (0, 2):
+        poses = simulate("all_states", seed).poses[:2000]  # free until 5.5 s, then v-f
+        first, *_, last = adaptation.segment(poses, MODEL).segments
+        assert (first.contact, last.contact) == (Contact.FREE, Contact.VF)
+        assert (first.end_ns - first.start_ns) * 1e-9 > 5.0

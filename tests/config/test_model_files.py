@@ -28,6 +28,7 @@ DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
 
 MAY_BE_LEFT_OUT = {
     (None, "poses_per_tick"),
+    ("motion", "initial_autocorrelation"),
     *(("noise", key) for key in ("wander_position_m", "wander_rotation_rad", "wander_s", "estimate_share")),
 }
 

@@ -22,6 +22,10 @@ from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 MOST_POSES: Final = 1_000_000
 """After so many the best model so far is taken: poses are kept in memory meanwhile."""
+INITIAL_AUTOCORRELATION: Final = 0.5
+"""Offline, the prediction errors of free motion are taken to be correlated until they are known: nearly as
+much as in any recorded motion, so that smooth free motion at the start is not taken for a contact. Online
+that would delay labels."""
 
 
 class OfflineTracker:
@@ -64,7 +68,7 @@ class OfflineTracker:
             return
         everything = _Stream(chain(looked_at, self._inspected(rest)))
         others = self._knowledge, self._executor, None, detail, self._wrenches
-        found = offline_smoother.pieces(everything, best.model, progress, *others)
+        found = offline_smoother.pieces(everything, _cautious_at_first(best.model), progress, *others)
         waiting = Beliefs.of(early)  # what was said before the model was chosen
         for piece in found:
             count = min(len(waiting), len(piece.filtered))
@@ -101,6 +105,11 @@ class OfflineTracker:
             self._state, said = online.finish(self._state)
             beliefs += said
         return _released(looked_at), stream, beliefs if detail >= Detail.SHARED else []
+
+
+def _cautious_at_first(model: Model) -> Model:
+    assumed = max(model.motion.initial_autocorrelation, INITIAL_AUTOCORRELATION)
+    return replace(model, motion=replace(model.motion, initial_autocorrelation=assumed))
 
 
 def _valid(stream: Iterator[Poses]) -> Iterator[Poses]:

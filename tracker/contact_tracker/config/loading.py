@@ -19,6 +19,7 @@ _RANGES: Final = {
     "poses_per_tick": (0.0, 1000.0),
     "prior_predictive_share": (0.0, 1.0),
     "likelihood_exponent": (0.0, 1.01),
+    "initial_autocorrelation": (0.0, 1.0),
     "reach_m": (1e-6, 1e6),
     "revisit_prior": (0.0, 1.0),
     "posterior_power": (0.0, 1.01),
@@ -28,7 +29,9 @@ _RANGES: Final = {
 }
 """Where a number must lie, both ends excluded; others are ``_POSITIVE``."""
 _POSITIVE: Final = (1e-12, 1e9)
-MAY_BE_ZERO: Final = frozenset({"noise.wander_position_m", "noise.wander_rotation_rad"})
+MAY_BE_ZERO: Final = frozenset(
+    {"noise.wander_position_m", "noise.wander_rotation_rad", "motion.initial_autocorrelation"}
+)
 _LEAST_WINDOW_TICKS: Final = 10
 MOST_BYTES: Final = 1_000_000
 """No TOML file that somebody means to give is larger."""

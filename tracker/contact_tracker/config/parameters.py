@@ -63,6 +63,8 @@ class Motion:
     T19)."""
     likelihood_exponent: float
     """Power of the likelihood: share of a tick's information that is independent of the ticks before."""
+    initial_autocorrelation: float = 0.0
+    """Autocorrelation of the prediction errors of free motion that is assumed until some are known."""
 
 
 @dataclass(frozen=True)

@@ -130,9 +130,9 @@ class InnovationExcess(NamedTuple):
 NO_EXCESS: Final = InnovationExcess(0.0, 0.0)
 
 
-def begin(rotation: Array, position_m: Array, stamp_ns: int) -> FreeMotion:
-    """Start at rest, at a first tick with rotation (3, 3), possibly a mean of rotations, and position
-    (3,)."""
+def begin(rotation: Array, position_m: Array, stamp_ns: int, autocorrelation: float = 0.0) -> FreeMotion:
+    """Start at rest, at a first tick with rotation (3, 3), possibly a mean of rotations, and position (3,);
+    the ``autocorrelation`` of errors is assumed until some are known."""
     x = np.zeros((2, 3, 3))
     x[0, 0] = position_m
     return FreeMotion(
@@ -145,7 +145,7 @@ def begin(rotation: Array, position_m: Array, stamp_ns: int) -> FreeMotion:
         latest=np.zeros((0, 2, 2)),
         shape=np.array([_EYE, _EYE]) / 3.0,
         direction=np.zeros((2, 3)),
-        autocorrelation=np.zeros(2),
+        autocorrelation=np.full(2, autocorrelation),
         ticks=0,
         stamp_ns=stamp_ns,
     )

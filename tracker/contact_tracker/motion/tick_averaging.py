@@ -148,7 +148,8 @@ def with_excess(
     excess."""
     turn, position_m = tick.zeta[R].reshape(3, 3), tick.zeta[T]
     if motion is None or not free_motion.can_go_on(motion, tick.mean_ns):
-        return None if is_rest else free_motion.begin(turn, position_m, tick.mean_ns), tick
+        assumed = model.motion.initial_autocorrelation
+        return None if is_rest else free_motion.begin(turn, position_m, tick.mean_ns, assumed), tick
     variance = tick_variances(tick.noise, np.array(float(tick.count)), model)
     rest = rest_variances(tick.noise, np.array(float(tick.count)), model)
     motion, excess = free_motion.advance(
