@@ -160,7 +160,7 @@ def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path, suffix:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_live_leaves_its_ticks_when_it_is_interrupted(log: Path, tmp_path: Path, number: int) -> None:
-    arguments = ["live", str(log), "--json", "--rate", "1", "-o", str(tmp_path / "out.jsonl")]
+    arguments = ["live", str(log), "--json", "--rate", "0.25", "-o", str(tmp_path / "out.jsonl")]
     with subprocess.Popen(
         [*PROGRAM, *arguments], env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
     ) as running:
