@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, possible
+from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, allowed
 from contact_tracker.formations.presence import Presence
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.hypotheses.evidence import EvidenceParameters
@@ -122,7 +122,7 @@ def test_kinds_that_knowledge_excludes_do_not_join() -> None:
     ticks = FormationTicks(
         window(0, 5), scales, 0.1, np.zeros(3), PriorMap(object=(line, face), object_complete=True)
     )
-    found = possible(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
+    found = allowed(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
     assert [one.known.model.contact for one in found] == [Contact.FV]
 
 

@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.formations.further import SURE_NATS, KnownContact
-from contact_tracker.formations.price import price
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
 from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
@@ -135,7 +135,7 @@ def contact_evidence(
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
     play = _play(_whitened(residual, _noise_sd(window), scales).residual, most_play)
     factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
-    cost = price(contact.model, contact.x, motion, window, scales, factor)
+    cost = elements_complexity(contact.model, contact.x, motion, window, scales, factor)
     return scales.likelihood_exponent * (_log_ratio(residual, window, scales, play) - cost)
 
 

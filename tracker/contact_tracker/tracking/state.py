@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.online import NOTHING_BESIDE, Beside
+from contact_tracker.formations.online import EMPTY_FORMATION, FormationState
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.birth import uninformed_proposal
@@ -82,8 +82,8 @@ class TrackerState(NamedTuple):
     """Beliefs of the last L ticks, with a lag."""
     belief: Belief | None
     """The latest belief."""
-    beside: Beside = NOTHING_BESIDE
-    """Contacts beside the label."""
+    formation: FormationState = EMPTY_FORMATION
+    """Search for further contacts."""
 
     @property
     def log_evidence(self) -> float:
