@@ -12,7 +12,7 @@ from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
 from contact_tracker.formations.presence import AT_FIRST, most_probable
-from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio
+from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio
 from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
@@ -108,7 +108,7 @@ def test_the_relaxed_problem_sees_a_contact_until_it_is_known(contact: Contact) 
     before = max(relaxed_ratio(moments(model, motion)) for model in RELAXED)
     after = max(relaxed_ratio(moments(model, known)) for model in RELAXED)
     assert before > 100.0
-    assert after < LEAST_RATIO
+    assert after < MIN_RATIO
 
 
 @given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=8), st.floats(0.01, 0.6))
