@@ -1,4 +1,4 @@
-"""What a misspelt command or option was probably meant to be."""
+"""Suggestions for misspelt commands and options."""
 
 import argparse
 from collections.abc import Iterable, Mapping
@@ -6,7 +6,7 @@ from difflib import get_close_matches
 
 
 def meant(word: str, names: Iterable[str]) -> str:
-    """``; did you mean NAME?``, or nothing where no name is near."""
+    """``; did you mean NAME?``, or empty if no name is similar."""
     near = get_close_matches(word, list(names), 1)
     return f"; did you mean {near[0]}?" if near else ""
 
@@ -14,7 +14,7 @@ def meant(word: str, names: Iterable[str]) -> str:
 def meant_option(
     words: Iterable[str], parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]
 ) -> str:
-    """The same of the first word that looks like an option of ``parser``, or is one of other commands."""
+    """The same for the first word that resembles an option of ``parser``, or is one of other commands."""
     for word in words:
         if word.startswith("-"):
             option = word.partition("=")[0]
