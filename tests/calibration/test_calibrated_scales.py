@@ -11,7 +11,7 @@ from contact_tracker.calibration.contact_errors import learn_contact_errors
 from contact_tracker.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
 from contact_tracker.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
 from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
-from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, find_stretches, refined
+from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, fit_contact_segments, refined
 from contact_tracker.calibration.tick_stream import Observed, observe
 from contact_tracker.config.loading import limits, load_model
 from contact_tracker.config.parameters import Model, TransitionCounts
@@ -46,7 +46,7 @@ def contact_stretches(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=
         np.tile([0.02**2, 0.2**2], (ticks, 1)),
     )
     observed = Observed(np.arange(ticks), window, np.ones(ticks), SENSOR_M, SENSOR_RAD)
-    return find_stretches(observed, np.full(ticks, contact.column), MODEL)
+    return fit_contact_segments(observed, np.full(ticks, contact.column), MODEL)
 
 
 def test_the_noise_of_a_recording_is_that_which_its_end_knows():

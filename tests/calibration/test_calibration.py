@@ -18,7 +18,7 @@ from chain_oracle import NOTHING, some_model
 from contact_tracker import __version__
 from contact_tracker.calibration.calibrate import Plan, calibrate
 from contact_tracker.calibration.learned import How, select
-from contact_tracker.calibration.study import Source, judge, look
+from contact_tracker.calibration.study import Source, score_model, study_recording
 from contact_tracker.calibration.writing import model_text
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
@@ -112,7 +112,7 @@ def test_held_out_recordings_are_judged_by_models_that_have_not_seen_them(logs: 
     assert found.lesson.model.noise == MODEL.noise
     assert [held_out.chain is not None for held_out in found.held_out] == [True, False]
     other = calibrate(Plan(sources[:1], MODEL, select(["transitions"]), 0), Runner(1))
-    again = judge(sources[1], other.lesson.model)
+    again = score_model(sources[1], other.lesson.model)
     assert found.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
     assert found.held_out[1].after.log_evidence != found.held_out[1].before.log_evidence
     assert tallies(found.held_out[1].after)[0].log_loss == pytest.approx(tallies(again)[0].log_loss)
@@ -324,7 +324,7 @@ def test_truth_of_any_part_is_learned_from(logs, begin, end):
     log = folder / "part.mcap"
     poses = Poses.collect(open_log(source.name))
     write_recording(str(log), poses, Truth(part), {})
-    study = look(Source(str(log)), MODEL, False, True)
+    study = study_recording(Source(str(log)), MODEL, False, True)
     expected = study.chain.expect(MODEL)
     seconds = sum(i.end_ns - i.start_ns for i in part) * 1e-9
     assert study.labelled

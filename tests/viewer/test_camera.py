@@ -26,7 +26,7 @@ def touch(
     camera: Camera, plane: Plane, poses: Poses, lasted_ns: int, extent: Extent = UNKNOWN_EXTENT
 ) -> bool:
     geometry = ContactGeometry(Point(np.zeros(3)), plane)
-    return camera.see(geometry, draw(geometry, poses, extent, camera.up), poses, lasted_ns)
+    return camera.add_contact(geometry, draw(geometry, poses, extent, camera.up), poses, lasted_ns)
 
 
 def test_before_anything_is_touched_z_is_up() -> None:
@@ -58,7 +58,7 @@ def test_faces_of_unknown_height_do_not_say_which_side_is_up() -> None:
     open_plane = Plane(Z, 0.3, np.diag([1e-6, 1e-6, 1e-6, 0.09]))
     faces = ContactGeometry(Plane(Z, 0.3, open_plane.covariance), open_plane)
     camera, poses = Camera(CUBE), at([[0.0, 0.0, 0.0]])
-    camera.see(faces, draw(faces, poses, CUBE), poses, 1_000)
+    camera.add_contact(faces, draw(faces, poses, CUBE), poses, 1_000)
     assert camera.up == pytest.approx(Z)
     touch(camera, Plane(Z, 0.1), poses, 10, CUBE)
     assert camera.up == pytest.approx(-Z), "the object hangs below the plane"
@@ -112,11 +112,13 @@ def test_what_is_touched_far_from_the_bodys_origin_is_in_view() -> None:
     camera, poses = Camera(UNKNOWN_EXTENT), at([[0.0, 0.0, 0.8]])
     geometry = ContactGeometry(Point(np.array([0.0, 0.0, -0.8])), Plane(Z, 0.0))
     drawing = draw(geometry, poses, UNKNOWN_EXTENT)
-    assert camera.see(geometry, drawing, poses, 1)
+    assert camera.add_contact(geometry, drawing, poses, 1)
     assert np.linalg.norm(camera.frame()[:, 0]) == pytest.approx(0.8)
     assert np.ptp(drawing.meshes[2].vertices[:, 0]) > 0.8, "and drawn as large as the object seems"
     far = replace_place(geometry, 50.0)
-    assert not camera.see(far, draw(far, poses, UNKNOWN_EXTENT), poses, 1), "but nobody steps back 50 m"
+    assert not camera.add_contact(far, draw(far, poses, UNKNOWN_EXTENT), poses, 1), (
+        "but nobody steps back 50 m"
+    )
 
 
 def replace_place(geometry: ContactGeometry, distance_m: float) -> ContactGeometry:

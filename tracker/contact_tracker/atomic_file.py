@@ -28,12 +28,12 @@ def why_not_replaceable(path: Path) -> str | None:
     return why_not_regular(mode)
 
 
-def whatever_is_there() -> None:
+def accept_any() -> None:
     """The check of ``whole_file`` that accepts any file."""
 
 
 @contextmanager
-def whole_file(path: Path, check: Callable[[], None] = whatever_is_there) -> Iterator[Path]:
+def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[Path]:
     """Give a temporary file that replaces ``path`` on success and is removed on any failure.
 
     It is in the same folder, so that the last step is a rename, and has another suffix, so that it is not
@@ -132,11 +132,11 @@ def _sweep(target: Path) -> None:
     with suppress(OSError):  # a folder that is writable but not readable
         for name in os.listdir(target.parent):
             found = pattern.fullmatch(name)
-            if found and not _lives(int(found[1])):
+            if found and not _is_running(int(found[1])):
                 _remove_unlocked(str(target.with_name(name)))
 
 
-def _lives(pid: int) -> bool:
+def _is_running(pid: int) -> bool:
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):

@@ -53,7 +53,7 @@ def _found(name: str) -> Iterator[Found]:
         if files is None:
             yield Found(name, "")
             return
-        inside = _some(name, recordings_among(files))
+        inside = _require_recordings(name, recordings_among(files))
         yield from (Found(one, remote.joined(files[part] for part in parts)) for one, parts in inside.items())
     else:
         yield from (Found(one, signature_of(one)) for one in recordings_in(os.path.abspath(name)))
@@ -69,10 +69,10 @@ def recordings_in(name: str) -> list[str]:
     """
     if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
         return [name]
-    return list(_some(name, recordings_among(_files_in(name))))
+    return list(_require_recordings(name, recordings_among(_files_in(name))))
 
 
-def _some(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
+def _require_recordings(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
     if not inside:
         raise UnreadableRecording(
             f"{folder}: this folder holds no recording ({', '.join(SUFFIXES)}); name others one by one"

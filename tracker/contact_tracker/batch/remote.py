@@ -50,7 +50,7 @@ def files_in(url: str) -> Mapping[str, str] | None:
         The folder cannot be listed.
     """
     filesystem, path = _opened(url)
-    with _told_of(url):
+    with _store_errors(url):
         return _files_in(filesystem, path) if _is_folder(filesystem, url, path) else None
 
 
@@ -63,7 +63,7 @@ def signature_of(url: str) -> str:
         It does not exist or cannot be reached.
     """
     filesystem, path = _opened(url)
-    with _told_of(url):
+    with _store_errors(url):
         if not _is_folder(filesystem, url, path):
             return _signature(filesystem.info(path))
         depth = url.rstrip("/").count("/") + 1
@@ -93,7 +93,7 @@ def local_copy(url: str) -> Iterator[str]:
     filesystem, path = _opened(url)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
         target = os.path.join(folder, posixpath.basename(path.rstrip("/")) or "recording")
-        with _told_of(url):
+        with _store_errors(url):
             if _is_folder(filesystem, url, path):
                 copy_folder(filesystem, path, target)
             else:
@@ -154,7 +154,7 @@ def _files_in(filesystem: Any, path: str) -> dict[str, str]:
 
 
 @contextmanager
-def _told_of(url: str) -> Iterator[None]:
+def _store_errors(url: str) -> Iterator[None]:
     """Convert the errors of stores to UnreadableRecording."""
     try:
         yield

@@ -39,7 +39,7 @@ class Batch:
     ----------
     report : called with each new row.
     set_done : called with the number of recordings that are done.
-    looks_at_content : whether to compare contents even if the signatures are equal.
+    compares_content : whether to compare contents even if the signatures are equal.
     """
 
     def __init__(
@@ -48,14 +48,14 @@ class Batch:
         dataset: Dataset,
         report: Callable[[rows.Row], None],
         set_done: Callable[[int], None],
-        looks_at_content: bool = False,
+        compares_content: bool = False,
     ) -> None:
         self.outcome = Outcome()
         self._settings = settings
         self._dataset = dataset
         self._report = report
         self._set_done = set_done
-        self._looks_at_content = looks_at_content
+        self._looks_at_content = compares_content
 
     def run(
         self, recordings: Iterable[Found], workers: Callable[[], AbstractContextManager[Jobs]]

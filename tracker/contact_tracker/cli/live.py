@@ -121,7 +121,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             saved = SavedStream(args.state, state, log, source, shown, follow)
             state = saved.state
 
-        def tell(beliefs: "list[Belief]") -> None:
+        def report(beliefs: "list[Belief]") -> None:
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)
@@ -133,7 +133,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
                 state, beliefs = adaptation.advance(state, pose)
-                tell(beliefs)
+                report(beliefs)
                 if saved is not None and saved.keep(state):
                     ended = 128 + saved.signal
                     break
@@ -143,7 +143,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             ended = int(leave.code or DONE)
         if saved is None:
             state, beliefs = adaptation.finish(state)
-            tell(beliefs)
+            report(beliefs)
         else:
             saved.save(state)
     source.outliers = state.outliers

@@ -15,7 +15,7 @@ from typing import Any, Final, NoReturn
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import batch, calibrate, evaluate, info, live, segment, simulate, view
 from contact_tracker.cli.completion import SHELLS, PrintCompletion
-from contact_tracker.cli.suggestions import meant, meant_option
+from contact_tracker.cli.suggestions import option_suggestion, suggestion
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
@@ -47,7 +47,7 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             names = list(action.choices)
-            text = f"{value!r} is none of {', '.join(names)}{meant(str(value), names)}"
+            text = f"{value!r} is none of {', '.join(names)}{suggestion(str(value), names)}"
             raise argparse.ArgumentError(action, text)
 
 
@@ -136,7 +136,7 @@ def _run(argv: Sequence[str] | None) -> int:
         args, unknown = parser.parse_known_args(argv)
         if unknown:
             raise UsageError(
-                f"unrecognized arguments: {' '.join(unknown)}{meant_option(unknown, *args.parsers)} "
+                f"unrecognized arguments: {' '.join(unknown)}{option_suggestion(unknown, *args.parsers)} "
                 f"(see contact-tracker {args.command} --help)"
             )
         set_verbosity(args.verbosity)

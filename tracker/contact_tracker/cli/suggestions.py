@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
 
-def meant(word: str, names: Iterable[str]) -> str:
+def suggestion(word: str, names: Iterable[str]) -> str:
     """``; did you mean NAME?``, or empty if no name is similar."""
     near = get_close_matches(word, list(names), 1)
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def meant_option(
+def option_suggestion(
     words: Iterable[str], parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]
 ) -> str:
     """The same for the first word that resembles an option of ``parser``, or is one of other commands."""
@@ -21,7 +21,7 @@ def meant_option(
             others = [name for name, other in commands.items() if option in _options(other)]
             if others:
                 return f"; {option} is an option of {' and '.join(others)}"
-            return meant(option, _options(parser))
+            return suggestion(option, _options(parser))
     return ""
 
 

@@ -108,7 +108,7 @@ def _geometry(outcome: Outcome) -> Figure:
             within = _poses_in(poses, segment)
             drawing = draw_all(_touching(segment, within), within, extent, camera.up)
             assert drawing is not None
-            camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
+            camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
             figure.add_traces(list(_elements(outcome, segment, within, drawing, solid)))
     figure.update_layout(
         height=620,
@@ -182,7 +182,7 @@ def _elements(
         "name": name,
         "legendgroup": name,
         "hovertext": escape(text, quote=False).replace("&lt;br&gt;", "<br>"),
-        "visible": True if _is_seen(segment) else "legendonly",
+        "visible": True if _is_determined(segment) else "legendonly",
     }
     colour = COLOUR[segment.contact]
     yield _mesh(on_environment.vertices, on_environment.triangles, colour, 0.45, showlegend=True, **common)
@@ -206,7 +206,7 @@ def _elements(
         )
 
 
-def _is_seen(segment: Segment) -> bool:
+def _is_determined(segment: Segment) -> bool:
     """Whether the motion has determined the contact's geometry."""
     pair = (segment.geometry.object, segment.geometry.environment) if segment.geometry else ()
     return segment.probability >= _PROBABLE and all(len(one.unobserved) < _UNOBSERVED for one in pair)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from contact_tracker.atomic_file import whatever_is_there, whole_file
+from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.exports.columns import BELIEF_COLUMNS, belief_columns
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.subtitles import write_srt
@@ -16,7 +16,7 @@ from contact_tracker.tracking.segmentation import Segmentation
 
 @contextmanager
 def open_ticks(
-    path: Path, check: Callable[[], None] = whatever_is_there
+    path: Path, check: Callable[[], None] = accept_any
 ) -> Iterator[Callable[[Iterable[Belief]], None]]:
     """Give the function that appends beliefs to a file of JSON lines or Parquet, which is written atomically.
 
@@ -38,7 +38,7 @@ def write_pieces(
     found: Iterable[Segmentation],
     path: Path,
     origin_ns: Callable[[], int],
-    check: Callable[[], None] = whatever_is_there,
+    check: Callable[[], None] = accept_any,
 ) -> None:
     """Write a segmentation incrementally but atomically: CSV, JSON lines, Parquet or subtitles.
 
@@ -67,7 +67,7 @@ def write_outcome(
     path: Path,
     log: str | None = None,
     log_offset_ns: int = 0,
-    check: Callable[[], None] = whatever_is_there,
+    check: Callable[[], None] = accept_any,
 ) -> None:
     """Write an output of a whole recording atomically: MCAP for Foxglove or a report.
 

@@ -100,7 +100,7 @@ def fit_joint(
         residual = model.residual(frames, window.zeta)
         play = _play(_whitened(residual, noise_sd, scales).residual, most_play)
     hessian = _whitened(residual, noise_sd, scales, play).normal()[0]
-    evidence = _log_ratio(residual, window, scales, play) - _price(hessian, deviation)
+    evidence = _log_ratio(residual, window, scales, play) - _complexity(hessian, deviation)
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
     return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence)
 
@@ -205,7 +205,7 @@ def _play(white: Array, most: float) -> Array:
     return np.asarray((axes * np.clip(np.sqrt(np.maximum(variance, 0.0)), 1.0, most)) @ axes.T)
 
 
-def _price(hessian: Array, deviation: Array) -> float:
+def _complexity(hessian: Array, deviation: Array) -> float:
     """Complexity (nats) of parameters with this ``hessian`` (P, P) and prior ``deviation`` (P,)."""
     scaled = hessian * deviation[:, None] * deviation
     return 0.5 * float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])

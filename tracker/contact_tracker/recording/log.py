@@ -164,7 +164,7 @@ class PoseLog:
         if self._stamping.by_log_time or any(message.channel is not channel for message in messages):
             return None
         observed = self._decoder.observe_all(messages)
-        if observed is None or not self._is_meant(channel, *observed[:2]):
+        if observed is None or not self._is_selected(channel, *observed[:2]):
             return None
         if self._skipped or not observed.poses.stamp_ns.all():  # a zero stamp may be a missing one
             return None
@@ -180,7 +180,7 @@ class PoseLog:
             self._why = why
             self._counts["known_definition"] += many
 
-    def _is_meant(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
+    def _is_selected(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
         source = self.source
         found = (channel.topic, channel.type, frame_id, child_frame_id)
         return found == (source.topic, source.type, source.frame_id, source.child_frame_id)
@@ -200,7 +200,7 @@ class PoseLog:
                 counts["undecodable"] += 1
                 continue
             for frame_id, child_frame_id, pose in observations:
-                if not self._is_meant(item.channel, frame_id, child_frame_id):
+                if not self._is_selected(item.channel, frame_id, child_frame_id):
                     self._note_other(
                         PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id)
                     )

@@ -7,7 +7,7 @@ from typing import IO, Final
 
 from mcap.writer import Writer
 
-from contact_tracker.atomic_file import whatever_is_there, whole_file
+from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.ground_truth import UNSCORED, Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
@@ -58,7 +58,7 @@ def write_recording(
     poses: Poses,
     truth: Truth | None,
     metadata: Mapping[str, str],
-    check: Callable[[], None] = whatever_is_there,
+    check: Callable[[], None] = accept_any,
 ) -> None:
     """Write a recording, whole or not at all; the same input gives the same bytes.
 

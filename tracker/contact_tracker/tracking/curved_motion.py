@@ -32,31 +32,31 @@ class CurvedMotion(NamedTuple):
     probability: float
 
 
-NOT_JUDGED: Final = CurvedMotion(-1, 0, 0.0)
+NO_CURVED_MOTION: Final = CurvedMotion(-1, 0, 0.0)
 
 
-def judged_online(
+def update_curved_motion(
     before: CurvedMotion, window: Window, since: int, scales: EvidenceParameters, knowledge: PriorMap
 ) -> CurvedMotion:
-    """After another tick of free motion ``since`` some tick; ``window`` are the last ticks."""
+    """The estimate after another tick of free motion since tick ``since``; ``window`` are the last ticks."""
     known = before if before.since == since else CurvedMotion(since, 0, 0.0)
     age = int(window.index[-1]) + 1 - since
     if age < max(LEAST_TICKS, AGAIN * known.after):
         return known
     first = max(int(window.index.searchsorted(since)), len(window) - SPAN_TICKS)
     last = window.cut(first, None)
-    judged = p_curved(curved_evidence(last, scales)) if _is_judged(last, knowledge) else 0.0
-    return CurvedMotion(since, age, judged)
+    probability = p_curved(curved_evidence(last, scales)) if _is_testable(last, knowledge) else 0.0
+    return CurvedMotion(since, age, probability)
 
 
-def judged_offline(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> Array:
-    """Probability (n,) in each tick of a segment of free motion: it is judged in pieces.
+def curved_probabilities(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> Array:
+    """Probability (n,) of curved contact in each tick of a segment of free motion, by parts of the segment.
 
-    A surface that is found in one of them may be that of the others: its elements are hard to find in some.
+    The surface found in one part is tried in the others, as its elements are hard to find in some.
     """
     pieces = np.array_split(np.arange(len(window)), max(len(window) // SPAN_TICKS, 1))
     windows = [window.cut(int(rows[0]), int(rows[-1]) + 1) for rows in pieces if len(rows)]
-    fits = [fit_curved(one, scales) if _is_judged(one, knowledge) else None for one in windows]
+    fits = [fit_curved(one, scales) if _is_testable(one, knowledge) else None for one in windows]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.log_evidence, default=None)
     found = np.zeros(len(window))
     for rows, one, fit in zip(pieces, windows, fits, strict=False):
@@ -74,7 +74,7 @@ def is_mostly_curved(probability: Array) -> bool:
     return bool(np.mean(probability > 0.5) > 0.5)
 
 
-def _is_judged(window: Window, knowledge: PriorMap) -> bool:
-    """Of an object all of whose flat elements are given no curved one is expected; and motion has to tell."""
+def _is_testable(window: Window, knowledge: PriorMap) -> bool:
+    """Whether curved contact is tested: the motion suffices, and the prior map of the object is incomplete."""
     enough = len(window) >= LEAST_TICKS and float(window.motion_ratio.sum()) >= LEAST_ACTIVITY
     return enough and not knowledge.object_complete

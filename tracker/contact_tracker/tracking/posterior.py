@@ -13,7 +13,7 @@ from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.curved_motion import NOT_JUDGED, judged_online
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.state import TrackerState, scales_of
 
 Array = NDArray[np.float64]
@@ -111,11 +111,11 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
 def with_curved_motion(state: TrackerState, label: Contact, judges: bool) -> TrackerState:
     """Free motion is judged now and then, unless another one does that: it may keep to a curved surface."""
     if label is not Contact.FREE:
-        return state._replace(curved=NOT_JUDGED)
+        return state._replace(curved=NO_CURVED_MOTION)
     if not judges:
         return state
     known = state.curved, state.window, state.free_since
-    return state._replace(curved=judged_online(*known, scales_of(state.model), state.knowledge))
+    return state._replace(curved=update_curved_motion(*known, scales_of(state.model), state.knowledge))
 
 
 def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | None:

@@ -29,7 +29,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import FurtherContact, Segment
-from contact_tracker.tracking.curved_motion import is_mostly_curved, judged_offline
+from contact_tracker.tracking.curved_motion import curved_probabilities, is_mostly_curved
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 
@@ -113,17 +113,17 @@ class SegmentFit:
 
 
 def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
-    """All contacts are fitted to the ticks of each of these segments of one recording from scratch."""
+    """Fit all contacts to the ticks of each of these segments of one recording, from scratch."""
     if not segments:
         return []
     windows = [_most_moving(one.window) for one in segments]
     fits = zip(*(_fitted(contact, windows, segments) for contact in CONTACT_MODELS), strict=True)
-    return [_judged(*one) for one in zip(segments, windows, fits, strict=True)]
+    return [_segment_fit(*one) for one in zip(segments, windows, fits, strict=True)]
 
 
-def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
-    """By the fit of each contact to the segment's ``window``, and by joints."""
-    fit = _judged_contact(segment, window, fits)
+def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
+    """The fit of a segment: its contact, by the fits of all contacts to ``window``, and its joint."""
+    fit = _contact_fit(segment, window, fits)
     banks = zip(CONTACT_MODELS, fits, strict=True)
     known = [KnownContact(contact, bank.x[0]) for contact, bank in banks if len(bank)]
     found = find_joint(window, scales_of(segment.model), known, fit.constraints)
@@ -139,7 +139,7 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     return replace(fit, inseparable=others, p_restricted=p_restricted)
 
 
-def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
+def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, knowledge, label = segment.model, segment.knowledge, segment.contact
     freedom = ambiguity.freedom_of(label, window, older=False)
     rivals = ambiguity.CompetingEvidence(
@@ -151,7 +151,7 @@ def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank])
     p_restricted, share = ambiguity.p_restricted(freedom.underused, window, model.tick_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
-        curved = judged_offline(segment.window, scales_of(model), knowledge)
+        curved = curved_probabilities(segment.window, scales_of(model), knowledge)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
         inseparable = knowledge.allowed if none_fits else inseparable
     if segment.wrench_evidence is not None:
@@ -175,7 +175,7 @@ def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank])
 
 
 def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
-    """What touches beside the ``first`` contact, which lasts through the ``window``."""
+    """The contacts beside the ``first``, which lasts through the ``window``."""
     model, scales = segment.model, scales_of(segment.model)
     leave_per_s = model.transitions.leave_per_s
     ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.knowledge)

@@ -20,7 +20,7 @@ from contact_tracker.motion.tick_grid import TickState
 from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.curved_motion import NOT_JUDGED, CurvedMotion
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, CurvedMotion
 from contact_tracker.tracking.transition_model import log_initial
 
 Array = NDArray[np.float64]
@@ -126,7 +126,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         label=None,
         free_since=0,
         free_since_ns=0,
-        curved=NOT_JUDGED,
+        curved=NO_CURVED_MOTION,
         hazard_exposure=0.0,
         log_transition=np.zeros((states, states)),
         log_birth_weight=initial,

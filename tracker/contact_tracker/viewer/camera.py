@@ -74,7 +74,7 @@ class Camera:
                 origins.append(self._centre)
         return np.array(stamps, np.int64), np.reshape(origins, (-1, 3))
 
-    def see(self, geometry: ContactGeometry, drawing: Drawing, poses: Poses, lasted_ns: int) -> bool:
+    def add_contact(self, geometry: ContactGeometry, drawing: Drawing, poses: Poses, lasted_ns: int) -> bool:
         """Add a contact of duration ``lasted_ns``; returns whether the frame has changed."""
         before = self.up, self._radius_m
         if drawing.reach_m < _FARTHEST * self._extent.radius_m:

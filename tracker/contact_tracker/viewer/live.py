@@ -125,7 +125,7 @@ class LiveViewer(SelfClosing):
         drawing = None if geometry is None else draw(geometry, tick, self._extent, up)
         if geometry is not None and drawing is not None:
             lasted_ns = int(belief.stamp_ns - self._drawn_ns) if self._drawn_ns else 0
-            if is_settled(belief) and self._camera.see(geometry, drawing, tick, lasted_ns):
+            if is_settled(belief) and self._camera.add_contact(geometry, drawing, tick, lasted_ns):
                 sheet.stand(self._camera.frame())
         self._is_open = drawing is not None and drawing.is_open
         stamp = np.array([belief.stamp_ns], np.int64)

@@ -5,7 +5,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
-from contact_tracker.atomic_file import whatever_is_there, whole_file
+from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import Array
 from contact_tracker.ground_truth import Truth
@@ -39,7 +39,7 @@ class Shown(NamedTuple):
     origin_ns: Callable[[], int] | None = None
 
 
-def write_rrd(path: Path, shown: Shown, check: Callable[[], None] = whatever_is_there) -> None:
+def write_rrd(path: Path, shown: Shown, check: Callable[[], None] = accept_any) -> None:
     """Write a rerun file with its layout, atomically; ``check`` as of ``whole_file``.
 
     Memory grows during one contact, with ``paper`` (70 bytes per ten poses), and by rerun's index of chunks.

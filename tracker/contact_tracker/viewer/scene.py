@@ -132,7 +132,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
         of_surroundings(geometry.environment, middle, half_m),
         open_ways[1],
     )
-    return Drawing(meshes, _beside(geometry.environment, middle, half_m, up), reach_m, is_open)
+    return Drawing(meshes, _label_position(geometry.environment, middle, half_m, up), reach_m, is_open)
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
@@ -196,7 +196,7 @@ def _centre(element: Element, partner: Array) -> Array:
     return centre
 
 
-def _beside(element: Element, centre: Array, half_m: float, up: Array) -> Array:
+def _label_position(element: Element, centre: Array, half_m: float, up: Array) -> Array:
     """The label's position: a corner of a sheet, an end of a bar, or below a cube."""
     match element:
         case Plane(normal):

@@ -121,7 +121,7 @@ class Painter:
         for number in range(1, self._sheet.most_further + 1):
             held = [_further_of(segment, part, number) for segment, part in parts]
             drawings = [
-                None if one is None else self._beside(one, _within(poses, part.start_ns, part.end_ns))
+                None if one is None else self._drawing_of(one, _within(poses, part.start_ns, part.end_ns))
                 for one, (_, part) in zip(held, parts, strict=True)
             ]
             self._sheet.drawings(starts, drawings, number)
@@ -136,7 +136,7 @@ class Painter:
             lane = canvas.further_lane(number)
             self._changes(lane, starts, [None if one is None else one.contact for one in held])
 
-    def _beside(self, one: FurtherContact, within: Poses) -> Drawing:
+    def _drawing_of(self, one: FurtherContact, within: Poses) -> Drawing:
         return draw(one.geometry, within, self._extent, self._camera.up)
 
     def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
@@ -158,7 +158,7 @@ class Painter:
             return None
         up = self._camera.up
         drawing = draw(segment.geometry, within, self._extent, up)
-        if self._camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
+        if self._camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
             self._sheet.stand(self._camera.frame())
         if drawing.is_open:
             few = within[:: 1 + len(within) // ENOUGH_POSES]
