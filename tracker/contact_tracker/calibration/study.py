@@ -45,7 +45,7 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class ModelScore:
-    """Scores of a model on a recording of ``seconds``: against ground truth, if any, and its evidence (nats)."""
+    """Scores of a model on a recording of ``seconds``: against any ground truth, and by its evidence (nats)."""
 
     evaluation: Evaluation | None
     log_evidence: float
@@ -74,8 +74,8 @@ class Study:
 
 
 def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) -> Study:
-    """Read a recording; ``score_it`` by a pass of ``model`` (always without ground truth); ``fit_it`` fits contact
-    segments.
+    """Read a recording; ``score_it``: score ``model`` (always if there is no ground truth); ``fit_it``: fit
+    contact segments.
 
     Raises
     ------

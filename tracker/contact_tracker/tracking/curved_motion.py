@@ -75,6 +75,6 @@ def is_mostly_curved(probability: Array) -> bool:
 
 
 def _is_testable(window: Window, knowledge: PriorMap) -> bool:
-    """Whether curved contact is tested: the motion suffices, and the prior map of the object is incomplete."""
+    """Whether curved contact is tested: motion suffices, and the object is not completely known."""
     enough = len(window) >= LEAST_TICKS and float(window.motion_ratio.sum()) >= LEAST_ACTIVITY
     return enough and not knowledge.object_complete
