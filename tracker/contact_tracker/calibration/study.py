@@ -45,7 +45,7 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class ModelScore:
-    """Scores of a model on a recording of ``seconds``: against any ground truth, and by its evidence (nats)."""
+    """Scores of a model on a recording of ``seconds``: against any ground truth, and its evidence (nats)."""
 
     evaluation: Evaluation | None
     log_evidence: float
