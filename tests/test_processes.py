@@ -72,7 +72,7 @@ def die() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_processes_that_cannot_start_are_told() -> None:
+def test_processes_that_cannot_start_are_reported() -> None:
     with (
         pytest.raises(ContactTrackerError, match="as soon as it was started"),
         local_processes(2, die) as call,
@@ -102,7 +102,7 @@ def interrupted_after(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGINT, interrupt)
 
 
-def test_what_is_at_work_is_ended_at_once_and_clears_away(tmp_path: Path) -> None:
+def test_running_jobs_are_ended_at_once_and_clean_up(tmp_path: Path) -> None:
     begin_s = time.monotonic()
     with (
         pytest.raises(KeyboardInterrupt),

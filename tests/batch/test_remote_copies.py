@@ -24,7 +24,7 @@ class StoreWithOddNames:
         Path(target).write_text(name)
 
 
-def test_names_of_a_store_lead_nowhere_else(tmp_path: Path) -> None:
+def test_names_of_a_store_stay_in_the_folder(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="leads out of the folder"):
         copy_folder(StoreWithOddNames(), "bucket/bag", str(tmp_path / "a" / "b"))
     assert not list(tmp_path.glob("*.mcap"))
@@ -82,7 +82,7 @@ class Store(AbstractFileSystem):
     ],
     ids=["size not said", "size wrong", "folder", "too long", "empty files"],
 )
-def test_copies_of_recordings_in_stores_have_an_end(
+def test_copies_of_recordings_in_stores_have_a_size_limit(
     store: Store, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -94,7 +94,9 @@ def test_copies_of_recordings_in_stores_have_an_end(
     assert not list(tmp_path.iterdir())
 
 
-def test_copies_of_recordings_in_stores_leave_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_copies_of_recordings_in_stores_leave_free_space(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(remote, "_opened", lambda _: (Store(10), "log.mcap"))
     monkeypatch.setattr(remote, "_LEFT_BYTES", shutil.disk_usage(tmp_path).free - 8 * 2**20)

@@ -228,7 +228,7 @@ def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
     assert "FileNotFoundError" in table["error"][2]
 
 
-def test_recordings_are_read_from_a_store_that_tells_versions(tmp_path: Path) -> None:
+def test_recordings_are_read_from_a_store_with_versions(tmp_path: Path) -> None:
     """Those that are as they were are not read again; a folder with its metadata is one recording."""
     fsspec = pytest.importorskip("fsspec")
     store = fsspec.filesystem("memory")

@@ -116,7 +116,7 @@ def run_interruptible(program: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_an_interrupt_that_python_cannot_raise_comes_again() -> None:
+def test_an_interrupt_that_python_cannot_raise_is_repeated() -> None:
     program = """
 import signal, time
 from contact_tracker.interrupts import wait_for_imports
@@ -134,7 +134,7 @@ except KeyboardInterrupt:
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
-def test_what_goes_wrong_after_an_interrupt_that_python_cannot_raise_is_silent() -> None:
+def test_errors_after_an_interrupt_that_python_cannot_raise_are_silent() -> None:
     program = """
 import signal, sys
 from contact_tracker.__main__ import main
@@ -154,7 +154,7 @@ sys.exit(main())
     assert (unharmed.returncode, "half a result" in unharmed.stderr) == (1, True)
 
 
-def test_what_an_interrupt_has_left_half_made_goes_in_silence() -> None:
+def test_incomplete_objects_after_an_interrupt_end_silently() -> None:
     program = """
 import signal
 from contact_tracker.interrupts import wait_for_imports

@@ -86,7 +86,7 @@ READ = [
 @pytest.mark.parametrize("overwrite", [False, True], ids=["", "--overwrite"])
 @pytest.mark.parametrize("kind", ["symbolic", "hard"])
 @pytest.mark.parametrize(("read", "command", "output"), READ)
-def test_what_is_read_is_not_written(
+def test_inputs_are_not_overwritten(
     read: str,
     command: str,
     output: str,
@@ -112,7 +112,7 @@ def test_what_is_read_is_not_written(
         ("known.toml", "calibrate log.mcap --known known.toml -o known.toml"),
     ],
 )
-def test_nor_by_its_own_name(
+def test_inputs_are_not_overwritten_by_their_own_name(
     name: str, command: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if not Path(name).exists():
@@ -120,7 +120,7 @@ def test_nor_by_its_own_name(
     assert name in refusal(capsys, *command.split())
 
 
-def test_nor_what_standard_input_comes_from(
+def test_the_file_behind_standard_input_is_not_overwritten(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     os.rename("log.mcap", "in.jsonl")
@@ -129,7 +129,7 @@ def test_nor_what_standard_input_comes_from(
         assert "standard input" in refusal(capsys, *["segment", "-", "-o", "in.jsonl", "--overwrite"])
 
 
-def test_nor_a_shipped_model_that_is_asked_for_by_name(
+def test_a_shipped_model_is_not_overwritten(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     os.rename("model.toml", "mocap_200hz.toml")
@@ -210,7 +210,7 @@ def compressed(data: bytes) -> bytes:
     ids=["whole", "half", "magic", "compressed", "cut compressed", "second frame", "who knows"],
 )
 @pytest.mark.parametrize(("command", "output"), WRITES)
-def test_a_recording_is_replaced_only_when_told_to(
+def test_a_recording_is_replaced_only_with_overwrite(
     command: str, output: str, content, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Whatever its name is, and whether all of it is there."""
@@ -225,7 +225,7 @@ def test_a_recording_is_replaced_only_when_told_to(
 
 
 @pytest.mark.parametrize(("command", "output"), WRITES)
-def test_a_recording_is_replaced_when_told_to_and_other_results_always(
+def test_a_recording_is_replaced_with_overwrite_and_other_results_always(
     command: str, output: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = Path("log.mcap").read_bytes()

@@ -37,7 +37,7 @@ def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_a_contact_beside_itself_tells_nothing(contact: Contact) -> None:
+def test_a_repeated_contact_has_no_evidence(contact: Contact) -> None:
     window, x = kept(contact, 1)
     c = coefficients(CONTACT_MODELS[contact.column], x)
     motion = ConditionalMotion.of(window, SCALES)
@@ -81,7 +81,7 @@ def test_without_a_contact_before_it_is_the_evidence_against_free_motion(contact
     np.testing.assert_allclose(found.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
 
 
-def test_lasting_errors_count_only_what_is_new_in_each_tick() -> None:
+def test_of_correlated_errors_only_the_innovation_of_each_tick_counts() -> None:
     window, x = kept(Contact.VF, 4)
     c = coefficients(CONTACT_MODELS[Contact.VF.column], x)
     scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1, correlation=0.9)
@@ -101,7 +101,7 @@ def test_constraints_are_counted_once(contact: Contact, seed: int) -> None:
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_the_relaxed_problem_sees_a_contact_until_it_is_known(contact: Contact) -> None:
+def test_the_relaxed_problem_indicates_only_unknown_contacts(contact: Contact) -> None:
     window, x = kept(contact, 5)
     motion = ConditionalMotion.of(window, SCALES)
     known = motion.keeping(coefficients(CONTACT_MODELS[contact.column], x))

@@ -33,7 +33,7 @@ def message(ways: int) -> ForwardMessage:
     )
 
 
-def test_open_ticks_count_what_they_hold_and_what_they_forget() -> None:
+def test_open_ticks_count_kept_and_released_rows() -> None:
     """By it the smoother decides when to conclude early, so that memory stays bounded."""
     ticks = OpenTicks()
     assert ticks.size == 0

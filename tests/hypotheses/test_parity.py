@@ -106,7 +106,7 @@ def test_fits_agree(model, steps, rel, seed):
 @pytest.mark.parametrize("kind", ["known elements", "empty", "one tick", "unweighted", "parallel"])
 @settings(max_examples=4, deadline=None)
 @given(seed=seeds)
-def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
+def test_ill_conditioned_fits_agree(model, kind, seed):
     """In cost: x may be anywhere in directions that cost nothing."""
     rng = np.random.default_rng(seed)
     numpy, kernel = both_fits(model, strange(kind, rng, model.family, *problem(model, rng)), 2)
@@ -117,7 +117,7 @@ def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
 @each_model
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
-def test_no_digit_depends_on_who_stands_beside_whom(model, seed):
+def test_results_do_not_depend_on_the_other_rows(model, seed):
     """Some are at their minimum already, and wait for the others."""
     rng = np.random.default_rng(seed)
     *windows, prior, anchors, x = problem(model, rng)
@@ -138,7 +138,7 @@ def test_each_window_takes_its_own_steps(model):
 
 
 @each_model
-def test_what_is_no_number_stays_where_it_is(model):
+def test_nan_stays_in_its_row(model):
     given_ = list(problem(model, np.random.default_rng(4)))
     whole = kernels.minimise(model, *given_, 3)
     given_[0] = given_[0].copy()
@@ -201,7 +201,7 @@ def test_relaxed_problems_of_too_few_poses_are_left_out(model):
 
 
 @each_model
-def test_what_others_offer_agrees(model):
+def test_exchanged_geometries_agree(model):
     """Also at the bounds of who offers and who takes."""
     takers, refused, rng = 0, 0, np.random.default_rng(9)
     for state in states():
@@ -227,7 +227,7 @@ def test_what_others_offer_agrees(model):
 
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
-def test_a_tick_is_taken_in_alike(k):
+def test_updates_by_a_tick_agree(k):
     """With what begins in it, what searches, which contacts do in turn, and what is dropped."""
     seen = passed()
     numpy, kernel = both(lambda: tracker.update(seen[k].state, seen[k + 1].tick)[0])
@@ -254,7 +254,7 @@ def test_a_tick_is_taken_in_alike(k):
 @each_model
 @pytest.mark.parametrize("old", [True, False])
 @pytest.mark.parametrize(("many", "correlation"), [(0, 0.0), (1, 0.0), (5, 0.0), (5, 0.95)])
-def test_what_begins_joins_alike(model, old, many, correlation):
+def test_births_agree(model, old, many, correlation):
     """Of some geometry is known; the first ones of all start from any, turned with the body."""
     rng, column = np.random.default_rng(7), model.contact.column
     k = next(k for k in range(9, 12) if not global_search.is_due(model, k))
@@ -342,7 +342,7 @@ def test_the_same_hypotheses_search(seed, model):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=seeds, margin=st.floats(0.0, 60.0), model=st.sampled_from(CONTACT_MODELS))
-def test_what_is_dropped_agrees(seed, margin, model):
+def test_pruning_agrees(seed, margin, model):
     rng = np.random.default_rng(seed)
     count, now = int(rng.integers(0, 60)), 800
     bank = blank(model, count).replace_columns(
@@ -373,7 +373,7 @@ def assert_same_columns(numpy, kernel, names, rel):
         np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=rel * scale, err_msg=name)
 
 
-def test_a_recording_is_told_alike():
+def test_segmentations_of_a_recording_agree():
     """In one that tells: where hypotheses are equally good, rounding decides which of them stays."""
     poses = recorded(FACE_TO_EDGE).poses[:800]
     numpy, kernel = both(lambda: [seen.belief for seen in forward(poses, MODEL)])
@@ -387,7 +387,7 @@ def test_a_recording_is_told_alike():
     assert max(np.array(differ)[clear]) < 1e-3
 
 
-def test_kernels_refuse_what_they_do_not_know():
+def test_kernels_refuse_unknown_arguments():
     model = CONTACT_MODELS[0]
     with pytest.raises(ValueError, match="not a table of this contact"):
         kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)

@@ -56,7 +56,7 @@ def test_at_rest_there_is_no_excess():
         assert (np.mean(excess, axis=0) < 0.1).all()
 
 
-def test_no_excess_is_zero():
+def test_rest_without_noise_has_exactly_zero_excess():
     """Not only small: whoever asks whether there was motion compares with zero."""
     assert (follow(*still(50))[1] == 0.0).all()
 
@@ -76,13 +76,13 @@ def uniform(rng):
     return follow(*noisy(rng, *motion))[1][100:] / VARIANCES
 
 
-def test_uniform_motion_surprises_little_and_motion_by_hand_a_lot():
+def test_uniform_motion_has_small_innovations_and_hand_motion_large_ones():
     rng = np.random.default_rng(1)
     hand = follow(*noisy(rng, *by_hand(rng, 200)))[1][100:] / VARIANCES
     assert (np.median(hand, axis=0) > 5.0 * np.mean(uniform(rng), axis=0)).all()
 
 
-def test_uniform_motion_is_no_surprise():
+def test_uniform_motion_has_less_excess_than_noise():
     """It is as predictable as rest: with more excess than noise, straight transport would earn gain."""
     assert (np.mean(uniform(np.random.default_rng(1)), axis=0) < 1.0).all()
 
@@ -149,7 +149,7 @@ def test_predictions_continue_the_motion():
     assert np.linalg.norm(at[1] - 0.5 * (at[0] + at[2])) < 0.01
 
 
-def test_the_first_ticks_are_no_surprise():
+def test_the_first_ticks_have_no_excess():
     """Before the filter has settled, nobody knows what would surprise it."""
     rng = np.random.default_rng(5)
     excess = follow(*noisy(rng, *by_hand(rng, 10)))[1]
@@ -167,7 +167,7 @@ def test_a_jump_passes():
 
 
 @pytest.mark.parametrize("tick_s", [0.01, 0.1, 0.7])
-def test_white_jerk_moves_the_states_as_filterpy_says(tick_s):
+def test_white_jerk_propagates_as_in_filterpy(tick_s):
     jerk = Q_continuous_white_noise(3, tick_s, 1.0)
     np.testing.assert_allclose(
         free_motion.transition(tick_s).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14

@@ -52,7 +52,7 @@ def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds,
 
 
 @pytest.mark.parametrize("tick", [1, 3, 20])
-def test_poses_that_are_held_for_long_do_not_silence_the_noise(tick):
+def test_long_repeats_of_a_pose_do_not_reduce_the_noise(tick):
     """At a frame per tick each holds the pose of the tick before: that does not show a still sensor."""
     poses = moving(np.random.default_rng(4), 60.0, 20.0, 3e-4, 2e-3)
     source = np.arange(len(poses)) // 10 * 10
@@ -74,9 +74,7 @@ def test_the_stream_in_any_portions_is_the_whole():
 
 
 @each_sensor
-def test_what_is_told_now_and_then_is_what_would_be_told_with_each_tick(
-    monkeypatch, rate_hz, sigma_m, sigma_rad, seconds
-):
+def test_estimates_at_intervals_equal_those_of_each_tick(monkeypatch, rate_hz, sigma_m, sigma_rad, seconds):
     """By far within what the frames leave unknown, at a fraction of the cost."""
     off, unknown = [], []
     for seed in range(21, 25):
@@ -203,7 +201,7 @@ def test_noise_is_the_same_in_every_frame_and_for_either_sign_of_the_quaternion(
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
-def test_too_few_frames_say_nothing(count):
+def test_too_few_frames_have_no_estimate(count):
     poses = moving(np.random.default_rng(9), 1.0, 30.0, 1e-3, 1e-3)[:count]
     assert np.isnan(sensor_noise.estimate_noise(poses)).all()
     _, estimate = sensor_noise.advance(

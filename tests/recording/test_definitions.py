@@ -46,9 +46,7 @@ SOUND = {"ros1msg": ROS1, "ros2idl": "".join(RULE + part for part in IDL), "ros2
 
 
 @pytest.mark.parametrize("encoding", SOUND)
-def test_nothing_of_a_definition_is_run(
-    tmp_path: Path, encoding: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_definitions_are_not_executed(tmp_path: Path, encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is compiled or run meanwhile has nothing to do with the file."""
     write(tmp_path / "first.mcap", encoding, SOUND[encoding])
     Poses.collect(open_log(str(tmp_path / "first.mcap")))  # modules are loaded

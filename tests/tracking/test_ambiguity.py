@@ -105,7 +105,7 @@ def test_a_little_off_the_lift_changes_linearly(seed):
 
 
 @each_contact
-def test_noise_feigns_as_much_as_is_said(contact):
+def test_noise_creates_as_much_apparent_motion_as_predicted(contact):
     """An object at rest, its sensor jitters: but for what rest shows, information is that of the noise."""
     model = CONTACT_MODELS[contact.column]
     rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
@@ -175,7 +175,7 @@ def test_a_hinge_shows_the_vertex_but_for_where_it_lies_along_the_axis(seed):
     assert len(ways(geometry.environment, "turns_about")) >= 1
 
 
-def test_at_rest_nothing_is_shown_of_vertex_and_face():
+def test_rest_has_no_information_on_vertex_and_face():
     geometry = found(Contact.VF, ticks(np.tile(np.eye(3), (TICKS, 1, 1)), np.zeros((TICKS, 3))))
     assert len(geometry.object.unobserved) == len(geometry.environment.unobserved) == 3
 
@@ -274,14 +274,14 @@ def test_freedom_that_is_not_used_separates_nothing_that_fits():
     ("label_rms", "rival_rms", "fits"),
     [(0.5, 1.1, True), (0.5, 1.3, False), (2.0, 2.3, True), (2.0, 2.5, False)],
 )
-def test_what_leaves_no_more_than_the_noise_fits_as_well_as_what_leaves_less(label_rms, rival_rms, fits):
+def test_residuals_below_the_noise_fit_equally_well(label_rms, rival_rms, fits):
     judged = rivals(vf=50.0, fv=-100.0)
     judged.rms[[Contact.VF.column, Contact.FV.column]] = label_rms, rival_rms
     told = ambiguity.indistinguishable(Contact.VF, judged, ambiguity.Freedom(True, False))
     assert (Contact.FV in told) == fits
 
 
-def test_rest_does_not_take_back_what_earlier_motion_has_told():
+def test_rest_keeps_the_information_of_earlier_motion():
     rest = ticks(*kinds_of_motion()["rest"][1:])
     rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)
     judged = rivals(vf=50.0)
@@ -290,7 +290,7 @@ def test_rest_does_not_take_back_what_earlier_motion_has_told():
 
 
 @pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
-def test_what_all_directions_have_shown_is_not_in_doubt(contacts):
+def test_contacts_shown_in_all_directions_are_not_ambiguous(contacts):
     done = segmented(contacts)
     for believed in (*done.segments, done.filtered[-1]):
         assert believed.inseparable == ()
@@ -298,7 +298,7 @@ def test_what_all_directions_have_shown_is_not_in_doubt(contacts):
 
 
 @pytest.mark.parametrize(("contact", "motion"), [(Contact.EF, "one-axis"), (Contact.FE, "translation")])
-def test_where_motion_cannot_tell_the_true_contact_is_among_those_named(contact, motion):
+def test_the_true_contact_is_among_the_indistinguishable_ones(contact, motion):
     simulated = simulate(Scenario((Phase(contact, 4.0, motion),)), 1)
     done = segment(simulated.poses, MODEL)
     for believed in (*(s for s in done.segments if s.end_ns - s.start_ns > 2e9), *done.filtered[-10:]):
@@ -314,7 +314,7 @@ SHIFTS, TURNS = Unobserved("shifts_along", UP), Unobserved("turns_about", UP)
 PARTLY = ContactGeometry(Point(np.zeros(3), None, (SHIFTS,)), Plane(UP, 0.25, None, (TURNS,)))
 
 
-def test_people_read_what_is_open():
+def test_text_names_the_indistinguishable_contacts():
     assert describe(PARTLY, (Contact.FREE,)) == (
         "vertex (0.000 0.000 0.000) m (unobserved: shift along (0.00 0.00 1.00)) on "
         "face normal (0.00 0.00 1.00) at 0.250 m (unobserved: turn about (0.00 0.00 1.00)); or free"
@@ -328,7 +328,7 @@ def test_people_read_what_is_open():
     assert len(list(table(segments[1:], 0))) == 2
 
 
-def test_programs_read_what_is_open():
+def test_json_names_the_indistinguishable_contacts():
     assert PARTLY.to_json()["object"]["unobserved"] == [{"shifts_along": [0.0, 0.0, 1.0]}]
     assert PARTLY.to_json()["environment"]["unobserved"] == [{"turns_about": [0.0, 0.0, 1.0]}]
     file = io.StringIO(newline="")
@@ -353,7 +353,7 @@ def exact_inverse(matrix):
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-3.0, 18.0), min_size=5, max_size=5))
-def test_what_is_known_all_too_well_hides_nothing_of_the_rest(seed, digits):
+def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digits):
     """Against the inverse of the sum, in as many digits as it takes."""
     rng = np.random.default_rng(seed)
     ways, root = (rng.normal(size=(5, 5)) + 3.0 * np.eye(5) for _ in range(2))

@@ -81,7 +81,7 @@ def curved_segment(monkeypatch, wrenches):
 
 
 @needs_kernels
-def test_curved_motion_is_judged_before_wrenches_decide(monkeypatch):
+def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
     untold = curved_segment(monkeypatch, None)
     assert set(untold.inseparable) == set(CONTACTS)
     touching = curved_segment(monkeypatch, [0.0, 0.0, 0.0, 40.0, 39.0, 0.0, -40.0])
@@ -103,7 +103,7 @@ def test_free_motion_is_free():
     assert longest.probability > 0.9
 
 
-def test_free_motion_is_judged_now_and_then(monkeypatch):
+def test_free_motion_is_tested_at_intervals(monkeypatch):
     """Not before it has lasted, and again whenever it has lasted half as long again; anew after a contact."""
     asked = []
     monkeypatch.setattr(curved_motion, "curved_evidence", lambda window, _: asked.append(len(window)) or 9.0)

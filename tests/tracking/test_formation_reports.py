@@ -103,13 +103,13 @@ def test_with_a_lag_nothing_joins_before_its_time() -> None:
     assert lagging(said(5, Contact.FREE), said(9, further=two)).further == ()
 
 
-def test_a_stream_that_is_resumed_knows_what_was_shown() -> None:
+def test_a_resumed_stream_continues_from_the_last_report() -> None:
     resumed = FormationChanges()
     resumed.before = (further(4),)
     assert resumed.update(said(9, further=(further(4),))) == ([], [])
 
 
-def test_kinds_that_knowledge_excludes_do_not_join() -> None:
+def test_kinds_excluded_by_the_prior_map_are_not_reported() -> None:
     scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
 
     def candidate(contact: Contact) -> Candidate:
