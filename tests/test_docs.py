@@ -1,4 +1,4 @@
-"""The documentation says what is so: the tutorial runs, and the tables name what the code does."""
+"""The documentation is correct: the tutorial runs, and tables agree with the code."""
 
 import ast
 import math

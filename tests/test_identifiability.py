@@ -1,4 +1,4 @@
-"""The oracles know what they are told, and errors are put where they belong."""
+"""The oracles use the given knowledge, and errors are classified correctly."""
 
 from dataclasses import replace
 from functools import cache

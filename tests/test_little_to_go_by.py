@@ -1,4 +1,4 @@
-"""Recordings that tell little: a handful of poses, no motion, slow or torn streams."""
+"""Recordings with little information: few poses, no motion, slow or interrupted streams."""
 
 import json
 import math

@@ -44,7 +44,7 @@ def test_a_job_that_kills_twice_is_given_up_and_no_other_is_lost(processes: int,
 
 
 def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, tuple[int, ...], str]]:
-    """So that processes have nothing to do; those that had are killed meanwhile."""
+    """Kills idle processes."""
     for job in jobs:
         for process in active_children():
             process.kill()

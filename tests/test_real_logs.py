@@ -1,4 +1,4 @@
-"""Logs as they come from the field: what is chosen and what is wrong is said, and nothing wrong is sure."""
+"""Logs with real faults: adaptation and faults are reported, and wrong labels are not certain."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The speed benchmark measures what it says: long logs are what they claim, targets are compared."""
+"""The speed benchmark: long logs are correct, and targets are compared."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""docs/theory.md keeps its promises: equations are numbered once, in order; what it cites exists."""
+"""docs/theory.md is consistent: equations are numbered once, in order; citations exist."""
 
 import re
 from pathlib import Path

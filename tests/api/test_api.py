@@ -1,4 +1,4 @@
-"""The functions that programs use: the same answers as inside, and each mistake reported in one line."""
+"""The public API: results equal to those of the internal functions, and errors in one line."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""A batch leaves a row for each recording, and does again what has changed and nothing else."""
+"""A batch: a row for each recording, and updates of changed recordings only."""
 
 import json
 import os
@@ -228,7 +228,7 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
 
 
 def test_rows_that_were_recorded_are_there_after_a_kill(tmp_path: Path, recordings: list[Path]) -> None:
-    """Also if the last one was written half."""
+    """Also if the last line is incomplete."""
     dataset = tmp_path / "dataset"
     run(recordings, dataset)
     whole = contents(dataset)
@@ -343,7 +343,7 @@ def test_a_full_disk_ends_the_run_and_keeps_earlier_results(
 
 
 def test_batch_does_not_import_numpy_before_processes_start() -> None:
-    """Importing what the command line imports does not import what computes."""
+    """Imports of the command line do not include the tracker's."""
     program = "import sys; import contact_tracker.cli.batch; print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout.strip() == "False", done.stderr

@@ -1,4 +1,4 @@
-"""What is copied from a remote store goes where it should, and has an end."""
+"""Copies from a remote store stay in their folder and are limited in size."""
 
 import shutil
 import tempfile
@@ -31,7 +31,7 @@ def test_names_of_a_store_stay_in_the_folder(tmp_path: Path) -> None:
 
 
 class EndlessFile:
-    """It counts what is read of it, and gives what is asked for, or so much ``at_once``."""
+    """Counts the bytes read; gives the requested bytes, or ``at_once`` of them."""
 
     def __init__(self, at_once: int | None = None) -> None:
         self.read_bytes, self.at_once = 0, at_once
@@ -49,7 +49,7 @@ class EndlessFile:
 
 
 class Store(AbstractFileSystem):
-    """A remote store that says of its files what it likes."""
+    """A remote store with arbitrary metadata of its files."""
 
     cachable = False
 

@@ -1,4 +1,4 @@
-"""Floors, searched parameters and the table of both, against data and losses whose answer is known."""
+"""Learned floors and searched parameters, on data and losses with a known result."""
 
 from dataclasses import fields, is_dataclass, replace
 

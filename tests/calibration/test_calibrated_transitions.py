@@ -1,4 +1,4 @@
-"""Transitions learned from states that are known or only believed, against chains whose rates are known."""
+"""Transitions learned from known states or beliefs, on chains of known rates."""
 
 from dataclasses import replace
 from itertools import product
@@ -25,7 +25,7 @@ from contact_tracker.tracking.transition_model import (
 
 
 def chains(rng, model, count_, ticks, silence=0.0):
-    """Runs of the chain, with rest in them; of some ticks the truth is silent."""
+    """Runs of the chain, with rest, and some ticks without truth."""
     made = []
     for _ in range(count_):
         exposure = rng.choice([REST_EXPOSURE, 0.4, 1.0], ticks, p=[0.2, 0.3, 0.5])
@@ -163,7 +163,7 @@ def test_certain_beliefs_give_the_counts_of_known_states():
 
 
 def test_evidence_excludes_the_durations_of_the_initial_model():
-    """Two passes over the same data by different models teach the same."""
+    """Two passes over the same data by different models give the same counts."""
     rng = np.random.default_rng(8)
     state, exposure = walk(some_model(rng), np.ones(40), rng), np.ones(40)
     expected = []

@@ -1,4 +1,4 @@
-"""Calibration as a user meets it: files in, a model and a report out, or one line that says why not."""
+"""Calibration by the command: from files to a model and a report, or one line of error."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""The command line as a user meets it: real processes, real files, exit codes and streams."""
+"""The command line, in real processes with real files: exit codes and streams."""
 
 import argparse
 import csv

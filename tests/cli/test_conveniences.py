@@ -1,4 +1,4 @@
-"""What makes the command line pleasant: help, completion, colours, verbosity, and outputs by their suffix."""
+"""Conveniences of the command line: help, completion, colours, verbosity, and outputs by suffix."""
 
 import json
 import os
@@ -41,7 +41,7 @@ def run(*arguments: object, stdin: bytes | None = None) -> "subprocess.Completed
 
 
 def on_a_terminal(*arguments: object, **environment: str) -> str:
-    """All that a terminal would get."""
+    """The output to a terminal."""
     pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
     controller, terminal = pty.openpty()
     termios.tcsetwinsize(terminal, (24, 100))

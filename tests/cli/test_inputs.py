@@ -1,4 +1,4 @@
-"""The commands on logs that are no plain MCAP of poses: tables, chains of transforms, other bodies."""
+"""The commands on other inputs than MCAP with poses: tables, chains of transforms, other bodies."""
 
 import json
 from io import BytesIO

@@ -57,7 +57,7 @@ def test_there_is_one_code_for_it() -> None:
 
 @pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])
 def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
-    """Also where numpy and scipy would make other errors of it."""
+    """Also where numpy and scipy would raise other errors."""
     for number in range(4, 1000, 61) if start is AS_A_MODULE else (4, 30, 112, 790):
         command = [sys.executable, "-c", AT_AN_IMPORT + start, "live", LOG, "--rate", "1"]
         environment = ENVIRONMENT | {"IMPORTS": str(number)}

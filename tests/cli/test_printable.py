@@ -1,4 +1,4 @@
-"""Whatever files, topics and frames are called: nothing of it steers the terminal; a message is a line."""
+"""Names of files, topics and frames: control characters are escaped, and a message is one line."""
 
 import os
 import subprocess

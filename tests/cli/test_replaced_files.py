@@ -1,4 +1,4 @@
-"""No command writes onto what it reads, nor onto a recording unless it is told to."""
+"""No command overwrites its inputs, nor a recording without ``--overwrite``."""
 
 import io
 import os
@@ -29,7 +29,7 @@ KNOWN = '[object.mesh]\npath = "meshes/part.obj"\n[[environment.mesh]]\nname = "
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A recording, a folder of parts, a model and what is known, with meshes."""
+    """A recording, a folder of parts, a model and prior knowledge with meshes."""
     poses = smooth_poses()
     truth = Truth.from_changes([START_NS], ["free"], int(poses.stamp_ns[-1]))
     (tmp_path / "parts").mkdir()
@@ -147,7 +147,7 @@ WRITES = [
 
 
 def appears_at_the_end(monkeypatch: pytest.MonkeyPatch, happen) -> None:
-    """Have that happen when the output is complete, before it takes its place."""
+    """Call a function when the output is complete, before the rename."""
     real = atomic_file._finish
 
     def finish(*arguments) -> None:

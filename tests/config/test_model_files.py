@@ -1,4 +1,4 @@
-"""Models are read whole or refused with the key and the reason; nothing of a file is guessed."""
+"""Model files: complete, or refused with key and reason."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""Errors of geometry against what is known exactly, and the report that people and programs read."""
+"""Errors of geometry against exact values, and the text and JSON reports."""
 
 import json
 from dataclasses import replace

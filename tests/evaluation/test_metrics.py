@@ -1,4 +1,4 @@
-"""The figures of evaluation: against sampling every millisecond, by hand, and by what must always hold."""
+"""Metrics of the evaluation: against sampling every millisecond, by hand, and by invariants."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Every output of ``segment -o``, read back by a reader that is not ours and compared with what was found."""
+"""Every output of ``segment -o``, read back by another library and compared with the result."""
 
 import csv
 import html

@@ -1,4 +1,4 @@
-"""Evidence of a further contact: what the first one implies is none, whatever the units of a constraint."""
+"""Evidence of a further contact, without constraints that the first one implies, in any units."""
 
 from itertools import pairwise, product
 
@@ -25,7 +25,7 @@ VARIANCE, EXCESS = (1e-8, 1e-6), (1e-4, 1e-2)
 
 
 def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
-    """Ticks that keep a contact but for noise, and its true x."""
+    """Noisy ticks in a contact, and its true x."""
     rng = np.random.default_rng(seed)
     motion = touching(contact, rng, TICKS)
     position = motion.position_m + rng.normal(0.0, np.sqrt(VARIANCE[0]), (TICKS, 3))

@@ -1,4 +1,4 @@
-"""Elements that share points with those met before: what they may be, and how they are recognised."""
+"""Elements incident with known ones: their prior, and their recognition."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def elements_at(rng, place):
 
 
 def cost(kind, known, element, body_m):
-    """Half the squared distance of an object's element from what is known of it."""
+    """Half the squared distance of an object's element from its prior."""
     model = CONTACT_MODELS[WITH[kind].column]
     anchors = np.tile(body_m, 2)
     prior, (pivot,) = prior_given(model, [(known, None)])
@@ -84,7 +84,7 @@ def moved_off(element, from_element, rng):
 
 
 def scene(step, seed):
-    """An element that was met, and one of another kind that shares its points, with where the body is."""
+    """A known element, and an incident one of another kind, with the position of the body."""
     rng = np.random.default_rng(seed)
     place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
     met, kind = elements_at(rng, place)[step[0]], step[2]

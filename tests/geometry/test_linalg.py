@@ -1,4 +1,4 @@
-"""LAPACK called by itself, against numpy and scipy."""
+"""Direct calls of LAPACK, against numpy and scipy."""
 
 import numpy as np
 import pytest

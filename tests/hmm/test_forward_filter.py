@@ -1,4 +1,4 @@
-"""Viterbi and smoothing while ticks come in, against the whole; and what never comes to an end."""
+"""Online Viterbi and smoothing, against the whole recording; and endless streams."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def whole(trellis, log_initial, log_transition):
 
 
 def pruned(trellis, log_initial, log_transition, margin=20.0):
-    """Without what is hopeless, as the tracker leaves it out."""
+    """Without negligible hypotheses, as in the tracker."""
     forward, hopeless = hmm.ForwardFilter(log_initial), np.zeros(len(trellis.state), bool)
     alive, value = [], []
     for b, (before, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True)):
@@ -193,7 +193,7 @@ def test_hypotheses_and_rounding_stay_bounded_for_hours(evidence, certain):
 
 @pytest.mark.filterwarnings("error")
 def test_the_smallest_weights_stay_finite():
-    """A weight that can just be told from zero, and is divided by more than one."""
+    """A weight that is barely above zero, and is divided by more than one."""
     change = np.log(np.array([[0.9, 0.1], [0.1, 0.9]]))
     for behind in np.arange(-747.0, -738.0, 0.05):
         forward = hmm.ForwardFilter(np.log([0.5, 0.5]))

@@ -1,4 +1,4 @@
-"""What the forward filter refuses, and what open ticks are said to hold."""
+"""Invalid input of the forward filter, and the memory of open ticks."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def message(ways: int) -> ForwardMessage:
 
 
 def test_open_ticks_count_kept_and_released_rows() -> None:
-    """By it the smoother decides when to conclude early, so that memory stays bounded."""
+    """The smoother uses it to release ticks early, so that memory stays bounded."""
     ticks = OpenTicks()
     assert ticks.size == 0
     sizes = []

@@ -1,4 +1,4 @@
-"""Whether kernels are there, and what is done where they are not."""
+"""Presence of the compiled kernels, and the behaviour without them."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ RECORDING = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def said(program, **environment):
-    """What a program prints in a fresh interpreter."""
+    """The output of a program in a fresh interpreter."""
     found = subprocess.run(
         [sys.executable, "-c", program],
         env=os.environ | environment,

@@ -1,4 +1,4 @@
-"""Curved contacts: residuals vanish where they touch, and evidence is that of true contact only."""
+"""Curved contacts: residuals vanish in contact, and only true contact has evidence."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Known elements as priors: the mean fulfils the contact, the information is how exactly they are known."""
+"""Known elements as priors: the mean satisfies the contact, the information is that of their accuracy."""
 
 from dataclasses import replace
 from functools import cache
@@ -55,7 +55,7 @@ def test_true_elements_keep_their_contact(model):
 
 @pytest.mark.parametrize("side", ["object", "environment"])
 def test_a_known_face_determines_the_normal_of_the_other(side):
-    """Whichever way the normals of the best hypothesis so far look, to which that is all the same."""
+    """For either sign of the normals of the best hypothesis, which does not depend on it."""
     model, (poses, *elements) = CONTACT_MODELS[Contact.FF.column], touching(Contact.FF)
     both, _ = prior(model)
     reversed_ = both.mean.copy()

@@ -168,7 +168,7 @@ def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
 
 @each_model
 def test_a_tick_at_rest_has_no_evidence(model):
-    """However well or badly the hypothesis fits, and wherever it touches."""
+    """For any fit of the hypothesis, and any touching point."""
     seen, x = window(np.random.default_rng(1), model)
     still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.innovation_excess))
     np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
@@ -178,7 +178,7 @@ def test_a_tick_at_rest_has_no_evidence(model):
 
 
 class Fitted:
-    """One hypothesis fitted to ticks in contact, and what its first tick alone would have told."""
+    """One hypothesis fitted to ticks in contact, and the information of its first tick alone."""
 
     def __init__(self, model, seed, ticks=80, sigma=1e-3):
         rng = np.random.default_rng(seed)
@@ -215,7 +215,7 @@ class Fitted:
         return float(self.prior.cost(self.x)[0])
 
     def price(self, hessian, given, foretold=0.0):
-        """Of rows' information (1, K, P, P), of which a share was foretold."""
+        """The complexity for rows' information (1, K, P, P), of which a share was predicted."""
         unit = np.full((1, self.family.ROWS), foretold)
         fitted = self.family, self.x, self.x, self.anchors
         return evidence.complexity(*fitted, hessian, given, unit, self.prior)[0]
@@ -253,7 +253,7 @@ def test_the_information_of_the_first_tick_is_free(model):
 
 @each_model
 def test_predicted_information_reduces_the_complexity(model):
-    """All of it foretold, learning it again is worth half the logarithm of two per direction, at most."""
+    """If all of it is predicted, the complexity is at most half the logarithm of two per direction."""
     one = Fitted(model, 4)
     nothing = np.zeros_like(one.first)
     prices = [one.price(one.hessian, nothing, foretold) for foretold in (0.0, 1e-3, 0.1, 1.0)]

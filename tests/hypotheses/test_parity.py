@@ -59,7 +59,7 @@ def problem(model, rng):
 
 
 def strange(kind, rng, family, moments, weight, prior, anchors, x):
-    """The same with something that is hard to compute with."""
+    """The same with ill-conditioned values."""
     size = family.SIZE
     if kind == "known elements":  # as far as rank 4 goes
         root = rng.normal(size=(COUNT, 4, size)) * 1e3
@@ -107,7 +107,7 @@ def test_fits_agree(model, steps, rel, seed):
 @settings(max_examples=4, deadline=None)
 @given(seed=seeds)
 def test_ill_conditioned_fits_agree(model, kind, seed):
-    """In cost: x may be anywhere in directions that cost nothing."""
+    """In cost: x is arbitrary in unobservable directions."""
     rng = np.random.default_rng(seed)
     numpy, kernel = both_fits(model, strange(kind, rng, model.family, *problem(model, rng)), 2)
     np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
@@ -170,7 +170,7 @@ def passed(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
 
 
 def states():
-    """The tracker as it stands after some ticks."""
+    """The state of the tracker after some ticks."""
     return [passed()[k].state for k in (4, 12, 30)]
 
 
@@ -202,7 +202,7 @@ def test_relaxed_problems_of_too_few_poses_are_left_out(model):
 
 @each_model
 def test_exchanged_geometries_agree(model):
-    """Also at the bounds of who offers and who takes."""
+    """Also at the bounds for donors and receivers."""
     takers, refused, rng = 0, 0, np.random.default_rng(9)
     for state in states():
         bank = state.banks[model.contact.column]
@@ -228,7 +228,7 @@ def test_exchanged_geometries_agree(model):
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
 def test_updates_by_a_tick_agree(k):
-    """With what begins in it, what searches, which contacts do in turn, and what is dropped."""
+    """With births, searches, the contacts that take turns, and pruning."""
     seen = passed()
     numpy, kernel = both(lambda: tracker.update(seen[k].state, seen[k + 1].tick)[0])
     for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
@@ -374,7 +374,7 @@ def assert_same_columns(numpy, kernel, names, rel):
 
 
 def test_segmentations_of_a_recording_agree():
-    """In one that tells: where hypotheses are equally good, rounding decides which of them stays."""
+    """In an informative one: among equally good hypotheses, rounding decides which of them stays."""
     poses = recorded(FACE_TO_EDGE).poses[:800]
     numpy, kernel = both(lambda: [seen.belief for seen in forward(poses, MODEL)])
     assert len(kernel) == len(numpy) >= 39

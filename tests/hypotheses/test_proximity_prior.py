@@ -1,4 +1,4 @@
-"""Meeting known elements: likely where they touch, unlikely elsewhere; coming back earns nothing."""
+"""Births at known elements: likely where they touch, unlikely elsewhere; returning gains nothing."""
 
 from dataclasses import replace
 
@@ -58,7 +58,7 @@ def expected(rotation, height_m, activity=1.0):
 
 
 def test_contacts_with_larger_errors_are_possible_at_larger_distances():
-    """A rounded corner, a few millimetres over the table: what a contact has beyond the floor counts."""
+    """A rounded corner, a few millimetres over the table: the contact's own error counts."""
     corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_quat()
     height_m = CUBE_M * np.sqrt(0.75) + 3e-3
     poses = [Pose(i * 10**8, (0.3, -0.2, height_m), tuple(corner.tolist())) for i in range(2)]

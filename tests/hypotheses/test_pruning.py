@@ -1,4 +1,4 @@
-"""Dropping hopeless hypotheses changes next to nothing of what is said."""
+"""Pruning of weak hypotheses hardly changes the beliefs."""
 
 from dataclasses import replace
 from itertools import islice, pairwise
@@ -103,7 +103,7 @@ def grace_at_birth(begins, model):
 
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 def test_weak_hypotheses_are_kept_until_their_geometry_can_converge(model):
-    """Three rows a pose tell five unknowns sooner than one row eight."""
+    """Three rows a pose determine five unknowns sooner than one row eight."""
     told = np.array([0.9, 1.1]) * burn_in_ticks(model.family.PARAMETERS / model.family.ROWS)
     bank = blank(model, 2).replace_columns(log_likelihood=-1000.0, rms=10.0, number=[0, 1])
     bank = bank.replace_columns(
@@ -160,7 +160,7 @@ def test_hypotheses_behind_are_updated_later():
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
 def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
-    """In the same tick: with the steps that all take it would not."""
+    """In the same tick, with more steps than the others take."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, scales = EDGE_FACE, scales_of(MODEL)
     seen = list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
@@ -194,7 +194,7 @@ def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
 @pytest.mark.parametrize("k", [40, 41])
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
 def test_falling_hypotheses_that_do_not_recover_are_kept_for_a_while(in_use, k, monkeypatch):
-    """If it was near the best: others may find its geometry. What fits its window has not lost it."""
+    """If it was near the best, as others may find its geometry; not if it fits its window."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
     state, column = seen[k - 1].state, model.contact.column
@@ -259,7 +259,7 @@ def test_young_hypotheses_are_pruned_only_after_a_search(in_use, monkeypatch):
 @pytest.mark.parametrize("has_grace", [True, False])
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
 def test_protected_hypotheses_recover_their_minimum(in_use, has_grace, monkeypatch):
-    """Others of its contact have it; it is hopeless by far."""
+    """Others of its contact have this geometry; it is far behind."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
     column, start = model.contact.column, 39
@@ -287,7 +287,7 @@ def test_protected_hypotheses_recover_their_minimum(in_use, has_grace, monkeypat
 
 
 def giver_and_taker() -> Bank:
-    """One that fits, and one that has seen 20 ticks and does not."""
+    """One that fits, and one that does not after 20 ticks."""
     model, seen = EDGE_FACE, next(islice(forward(recorded(FACE_TO_EDGE).poses, MODEL), 39, None))
     bank = seen.state.banks[model.contact.column]
     fitting, lost_one = bank.best_row, int(np.flatnonzero(bank.effective_ticks > 10.0)[0])
@@ -303,7 +303,7 @@ def giver_and_taker() -> Bank:
 @pytest.mark.parametrize("told", [3.0, 60.0])
 @pytest.mark.parametrize("behind", [0.9, 1.1])
 def test_weak_hypotheses_donate_no_geometry(told, behind):
-    """Unless it is so young that it may only not have found its minimum yet."""
+    """Unless it is so young that it may not have found its minimum yet."""
     two = giver_and_taker()
     two = two.replace_onset_columns(effective_ticks=np.where(two.onsets.onset == two.onset[0], told, 20.0))
     two = two.replace_columns(log_likelihood=[-behind * FAR_NATS, 0.0])
@@ -314,7 +314,7 @@ def test_weak_hypotheses_donate_no_geometry(told, behind):
 @pytest.mark.parametrize("grace", [19.9, 20.0])
 @pytest.mark.parametrize("behind", [1.0, 1.01])
 def test_weak_hypotheses_receive_no_geometry(grace, behind):
-    """Unless it has grace."""
+    """Unless it is protected."""
     two = giver_and_taker().replace_columns(
         protected_until=[0.0, grace], log_likelihood=[0.0, -behind * FAR_NATS]
     )

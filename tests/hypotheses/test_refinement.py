@@ -1,4 +1,4 @@
-"""Geometry is as good as it can be, and its covariance says how good: against the Cramer-Rao bound."""
+"""Geometry reaches the Cramer-Rao bound, and its covariance is consistent."""
 
 from dataclasses import replace
 from functools import cache
@@ -64,8 +64,9 @@ def test_covariances_follow_the_residuals_where_the_model_expects_worse():
 
 @pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EE], ids=str)
 def test_covariances_include_correlated_errors(contact, monkeypatch):
-    """A contact that gives way by some hundredths of a millimetre does so for many ticks. Whatever of that
-    looks like geometry is lost; but who takes each tick's error for a new one claims much more."""
+    """A contact that is compliant by some hundredths of a millimetre is so for many ticks. Errors that
+    resemble geometry cannot be separated; but with independent errors in each tick the covariance would be
+    too small."""
     gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, gives_m=30e-6, lasts_s=0.5)
 
     def normalised():

@@ -1,4 +1,4 @@
-"""What a stream shows of itself is said: of streams made wrong in known ways, of no recording as it is."""
+"""Stream checks: warnings for streams with known mistakes, none for correct recordings."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Joints: their derivatives, and what is named where an object moves in one, or in none."""
+"""Joints: their derivatives, and their identification, with and without a joint."""
 
 import json
 from dataclasses import replace

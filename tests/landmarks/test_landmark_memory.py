@@ -1,4 +1,4 @@
-"""Elements met before: what is kept of them, and what they offer to contacts that begin."""
+"""Landmark memory: stored elements, their fusion, and candidates for new contacts."""
 
 from dataclasses import replace
 
@@ -128,7 +128,7 @@ def test_unobserved_directions_are_not_compared(far_m):
 
 
 def test_fusion_keeps_the_old_estimate_in_unobserved_directions():
-    """Two faces slide on each other wherever they lie: f-f says nothing of the table's height."""
+    """Sliding faces do not determine their height: f-f has no information on that of the table."""
     vague = replace(TABLE, offset_m=-0.05, covariance=np.diag([1e-8, 1e-8, 1e-8, 0.3**2]))
     memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
     again = memory.insert(replace(ON_THE_TABLE, environment=vague), 7, 100, ORIGIN)
@@ -158,7 +158,7 @@ def told_otherwise(element: Element) -> Element:
 
 @pytest.mark.parametrize("element", [Point(np.array([0.1, 0.2, 0.3])), TABLE, EDGE], ids=["v", "f", "e"])
 def test_fusion_of_equal_estimates_changes_nothing(element):
-    """What is met again may have been assumed: that is no second witness."""
+    """The later estimate may have used the earlier as prior: it is not independent."""
     later = uneven(element, np.random.default_rng(2))
     for earlier in (later, told_otherwise(later)):
         found = fuse(later, earlier)
@@ -227,7 +227,7 @@ def test_a_direction_observed_once_is_fused_after_any_rotation(turn_rad):
 
 @pytest.mark.parametrize("vague_m", [1.0, 30.0, 1000.0])
 def test_fused_covariances_are_valid(vague_m):
-    """Where each is open in a direction of its own, neither is in what is told."""
+    """If each has an unobserved direction of its own, the fused element has none."""
     rng = np.random.default_rng(6)
     for _ in range(50):
         ways = rng.normal(size=(2, 3))
@@ -246,7 +246,7 @@ def test_fused_covariances_are_valid(vague_m):
     ("later", "earlier"), [([1.0, 3.9, 4.1], [2.0, 1.0, 1.0]), ([1.0, 1.0, 1.0], [9.0, 0.26, 0.24])]
 )
 def test_fusion_keeps_the_latest_estimate_unless_the_older_is_far_better(later, earlier):
-    """Of points, in common axes; the last one was known better by more than twice, whichever is so in all."""
+    """For points in common axes: the last one, unless the earlier is more than twice as precise."""
     rng = np.random.default_rng(1)
     axes, places = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=(2, 3))
     found = fuse(
@@ -270,7 +270,7 @@ def test_fusion_is_invariant_to_rotation_and_scale():
 
 
 def test_prior_information_is_not_counted_twice():
-    """An update of the earlier by a measurement is as good or better in all ways."""
+    """An update of the earlier by a measurement is at least as precise in all directions."""
     rng = np.random.default_rng(4)
     a, row = rng.normal(size=(3, 3)), rng.normal(size=(1, 3))
     before = Point(rng.normal(size=3), a @ a.T + 0.1 * np.eye(3))
@@ -384,7 +384,7 @@ def test_the_last_landmark_pairs_with_all_and_new_elements_with_the_latest():
 
 
 def test_known_elements_pair_with_an_edge_through_a_vertex_landmark():
-    """It is not remembered, but was part of the last contact all the same."""
+    """It is not stored, but was part of the last contact."""
     table = replace(TABLE, name="table")
     knowledge = PriorMap(environment=(NamedElement("table", TABLE),))
     memory = LandmarkMemory().insert(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)

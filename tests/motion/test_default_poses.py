@@ -1,4 +1,4 @@
-"""Default poses of trackers are dropped where they are away from the motion, and no pose of the motion is."""
+"""Default poses of trackers are dropped if they are away from the motion; poses of the motion never."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace

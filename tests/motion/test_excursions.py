@@ -1,4 +1,4 @@
-"""Poses that jump away from the motion and back are dropped; whatever else jumps is kept."""
+"""Poses that jump away from the motion and back are dropped; other jumps are kept."""
 
 from dataclasses import replace
 

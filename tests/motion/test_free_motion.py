@@ -1,4 +1,4 @@
-"""Free motion as a yardstick: nothing at rest, little where motion is predictable, else what it is."""
+"""Excess of free motion: zero at rest, small for predictable motion, else that of the motion."""
 
 import sys
 
@@ -32,7 +32,7 @@ def follow(position, turn):
 
 
 def noisy(rng, position, turn):
-    """What is measured of a motion."""
+    """Noisy measurements of a motion."""
     shape = position.shape
     off = Rotation.from_rotvec(rng.normal(size=shape) * np.sqrt(VARIANCES[1]))
     return position + rng.normal(size=shape) * np.sqrt(VARIANCES[0]), turn * off
@@ -57,7 +57,7 @@ def test_at_rest_there_is_no_excess():
 
 
 def test_rest_without_noise_has_exactly_zero_excess():
-    """Not only small: whoever asks whether there was motion compares with zero."""
+    """Not only small: tests for motion compare with zero."""
     assert (follow(*still(50))[1] == 0.0).all()
 
 
@@ -83,7 +83,7 @@ def test_uniform_motion_has_small_innovations_and_hand_motion_large_ones():
 
 
 def test_uniform_motion_has_less_excess_than_noise():
-    """It is as predictable as rest: with more excess than noise, straight transport would earn gain."""
+    """It is as predictable as rest: with more excess than noise, straight transport would have evidence."""
     assert (np.mean(uniform(np.random.default_rng(1)), axis=0) < 1.0).all()
 
 
@@ -150,14 +150,14 @@ def test_predictions_continue_the_motion():
 
 
 def test_the_first_ticks_have_no_excess():
-    """Before the filter has settled, nobody knows what would surprise it."""
+    """Innovations are not meaningful before the filter has settled."""
     rng = np.random.default_rng(5)
     excess = follow(*noisy(rng, *by_hand(rng, 10)))[1]
     assert (excess[: free_motion.SETTLING_TICKS] == 0.0).all()
 
 
 def test_a_jump_passes():
-    """One jolt of a metre must not count as motion for ever after."""
+    """One jump of a metre must not count as motion forever."""
     rng = np.random.default_rng(6)
     position, turn = still(120)
     position[60:] += 1.0

@@ -1,4 +1,4 @@
-"""The gate at its limits: each number by itself, one by one, in columns, and when poses are handed over."""
+"""Limits of the pose gate: for each number, single poses, columns, and the validation of given poses."""
 
 from collections.abc import Callable
 from itertools import pairwise

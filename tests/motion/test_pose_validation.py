@@ -1,4 +1,4 @@
-"""The gate that poses pass: each rule by itself, and what holds whatever comes in."""
+"""The pose gate: each rule, and invariants for any input."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -36,7 +36,7 @@ def places(poses: Iterable[Pose]) -> list[tuple[int, tuple[float, float, float]]
 
 
 def regular(count: int, first: int = 0) -> list[Pose]:
-    """At 200 Hz; the position tells the time in periods."""
+    """Poses at 200 Hz whose position is the time in periods."""
     return [pose(5 * MS * i, 0.001 * i) for i in range(first, first + count)]
 
 

@@ -1,4 +1,4 @@
-"""Ticks: exact averages of the frames that can be trusted, on a grid that the stream cannot confuse."""
+"""Ticks: exact averages of valid frames, on a grid that is robust to the stream."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -193,7 +193,7 @@ def test_spikes_of_a_camera_stand_out_of_three_frames():
 
 @pytest.mark.parametrize("start", ["stream", "gap"])
 def test_spikes_are_left_out_from_the_beginning(start):
-    """The other frames of a tick tell an outlier as well as the motion does."""
+    """The other frames of a tick reveal an outlier as well as the motion does."""
     clean = moving(np.random.default_rng(5), 6.0, 200.0, 3e-4, 2.6e-3)
     if start == "gap":
         clean = clean[np.abs(np.arange(1200) - 600) > 50]

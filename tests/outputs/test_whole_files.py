@@ -1,4 +1,4 @@
-"""Temporary files of results: nobody plants one, the mode of what they replace stays, none stays behind."""
+"""Temporary files of results: unpredictable names, mode of the replaced file, no remains."""
 
 import os
 import signal
@@ -63,7 +63,7 @@ def test_temporary_names_are_unpredictable(tmp_path: Path) -> None:
 
 
 def test_a_planted_link_is_not_written_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not even where the name is known after all."""
+    """Not even if the name is known."""
     victim = tmp_path / "victim"
     victim.write_text("precious")
     monkeypatch.setattr(atomic_file.os, "urandom", lambda count: bytes(count))

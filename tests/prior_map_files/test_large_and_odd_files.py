@@ -59,7 +59,7 @@ def refusal(folder: Path, mesh: str) -> str:
 
 @pytest.fixture
 def no_features(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What takes the more work the more faces there are is not begun."""
+    """Work that grows with the number of faces is not begun."""
 
     def fail(*_: object) -> None:
         pytest.fail("work that grows with the square of the number of faces")
@@ -167,7 +167,7 @@ def odd_file(folder: Path, kind: str, name: str) -> None:
 def test_other_than_regular_files_are_refused_at_once(
     tmp_path: Path, kind: str, arguments: list[str]
 ) -> None:
-    """In a process of its own: it must neither wait for ever nor fill the memory."""
+    """In a process of its own: it must neither block nor fill the memory."""
     name = "odd.obj" if "known.toml" in arguments else "odd.toml"
     odd_file(tmp_path, kind, name)
     known(tmp_path, name)

@@ -1,4 +1,4 @@
-"""What the user knows is read whole or refused with key and reason; bodies fall into their elements."""
+"""Prior-map files: complete, or refused with key and reason; bodies are split into elements."""
 
 import math
 import re
@@ -296,7 +296,7 @@ def test_files_that_cannot_be_read_are_refused(name):
 
 
 def outcome(read, *arguments):
-    """What comes of reading: nothing, or the one error that there may be."""
+    """The result of reading: none, or the one allowed error."""
     try:
         read(*arguments)
     except KnowledgeError as error:

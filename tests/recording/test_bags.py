@@ -1,4 +1,4 @@
-"""ROS bags: rosbag1, rosbag2 in SQLite, and what stands for them."""
+"""ROS bags: rosbag1, rosbag2 in SQLite, and their metadata files."""
 
 import bz2
 import shutil

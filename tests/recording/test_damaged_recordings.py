@@ -1,4 +1,4 @@
-"""Recordings that are cut off, damaged, compressed, piped or still growing give all that is readable."""
+"""Truncated, damaged, compressed, piped and growing recordings: the readable part is read."""
 
 import os
 import struct
@@ -260,7 +260,7 @@ def _counting(counted: list[int]) -> Callable[[WorkBudget, int], None]:
 
 
 def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
-    """Nothing real compresses better."""
+    """No real recording compresses better."""
     count, path = 100_000, tmp_path / "rest.mcap"
     stamps = START_NS + 5_000_000 * np.arange(count)
     rest = Poses(stamps, np.tile([0.1, 0.2, 0.3], (count, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))

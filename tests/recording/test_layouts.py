@@ -1,4 +1,4 @@
-"""Poses read at known places are what the library decodes, whatever the message and whatever its schema."""
+"""Poses read at fixed offsets equal those of the library, for any message and schema."""
 
 import struct
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""Recordings as others make them and as we write them: poses, sources, truth, summary."""
+"""Recordings of other programs and of this one: poses, sources, truth, summary."""
 
 import json
 import os
@@ -445,7 +445,7 @@ def in_columns(path: str, **options: Any) -> tuple[Poses, PoseLog]:
 def test_columns_equal_single_poses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int, mixed: bool
 ) -> None:
-    """Whatever is wrong with some of the messages, of either source."""
+    """For faults in the messages of either source."""
     poses = smooth_poses(300)
     sign = np.where(np.arange(300) % 50 > 40, -1.0, 1.0)[:, None]
     rows = list(Poses(poses.stamp_ns, poses.position_m, sign * poses.quat_xyzw))

@@ -1,4 +1,4 @@
-"""Wrenches of a recording: which frame they are in, and what is dropped."""
+"""Wrenches of a recording: their frame, and dropped messages."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What was saved carries on to the last bit; what is no state is refused, and nothing in it is run."""
+"""Saved states resume bit for bit; invalid ones are refused, and never executed."""
 
 import json
 import pickle
@@ -142,7 +142,7 @@ def test_a_damaged_state_is_refused_or_is_the_same(
 
 
 def rewritten(path: Path, target: Path, change: Any) -> Path:
-    """A state with a sound checksum, but another tree."""
+    """A state with a valid checksum, but another tree."""
     from contact_tracker.saved_state.state_file import _head
 
     with zipfile.ZipFile(path) as file:

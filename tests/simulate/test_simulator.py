@@ -1,4 +1,4 @@
-"""The simulator against geometry that knows nothing of how it moves the object."""
+"""The simulator against independent geometry."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What motion cannot tell is said: contacts it does not separate, directions of geometry it does not show."""
+"""Ambiguity: indistinguishable contacts and unobserved directions of geometry."""
 
 import csv
 import io
@@ -44,7 +44,7 @@ def untold(label, judged, window, older):
 
 
 def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):
-    """Ticks of exact poses as a good sensor sees them; all of them in motion."""
+    """Ticks of exact poses with the noise of a good sensor; all of them in motion."""
     rng = np.random.default_rng(seed)
     count = len(position)
     jitter = Rotation.from_rotvec(rng.normal(size=(count, 3)) * np.sqrt(variance[1])).as_matrix()
@@ -106,7 +106,7 @@ def test_a_little_off_the_lift_changes_linearly(seed):
 
 @each_contact
 def test_noise_creates_as_much_apparent_motion_as_predicted(contact):
-    """An object at rest, its sensor jitters: but for what rest shows, information is that of the noise."""
+    """An object at rest with sensor noise: apart from that of rest, the information is that of the noise."""
     model = CONTACT_MODELS[contact.column]
     rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
     window = ticks(rest, np.zeros((1000, 3)))
@@ -163,7 +163,7 @@ def test_faces_that_slide_along_one_line_may_be_tilted_about_it():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_hinge_shows_the_vertex_but_for_where_it_lies_along_the_axis(seed):
-    """The found vertex is right apart from what it is said not to be known; the plane may tilt about it."""
+    """The vertex is right up to its unobserved directions; the plane may tilt about it."""
     rng = np.random.default_rng(seed)
     axis, vertex = Rotation.random(random_state=rng).apply([1.0, 0.0, 0.0]), rng.normal(size=3) * 0.1
     rotation = turning(axis, 0.6 * waves(1, seed)[:, 0])
@@ -219,7 +219,7 @@ def test_the_directions_that_a_motion_uses_are_counted_in_any_frame(kind, seed):
 
 
 def rivals(**nats):
-    """Evidence by state; the others are hopeless and fit badly, but for free motion."""
+    """Evidence by state; the others fit badly, except for free motion."""
     names = [state.value.replace("-", "") for state in STATES]
     evidence = np.array([nats.get(name, -100.0) for name in names])
     return ambiguity.CompetingEvidence(
@@ -234,7 +234,7 @@ def test_evidence_of_twenty_to_one_separates():
 
 
 def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
-    """Of an onset the best, and none that is hopeless, though it began when the rival did."""
+    """For each onset the best, without negligible ones, even if they began when the rival did."""
     onsets = np.array([0, 0, 1, 2, 2])
     banks = [blank(model, 0) for model in CONTACT_MODELS]
     edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]

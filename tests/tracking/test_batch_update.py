@@ -1,4 +1,4 @@
-"""Ticks that are taken in some at a time lead to what they lead to one by one."""
+"""Updates by many ticks at a time equal those by one tick."""
 
 from dataclasses import replace
 from functools import cache
@@ -35,7 +35,7 @@ SECOND = 1_000_000_000
 
 
 def with_a_rest():
-    """Motion, rest long enough to say nothing, a gap, and motion again."""
+    """Motion, long rest without information, a gap, and motion again."""
     poses = recorded(FACE_TO_EDGE).poses[:900]
     held = np.concatenate([np.arange(450), np.full(400, 449), np.arange(450, 900)])
     gap = np.repeat([0, 2 * SECOND], [850, len(held) - 850])
@@ -100,7 +100,7 @@ def test_results_do_not_depend_on_the_number_of_ticks_at_once(name):
 
 
 def test_the_recordings_have_ticks_at_which_strides_end():
-    """Else they would say little: things learnt, ticks that say nothing, and all states but one or two."""
+    """With landmark updates, uninformative ticks, and nearly all states."""
     resting = one_by_one("rest and gap")
     assert sum(seen.state.deferred_exposure > 0.0 for seen in resting) > 10
     assert sum(seen.tick.count == 0 for seen in resting) >= 5
@@ -127,7 +127,7 @@ def moments(k, count):
 
 @pytest.mark.parametrize("k", [1, 9, 24])
 def test_a_stride_ends_at_the_first_possible_landmark_update(k):
-    """That is for whoever looks at what is believed to say; none that teaches may be passed."""
+    """The caller decides on that by the belief; no tick with a landmark update may be skipped."""
     state, ahead = moments(k, 20)
     seen = one_by_one("contacts")[k + 1 : k + 21]
     weights = [np.exp(one.state.log_state_weight - one.state.log_state_weight.max()) for one in seen]

@@ -1,4 +1,4 @@
-"""Motion along a curved surface is none of the six contacts, and is not said to be free."""
+"""Motion along a curved surface is none of the six contacts, and is not reported as free."""
 
 from dataclasses import replace
 
@@ -66,7 +66,7 @@ def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(lag_s)
 
 
 def curved_segment(monkeypatch, wrenches):
-    """What is made of a segment of curved motion where a hand's wrenches say this much of each state."""
+    """The fit of a segment of curved motion with this evidence of wrenches for each state."""
     poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 4.0))
     monkeypatch.setattr(segment_fit, "curved_probabilities", lambda window, *_: np.full(len(window), 0.99))
     evidence = None if wrenches is None else np.array(wrenches)

@@ -1,4 +1,4 @@
-"""Wrenches choose among states that motion does not tell apart, and touch no other."""
+"""Wrenches decide among states that motion does not distinguish, and only among them."""
 
 import numpy as np
 import pytest

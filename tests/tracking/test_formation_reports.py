@@ -1,4 +1,4 @@
-"""Reports of several contacts at once: constraints, lags, and segments that wrenches make one."""
+"""Reports of simultaneous contacts: constraints, lags, and segments that wrenches merge."""
 
 import pickle
 from dataclasses import replace

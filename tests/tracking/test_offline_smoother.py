@@ -66,7 +66,7 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
 
 
 def test_every_tick_has_the_noise_that_is_known_at_the_end():
-    """What the model expects at the start, 0.5 mm, is not what its first ticks are weighed by."""
+    """The model's prior, 0.5 mm, is not used for the first ticks."""
     ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
     seen, state = RecordedPass.over(ticks), ticks[-1].state
     deviation_m, _ = np.sqrt(seen.window(state).variance).T
@@ -171,7 +171,7 @@ def test_pieces_together_are_the_whole(monkeypatch):
 
 
 def test_segments_do_not_depend_on_progress_reports(monkeypatch):
-    """Who looks at each tick has them taken in one by one; what is concluded on the way is the same."""
+    """With progress reports ticks are updated one by one; intermediate segments are the same."""
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
     poses, watched = recorded("f-e e-e f-e e-f e-e f-f e-e").poses, []
     found = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
@@ -189,7 +189,7 @@ def test_segments_do_not_depend_on_progress_reports(monkeypatch):
 
 
 def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
-    """What is concluded on the way knows the noise of the ticks so far, not of those that wait."""
+    """Intermediate segments use the noise of the ticks so far, not of pending ones."""
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
     some = {}
     for batch in (20, 500, 10_000):
@@ -212,7 +212,7 @@ def test_progress_is_reported_without_online_beliefs():
 
 
 def test_segments_do_not_depend_on_the_number_of_online_beliefs():
-    """What hypotheses learn of elements does not hang on what is told."""
+    """Landmarks of hypotheses do not depend on the number of online beliefs."""
     poses = recorded(FACE_TO_EDGE).poses
     found = Segmentation.join(list(pieces(poses, MODEL, online=Detail.WEIGHTS)))
     expected = segmented(FACE_TO_EDGE)

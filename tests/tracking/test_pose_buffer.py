@@ -1,4 +1,4 @@
-"""Poses that are looked at while they pass."""
+"""The buffer of poses that a segmentation reads."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice

@@ -1,4 +1,4 @@
-"""What is known is used: contacts are found at once, what touches is named, and errors show."""
+"""Use of the prior map: contacts are found at once, elements are named, and errors are reported."""
 
 import json
 from dataclasses import replace
@@ -68,7 +68,7 @@ def accuracy(beliefs):
 
 
 def true_name(interval):
-    """What the touching element of the object is called: the known one that it is."""
+    """The name of the object's touching element: that of the known one."""
     element = interval.geometry.object
     same = [
         k.name for k in surfaces()[0] if k.kind == interval.contact.value[0] and alike(k.element, element)
@@ -108,7 +108,7 @@ def test_the_touching_elements_are_named():
 
 
 def test_known_elements_are_refined():
-    """A prior, not a dogma: the motion shows the table more exactly than the user knew it."""
+    """As a prior, it is refined: the motion determines the table better than the user knew it."""
     table = with_everything().segments[0].geometry.environment
     truth = recorded().truth.intervals[0].geometry.environment
     place = recorded().poses.position_m[:150].mean(axis=0)

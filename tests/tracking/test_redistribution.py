@@ -1,4 +1,4 @@
-"""Whatever redistributes probability keeps every posterior a distribution: offline, lagged and online."""
+"""Redistribution of probability keeps every posterior a distribution: offline, lagged and online."""
 
 import json
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_free_motion_shares_where_all_possible_contacts_are_open():
 
 @given(posteriors, states, states)
 def test_indistinguishable_states_share_whichever_is_the_label(posterior, first, second):
-    """No contact is surer because another one, which motion does not tell from it, has the label."""
+    """A contact is not more probable because another, indistinguishable one has the label."""
     every = [tuple(state for state in STATES if state is not label) for label in (first, second)]
     if Contact.FREE in (first, second):
         return

@@ -1,4 +1,4 @@
-"""An object at rest: nothing is learned, nothing is lost, and it takes next to no time."""
+"""An object at rest: no information, no change of beliefs, and hardly any time."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def still(ticks: list[FilteredTick]) -> list[int]:
 
 
 def test_rest_does_not_change_the_beliefs():
-    """Of a rest only the first ticks, in which that is not yet known, are looked at; beliefs stay."""
+    """Only the first ticks of a rest, before it is detected, are evaluated; beliefs stay."""
     ticks = seen(5.0)
     waited = still(ticks)
     assert len(waited) > 40

@@ -1,4 +1,4 @@
-"""Beliefs as columns are beliefs all the same."""
+"""Beliefs in columns equal single beliefs."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""The tracker online: what it believes, from the past only, in bounded memory and without side effects."""
+"""The online tracker: beliefs from past poses, in bounded memory and without side effects."""
 
 import json
 import pickle
@@ -143,7 +143,7 @@ def test_online_steps_equal_the_filtered_beliefs_of_the_segmenter():
 
 @pytest.fixture
 def no_doubt(monkeypatch):
-    """The bare posterior: nothing is shared with what motion cannot tell."""
+    """The raw posterior, without sharing among indistinguishable states."""
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: ambiguity.Freedom(False, False))
 
 
@@ -171,7 +171,7 @@ def test_a_lag_equals_the_smoother_with_that_much_future(no_doubt):
 
 
 def test_a_state_is_a_value():
-    """The same step twice from one state gives the same; what came out before is still what it was."""
+    """The same step twice from one state gives the same result; earlier results are unchanged."""
     poses = list(recorded(FACE_TO_EDGE).poses[:250])
     state = tracker.start(MODEL)
     for pose in poses[:219]:
@@ -245,7 +245,7 @@ def test_any_stream_gives_beliefs(stream):
 
 
 def at_rest(ticks):
-    """Beliefs (ticks, 7) of an object that lies still, and what the Markov chain alone would believe."""
+    """Beliefs (ticks, 7) of an object at rest, and those of the Markov chain alone."""
     beliefs, _ = run(still(20 * ticks))
     stay = np.diag(
         np.append(np.exp(tick_transitions(MODEL, REST_EXPOSURE).log_survival)[: len(CONTACTS)], 0.0)
@@ -256,7 +256,7 @@ def at_rest(ticks):
 
 
 def test_beliefs_at_rest_change_as_slowly_as_the_transition_model():
-    """What was believed of things that lie is forgotten as slowly as things change unseen."""
+    """Beliefs at rest change as slowly as the Markov chain at rest."""
     believed, chain = at_rest(40)
     assert np.abs(believed - chain).max() < 0.1
 
@@ -312,7 +312,7 @@ def paused(at, pause_s):
 
 @pytest.mark.parametrize("pause_s", [0.0, 2.0, 20.0])
 def test_a_stream_that_goes_on_after_its_end_has_paused(pause_s):
-    """After whole ticks: bit for bit what it would have been had nobody called that an end."""
+    """After whole ticks: bit-identical to an uninterrupted stream."""
     poses = paused(100, pause_s)
     whole, parts = in_parts(poses, []), in_parts(poses, [100])
     assert len(whole) == len(parts) == 15 + min(round(pause_s / MODEL.tick_s), 49)

@@ -127,7 +127,7 @@ def test_no_observation_makes_a_change_impossible(prior_changes):
 
 @pytest.mark.parametrize("tick_s", [0.05, 0.1, 0.4])
 def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick_s):
-    """Nothing speaks for or against any hypothesis: staying is paid for in each tick but the first."""
+    """Without evidence: the log probability of staying is added in each tick but the first."""
     rng = np.random.default_rng(0)
     model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, counts=seen(rng)))
     ticks, states = 12, len(STATES)

@@ -1,4 +1,4 @@
-"""The eye stands upright on what is touched, and keeps the object and where it touches in view."""
+"""The camera is upright with respect to the touched plane, and keeps object and contact in view."""
 
 from collections.abc import Sequence
 

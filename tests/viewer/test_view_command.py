@@ -1,4 +1,4 @@
-"""``view`` of one recording and of several, of parts of them, and what it says of those it cannot use."""
+"""``view`` of one recording and of several, of parts of them, and errors for unusable ones."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The viewer's recordings read back: what is in them, when it appears and when it goes."""
+"""The viewer's recordings read back: their entities, and when these appear and end."""
 
 import json
 import subprocess

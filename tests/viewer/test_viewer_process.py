@@ -1,4 +1,4 @@
-"""How the viewer is started: on this machine, for this machine only, and without reports of its use."""
+"""Start of the viewer: locally, reachable from this machine only, and without analytics."""
 
 import os
 import shlex
@@ -35,7 +35,7 @@ def free_port() -> int:
 
 @pytest.fixture
 def at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty home folder, and nothing in the environment that says how rerun should behave."""
+    """An empty home folder, and no settings of rerun in the environment."""
     for name in ("CI", "FORCE_RERUN_ANALYTICS", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
         monkeypatch.delenv(name, raising=False)
     home = tmp_path / "home"

@@ -1,4 +1,4 @@
-"""Lines of action tell contacts apart that motion does not, whatever the frames, with noise and bias."""
+"""Lines of action distinguish contacts that motion does not, in any frames, with noise and bias."""
 
 from dataclasses import replace
 
@@ -107,7 +107,7 @@ def test_a_gap_does_not_change_the_result() -> None:
 
 
 def test_two_contacts_in_one_window_have_no_evidence() -> None:
-    """Each alone does not fit: better nothing than the least bad."""
+    """Neither fits alone, so there is no evidence."""
     one, other = pressed(Contact.FV, 0), pressed(Contact.VF, 0)
     late = other.poses.stamp_ns >= other.touch_ns
     after = other.poses.stamp_ns[late] + one.end_ns - other.touch_ns + 5_000_000
