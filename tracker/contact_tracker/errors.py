@@ -27,7 +27,7 @@ def printable(text: str) -> str:
 
 
 class ContactTrackerError(Exception):
-    """Base of all errors raised on purpose; its text is one line that says what to do."""
+    """Base of all errors raised on purpose; its text is one line with the remedy."""
 
     def __init__(self, text: str) -> None:
         super().__init__(printable(text))

@@ -31,7 +31,7 @@ CONFIDENT: Final = 0.95
 
 @dataclass(frozen=True)
 class Source:
-    """Which poses of which file; ``believe_truth`` says that its truth, if it has one, is learned from, and
+    """A selection of poses of a file; ``believe_truth``: its ground truth, if any, is learned from, and
     ``knowledge`` what is known of object and surroundings."""
 
     name: str

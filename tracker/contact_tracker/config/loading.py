@@ -31,7 +31,7 @@ _POSITIVE: Final = (1e-12, 1e9)
 MAY_BE_ZERO: Final = frozenset({"noise.wander_position_m", "noise.wander_rotation_rad"})
 _LEAST_WINDOW_TICKS: Final = 10
 MOST_BYTES: Final = 1_000_000
-"""No TOML file that somebody means to give is larger."""
+"""Largest TOML file (bytes)."""
 
 
 def load_model(name_or_path: str = "default") -> Model:

@@ -1,4 +1,4 @@
-"""Whether motion that is called free keeps to a curved surface: then it is none of the six contacts."""
+"""Test of free motion for contact with a curved surface, which is none of the six contacts."""
 
 from typing import Final, NamedTuple
 
@@ -14,18 +14,18 @@ from contact_tracker.tracking.ambiguity import p_curved
 Array = NDArray[np.float64]
 
 SPAN_TICKS: Final = 60
-"""So many ticks are judged together."""
+"""Number of ticks that are tested together."""
 LEAST_TICKS: Final = 40
-"""In fewer, motion as smooth as a hand's may fit by chance."""
+"""Least number of ticks; in fewer, smooth motion of a hand may fit by chance."""
 LEAST_ACTIVITY: Final = 10.0
-"""With less motion in them nothing is said."""
+"""Least motion in them for a test."""
 AGAIN: Final = 1.5
-"""Free motion is judged again whenever it has lasted so many times as long."""
+"""Free motion is tested again when its duration has grown by this factor."""
 
 
 class CurvedMotion(NamedTuple):
-    """Free motion since tick ``since`` was judged ``after`` so many ticks, and keeps to a curved surface with
-    this ``probability``."""
+    """The last test of free motion since tick ``since``: ``after`` this many ticks, with the ``probability``
+    of a curved surface."""
 
     since: int
     after: int
@@ -70,7 +70,7 @@ def curved_probabilities(window: Window, scales: EvidenceParameters, knowledge: 
 
 
 def is_mostly_curved(probability: Array) -> bool:
-    """Whether most of a segment, by the probability in each tick (n,), keeps to a curved surface."""
+    """Whether most of a segment, by the probability in each tick (n,), is on a curved surface."""
     return bool(np.mean(probability > 0.5) > 0.5)
 
 

@@ -65,7 +65,7 @@ class TrackerState(NamedTuple):
     """Number of the tick since which the label is free."""
     free_since_ns: int
     curved: CurvedMotion
-    """What free motion was judged to be."""
+    """The last test of free motion for a curved surface."""
     hazard_exposure: float
     """Exposure to a change of state at the last boundary, in ticks of motion."""
     log_transition: Array
