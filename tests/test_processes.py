@@ -6,12 +6,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import active_children
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pytest
 
 from contact_tracker.errors import ContactTrackerError
-from contact_tracker.processes import KILLED, local_processes
+from contact_tracker.processes import KILLED, helpers, local_processes
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
 
@@ -126,3 +127,28 @@ def meet(number: int, folder: str) -> bool:
 def test_few_jobs_are_shared_by_all_processes(tmp_path: Path) -> None:
     with local_processes(2, prepare) as call:
         assert all(answer for _, answer in call(meet, [(number, str(tmp_path)) for number in range(2)]))
+
+
+def test_a_helper_that_is_killed_while_others_start_is_one_error_and_prints_nothing(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    start, is_alive = SpawnProcess.start, SpawnProcess.is_alive
+
+    def start_slowly(process: SpawnProcess) -> None:
+        for other in active_children():
+            other.kill()
+        time.sleep(0.2)  # meanwhile threads of the executors ask who is alive
+        start(process)
+
+    def ask_slowly(process: SpawnProcess) -> bool:
+        time.sleep(0.4)
+        return is_alive(process)
+
+    monkeypatch.setattr(SpawnProcess, "start", start_slowly)
+    monkeypatch.setattr(SpawnProcess, "is_alive", ask_slowly)
+    with (
+        pytest.raises(ContactTrackerError, match="has ended before its work was done"),
+        helpers(4, prepare) as executor,
+    ):
+        assert [executor.submit(abs, -n).result() for n in range(20)] == [*range(20)]
+    assert capfd.readouterr() == ("", "")

@@ -288,7 +288,7 @@ def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -
         posterior = np.array(weight) / sum(weight)
         label = STATES[int(posterior.argmax())]
         beliefs.append(Belief(5, label, posterior, 3, None, np.full(6, np.nan)))
-    both = mixture(beliefs, np.array([log_weight for _, log_weight in trackers]))
+    both, _ = mixture(beliefs, np.array([log_weight for _, log_weight in trackers]))
     for probability in (both.probability, spread_out(both.probability)):
         assert (probability >= 0.0).all()
         assert probability.sum() == pytest.approx(1.0)
@@ -303,15 +303,15 @@ def test_a_mixture_is_no_surer_than_an_open_formation_allows() -> None:
     capped = at_most(surest, Contact.EF)
     own = Belief(5, Contact.EF, capped, 3, None, np.full(6, np.nan), is_open=True)
     other = Belief(5, Contact.EF, surest, 3, None, np.full(6, np.nan))
-    both = mixture((own, other), np.log([0.6, 0.4]))
+    both, _ = mixture((own, other), np.log([0.6, 0.4]))
     assert both.is_open
     assert both.probability[Contact.EF.column] == pytest.approx(0.9)
     other = replace(
         other, contact=Contact.VF, probability=np.roll(surest, Contact.VF.column - Contact.EF.column)
     )
-    both = mixture((own, other), np.log([0.4, 0.6]))
+    both, _ = mixture((own, other), np.log([0.4, 0.6]))
     assert (both.contact, both.is_open) == (Contact.VF, False)
-    freed = mixture(
+    freed, _ = mixture(
         (replace(own, probability=np.full(7, 1 / 7)), replace(own, probability=other.probability)),
         np.zeros(2),
     )

@@ -3,12 +3,17 @@
 import argparse
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from typing import Final
+
+_CLOSE: Final = 0.7
+"""Similarity of two words (difflib ratio) from which on one is suggested for the other."""
 
 
 def suggestion(word: str, names: Iterable[str]) -> str:
     """``; did you mean NAME?``, or empty if no name is similar."""
-    near = get_close_matches(word, list(names), 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    bare = {name.lstrip("-"): name for name in names}  # dashes are alike in all options
+    near = get_close_matches(word.lstrip("-"), list(bare), 1, _CLOSE)
+    return f"; did you mean {bare[near[0]]}?" if near else ""
 
 
 def option_suggestion(

@@ -60,6 +60,8 @@ class ExcursionFilter:
             self._last = pose
             return (pose,)
         step = step_between(before, pose)
+        if step.is_near and not self._held:  # the usual case; no jump, whatever is usual
+            return self._pass_on(pose, step)
         furthest = self._furthest()
         is_jump = step.distance_m > furthest.distance_m or step.turn > furthest.turn
         if not self._held:

@@ -27,7 +27,7 @@ SAME_SPAN_TICKS: Final = 3
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
 MOST_NATS: Final = 50.0
-"""Evidence (nats) that is decisive."""
+"""Largest evidence (nats) in an exponential, against overflow."""
 VARIED_S: Final = 0.7
 """Time in which other motion has shown all its directions."""
 FIRST_CHOICE: Final = 2.0

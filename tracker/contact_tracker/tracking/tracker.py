@@ -34,6 +34,7 @@ __all__ = [
     "close_tick",
     "finish",
     "flush_lag",
+    "label_geometry",
     "scales_of",
     "start",
     "step",
