@@ -190,7 +190,7 @@ def test_a_lock_protects_files_of_invisible_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in another container of the same host."""
-    monkeypatch.setattr(atomic_file, "_lives", lambda pid: False)
+    monkeypatch.setattr(atomic_file, "_is_running", lambda pid: False)
     with whole_file(tmp_path / "out.csv") as temporary:
         write(tmp_path / "out.csv")
         assert temporary.exists()
