@@ -1,4 +1,4 @@
-"""Fixtures that several test files share, and what holds for all properties."""
+"""Shared fixtures, and settings of all property tests."""
 
 import os
 from pathlib import Path

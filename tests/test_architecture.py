@@ -1,4 +1,4 @@
-"""The shape of the code: which module may import which, who may do I/O, and what must not be named."""
+"""The structure of the code: allowed imports and I/O, file sizes, and forbidden names."""
 
 import ast
 import re

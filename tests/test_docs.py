@@ -1,4 +1,4 @@
-"""The documentation says what is so: the tutorial runs, and the tables name what the code does."""
+"""The documentation is correct: the tutorial runs, and tables agree with the code."""
 
 import ast
 import math
@@ -157,7 +157,7 @@ def test_the_conventions_name_every_count() -> None:
     assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == counted_kinds() | by_the_tracker
 
 
-def test_every_input_format_names_tests_that_are_there() -> None:
+def test_every_input_format_names_existing_tests() -> None:
     """Each row of docs/formats.md, and each test by its name."""
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if re.match(r"\| (?!---|file|type|encoding)", line)]
@@ -213,7 +213,7 @@ def test_links_lead_somewhere() -> None:
 
 
 @pytest.mark.parametrize("page", ["architecture.md", "glossary.md"])
-def test_what_a_page_on_the_code_names_is_there(page):
+def test_names_in_pages_on_the_code_exist(page):
     """Files and folders by their path in the package, and functions behind a colon."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     named = re.findall(r"`([a-z_0-9/]+(?:\.[a-z]{2,3}|/))(?:: ([a-z_]+))?`", text)

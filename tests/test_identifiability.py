@@ -1,4 +1,4 @@
-"""The oracles know what they are told, and errors are put where they belong."""
+"""The oracles use the given knowledge, and errors are classified correctly."""
 
 from dataclasses import replace
 from functools import cache
@@ -34,7 +34,7 @@ def told():
     return poses, simulated.truth, tracked, true, oracle.judge(true, tracked, poses.position_m[0], MODEL)
 
 
-def test_every_oracle_names_what_held() -> None:
+def test_every_oracle_names_the_true_contact() -> None:
     *_, true, verdict = told()
     right = [phase.contact.column for phase in true]
     assert {o: label.tolist() for o, label in verdict.label.items()} == dict.fromkeys(oracle.ORACLES, right)
@@ -44,7 +44,7 @@ def test_every_oracle_names_what_held() -> None:
     assert (given < fitted + 20.0).all()
 
 
-def test_the_wrong_elements_are_no_help() -> None:
+def test_wrong_elements_do_not_help() -> None:
     poses, _, tracked, true, verdict = told()
     moved = oracle.judge(true, tracked, poses.position_m[0] + 0.01, MODEL)
     right = [phase.contact.column for phase in true]
@@ -67,7 +67,7 @@ def test_intervals_with_the_same_elements_are_one_phase() -> None:
     ]
 
 
-def test_what_was_wrong_is_put_into_one_class_each() -> None:
+def test_each_mistake_has_one_class() -> None:
     """The tracker's labels replaced by e-f throughout: all of f-f is wrong."""
     poses, truth, tracked, true, verdict = told()
     found = tracked.segmentation
@@ -89,7 +89,7 @@ def test_what_was_wrong_is_put_into_one_class_each() -> None:
     assert np.trace(judged.confusion_s["given"]) == pytest.approx(confusion_s.sum())
 
 
-def test_each_time_without_a_break_is_judged_by_itself() -> None:
+def test_each_uninterrupted_time_is_classified_separately() -> None:
     """Two wrong places of one phase, the second with two wrong labels: evidence is of those ticks only."""
     poses, truth, tracked, true, verdict = told()
     found = tracked.segmentation
@@ -153,7 +153,7 @@ def mistake(
     )
 
 
-def test_what_counts_is_how_probable_the_truth_would_be_in_place_of_the_label() -> None:
+def test_mistakes_are_classified_by_the_probability_of_the_truth_as_label() -> None:
     assert [m.log_odds() for m in (mistake(), mistake(fitted=-3.0), mistake(beside=True))] == [
         4.0,
         -8.0,

@@ -134,7 +134,7 @@ def recorded_windows(seed: int, noise: float) -> Recorded:
     return Recorded(windows_at(end_s.tolist(), 0.5, values), scored)
 
 
-def test_an_hmm_on_windows_that_tell_the_states_apart_is_right() -> None:
+def test_an_hmm_on_informative_windows_is_right() -> None:
     recordings = [recorded_windows(seed, 0.1) for seed in range(2)]
     short = Recorded(windows_at([], 0.5), scoring(stamps(0.5), truth_of(("f-f", 0.5))))
     *scores, nothing = fixed_windows.hmm_scores([*recordings, short], MODEL)
@@ -249,7 +249,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_tables_say_each_figure_in_its_place(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tables_have_each_figure_in_its_place(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert identification.main([str(folder), "--set", "hard", "paper"], fake) == 1  # b is missing
     text = capsys.readouterr().out
     titles = [line.split(":")[0] for line in text.splitlines() if "recordings, " in line]
@@ -309,6 +309,6 @@ def test_all_figures_are_in_the_json(folder: Path) -> None:
     assert "log_loss" not in data["paper"]["total"]["methods"]["labels online"]
 
 
-def test_a_set_that_is_not_there_is_named(folder: Path) -> None:
+def test_a_missing_set_is_named(folder: Path) -> None:
     with pytest.raises(SystemExit, match="no set nowhere; there are: hard other paper"):
         identification.main([str(folder), "--set", "nowhere"], fake)

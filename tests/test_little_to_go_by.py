@@ -1,4 +1,4 @@
-"""Recordings that tell little: a handful of poses, no motion, slow or torn streams."""
+"""Recordings with little information: few poses, no motion, slow or interrupted streams."""
 
 import json
 import math
@@ -67,7 +67,7 @@ def refuse(name: str) -> float:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("make", MOTIONS.values(), ids=MOTIONS.keys())
-def test_little_motion_has_an_answer(make: Callable[[], Poses], tmp_path: Path, capsys: Any) -> None:
+def test_little_motion_is_segmented(make: Callable[[], Poses], tmp_path: Path, capsys: Any) -> None:
     poses = make()
     log, out = write_log(tmp_path / "a.mcap", [poses_topic(poses)]), tmp_path / "out.jsonl"
     assert run(["segment", str(log), "-o", str(out)]) == 0
@@ -93,7 +93,7 @@ def test_little_motion_has_an_answer(make: Callable[[], Poses], tmp_path: Path, 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("command", ["segment", "live", "view", "info"])
-def test_poses_that_are_no_numbers_are_counted(command: str, tmp_path: Path, capsys: Any) -> None:
+def test_non_finite_poses_are_counted(command: str, tmp_path: Path, capsys: Any) -> None:
     poses = smooth_poses(30)
     nothing = Poses(poses.stamp_ns, np.full((30, 3), np.nan), poses.quat_xyzw)
     log = write_log(tmp_path / "a.mcap", [poses_topic(nothing)])

@@ -45,7 +45,7 @@ def test_a_job_that_kills_twice_is_given_up_and_no_other_is_lost(processes: int,
 
 
 def slowly(jobs: list[tuple[int, tuple[int, ...], str]]) -> Iterator[tuple[int, tuple[int, ...], str]]:
-    """So that processes have nothing to do; those that had are killed meanwhile."""
+    """Kills idle processes."""
     for job in jobs:
         for process in active_children():
             process.kill()
@@ -73,7 +73,7 @@ def die() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_processes_that_cannot_start_are_told() -> None:
+def test_processes_that_cannot_start_are_reported() -> None:
     with (
         pytest.raises(ContactTrackerError, match="as soon as it was started"),
         local_processes(2, die) as call,
@@ -103,7 +103,7 @@ def interrupted_after(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGINT, interrupt)
 
 
-def test_what_is_at_work_is_ended_at_once_and_clears_away(tmp_path: Path) -> None:
+def test_running_jobs_are_ended_at_once_and_clean_up(tmp_path: Path) -> None:
     begin_s = time.monotonic()
     with (
         pytest.raises(KeyboardInterrupt),

@@ -1,4 +1,4 @@
-"""What the tracker must reach on the recordings that come with it (measured values: docs/benchmarks.md)."""
+"""Required accuracy on the repository's recordings (measured values: docs/benchmarks.md)."""
 
 from pathlib import Path
 

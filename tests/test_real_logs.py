@@ -1,4 +1,4 @@
-"""Logs as they come from the field: what is chosen and what is wrong is said, and nothing wrong is sure."""
+"""Logs with real faults: adaptation and faults are reported, and wrong labels are not certain."""
 
 import json
 from dataclasses import replace
@@ -44,7 +44,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("said", FAULTS)
-def test_while_the_stream_is_in_doubt_no_label_is_sure(said: str, tmp_path: Path, capsys: Any) -> None:
+def test_no_label_is_certain_while_the_stream_is_in_doubt(said: str, tmp_path: Path, capsys: Any) -> None:
     log = str(write_log(tmp_path / "a.mcap", [poses_topic(FAULTS[said](raw(12.0)))]))
     out = tmp_path / "out.jsonl"
     assert run(["segment", log, "-o", str(out)]) == 0
@@ -60,7 +60,7 @@ def test_while_the_stream_is_in_doubt_no_label_is_sure(said: str, tmp_path: Path
     assert any(line.startswith("  warning") and said in line for line in capsys.readouterr().out.splitlines())
 
 
-def test_what_was_chosen_is_said(tmp_path: Path, capsys: Any) -> None:
+def test_the_choice_is_reported(tmp_path: Path, capsys: Any) -> None:
     filtered = str(write_log(tmp_path / "a.mcap", [poses_topic(low_pass(raw(24.0), 20.0))]))
     assert run(["info", filtered, "--json"]) == 0
     tracking = json.loads(capsys.readouterr().out)["sources"][0]["tracking"]
@@ -77,7 +77,7 @@ def test_what_was_chosen_is_said(tmp_path: Path, capsys: Any) -> None:
     assert "ticks of 0.15 s instead of 0.1 s" in capsys.readouterr().err
 
 
-def test_noise_that_is_given_is_used_and_said(tmp_path: Path, capsys: Any) -> None:
+def test_given_noise_is_used_and_reported(tmp_path: Path, capsys: Any) -> None:
     log = str(write_log(tmp_path / "a.mcap", [poses_topic(raw(6.0))]))
     for command in (["segment", log], ["live", log], ["view", log, "--save", str(tmp_path / "a.rrd")]):
         assert run([*command, "--noise", "0.3mm,0.15deg"]) == 0

@@ -1,4 +1,4 @@
-"""The speed benchmark measures what it says: long logs are what they claim, targets are compared."""
+"""The speed benchmark: long logs are correct, and targets are compared."""
 
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def test_a_long_log_plays_forth_and_back_at_the_rate_of_the_short_one(log, tmp_p
     np.testing.assert_array_equal(long.quat_xyzw, short.quat_xyzw[row])
 
 
-def test_the_truth_goes_on_tour_with_the_poses(tmp_path):
+def test_truth_is_repeated_with_the_poses(tmp_path):
     spans = (("f-f", 0, 200_000_000), ("free", 200_000_001, 590_000_000))
     truth = Truth(tuple(TruthInterval(START_NS + a, START_NS + b, Contact(label)) for label, a, b in spans))
     poses = smooth_poses(60, rate_hz=100.0)
@@ -68,7 +68,7 @@ def test_whole_commands_are_measured_at_each_length(log, capsys, monkeypatch):
     assert [arguments[0] for arguments in told] == ["live"] * 4
 
 
-def test_the_table_says_what_was_measured_and_whether_it_is_enough(log, capsys):
+def test_the_table_has_measurements_and_targets(log, capsys):
     assert speed.main(["--only", "reading", "--runs", "1", "--log", str(log), "--fast-log", str(log)]) == 0
     table = capsys.readouterr().out
     assert table.count("short: poses") == 4
@@ -102,7 +102,7 @@ def test_later_minutes_have_the_poses_of_the_first(log):
     assert late.stamp_ns[0] - between.stamp_ns[-1] == early.stamp_ns[1] - early.stamp_ns[0]
 
 
-def test_growth_is_told_of_cost_and_hypotheses(log, capsys):
+def test_growth_is_reported_for_cost_and_hypotheses(log, capsys):
     assert growth.main(["--log", str(log), "--after", "1", "--seconds", "0.5", "--turns", "1"]) == 0
     head, first, later = capsys.readouterr().out.splitlines()
     assert head.split() == ["minute", "ms", "per", "tick", "x", "hypotheses", "x"]

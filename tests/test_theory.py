@@ -1,4 +1,4 @@
-"""docs/theory.md keeps its promises: equations are numbered once, in order; what it cites exists."""
+"""docs/theory.md is consistent: equations are numbered once, in order; citations exist."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ def test_equations_are_numbered_once_and_in_order() -> None:
     assert len(NUMBERS) > 10
 
 
-def test_what_the_text_cites_is_an_equation() -> None:
+def test_equations_cited_in_the_text_exist() -> None:
     assert cited(THEORY) <= set(NUMBERS)
 
 
@@ -35,7 +35,7 @@ def test_the_models_page_cites_equations_of_the_sections_it_names() -> None:
         assert not equation or f"(T{equation})" in sections[section], f"section {section} has no T{equation}"
 
 
-def test_what_docstrings_cite_is_an_equation() -> None:
+def test_equations_cited_in_docstrings_exist() -> None:
     wrong = {
         path.name: unknown
         for path in PACKAGE.rglob("*.py")

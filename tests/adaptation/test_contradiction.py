@@ -71,7 +71,7 @@ def test_a_box_of_another_size_is_named() -> None:
 
 
 @needs_kernels
-def test_it_does_not_matter_how_the_poses_are_cut() -> None:
+def test_results_do_not_depend_on_how_the_poses_are_split() -> None:
     poses, knowledge = poses_of("robot_1khz")[:4000], up([1.0, 0.0, 0.0])
     ends = []
     for size in (7, 400):
@@ -83,7 +83,7 @@ def test_it_does_not_matter_how_the_poses_are_cut() -> None:
     assert ends[0][0]
 
 
-def test_without_anything_given_nothing_is_compared() -> None:
+def test_without_prior_knowledge_nothing_is_compared() -> None:
     known = contradiction.advance(Contradiction(), MODEL, EMPTY_MAP, Poses.join([]))
     assert known.is_settled
     assert not known.is_likely

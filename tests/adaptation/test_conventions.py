@@ -55,7 +55,7 @@ def tracked(poses: Poses) -> tuple[list[str], Segmentation]:
 @needs_kernels
 @pytest.mark.parametrize("mistake", MISTAKES)
 @pytest.mark.parametrize("name", ["paper_experiment", "robot_1khz"])
-def test_mistakes_of_convention_are_said_and_nothing_is_sure(name: str, mistake: str) -> None:
+def test_mistakes_of_convention_are_reported_and_no_label_is_certain(name: str, mistake: str) -> None:
     said, wrong = MISTAKES[mistake]
     texts, found = tracked(wrong(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap")))))
     assert len(texts) == 1
@@ -65,7 +65,7 @@ def test_mistakes_of_convention_are_said_and_nothing_is_sure(name: str, mistake:
 
 @needs_kernels
 @pytest.mark.parametrize("name", ["paper_experiment", "all_states", "robot_1khz", "vision_30hz"])
-def test_nothing_is_said_of_sound_recordings(name: str) -> None:
+def test_valid_recordings_have_no_warnings(name: str) -> None:
     assert tracked(Poses.collect(open_log(str(RECORDINGS / f"{name}.mcap"))))[0] == []
 
 
@@ -93,7 +93,9 @@ def _cube_over_table(height_m: float) -> tuple[PriorMap, Poses]:
 
 
 @pytest.mark.parametrize(("height_m", "is_said"), [(0.052, False), (0.048, False), (0.15, True)])
-def test_an_object_that_stays_off_all_that_is_given_is_named(height_m: float, is_said: bool) -> None:
+def test_an_object_that_stays_away_from_all_known_elements_is_reported(
+    height_m: float, is_said: bool
+) -> None:
     knowledge, poses = _cube_over_table(height_m)
     found = clearance.advance(clearance.Clearance(), knowledge, poses)
     assert clearance.findings(found) == (), "it may come nearer yet"
@@ -104,7 +106,7 @@ def test_an_object_that_stays_off_all_that_is_given_is_named(height_m: float, is
     assert clearance.final_findings(found, some) == (), "another vertex may touch"
 
 
-def test_nothing_is_sure_before_the_speed_of_a_known_object_is_known() -> None:
+def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> None:
     knowledge, poses = _cube_over_table(0.05)
     noise = np.random.default_rng(3).normal(scale=1e-4, size=poses.position_m.shape)
     poses = replace(poses, position_m=poses.position_m + noise)

@@ -1,4 +1,4 @@
-"""The functions that programs use: the same answers as inside, and each mistake reported in one line."""
+"""The public API: results equal to those of the internal functions, and errors in one line."""
 
 import subprocess
 import sys
@@ -96,7 +96,7 @@ def test_quaternions_may_start_with_w_and_dates_are_stamps(poses: Poses) -> None
     np.testing.assert_allclose(trajectory.quat_xyzw, poses.quat_xyzw, atol=1e-15)
 
 
-def test_what_is_wrong_with_single_poses_is_counted(poses: Poses) -> None:
+def test_invalid_poses_are_counted(poses: Poses) -> None:
     stamps, places, turns = (column[:600].astype(float) for column in arrays(poses))
     stamps = (stamps - stamps[0]) * 1e-9
     stamps[30], stamps[40], stamps[50] = np.nan, 1e30, stamps[49]
@@ -134,7 +134,7 @@ def test_dates_of_pandas_with_a_zone_are_stamps(poses: Poses) -> None:
     np.testing.assert_array_equal(trajectory.stamp_ns, poses.stamp_ns)
 
 
-def test_a_result_is_what_is_found_inside(result: contact_tracker.Result, poses: Poses) -> None:
+def test_a_result_equals_that_of_the_internal_functions(result: contact_tracker.Result, poses: Poses) -> None:
     expected = segment_inside(gate(poses), load_model())
     assert [s.contact.value for s in result.segments] == ["f-f", "e-f"]
     assert [(s.start_ns, s.end_ns) for s in result.segments] == [
@@ -162,9 +162,7 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_pat
     assert first.report.noise == pytest.approx((3e-4, np.radians(0.15)))
 
 
-def test_a_tracker_says_what_the_command_says_and_carries_on_to_the_last_bit(
-    poses: Poses, tmp_path: Path
-) -> None:
+def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses: Poses, tmp_path: Path) -> None:
     state, expected = start(load_model()), []
     for pose in gate(poses):
         state, said = advance(state, pose)
@@ -235,7 +233,7 @@ def test_a_frame_in_another_is_composed_of_the_transforms_between(tmp_path: Path
         contact_tracker.read(path, parent="world")
 
 
-def test_results_replace_no_recording_that_they_are_not_told_to(
+def test_results_replace_recordings_only_with_overwrite(
     result: contact_tracker.Result, log: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(UsageError, match="it is the input"):
@@ -260,7 +258,7 @@ def test_results_replace_no_recording_that_they_are_not_told_to(
         ("plotly", "to_html"),
     ],
 )
-def test_a_library_that_is_missing_is_told_with_its_extra(
+def test_a_missing_library_is_reported_with_its_extra(
     result: contact_tracker.Result, tmp_path: Path, library: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in [

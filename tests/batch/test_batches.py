@@ -1,4 +1,4 @@
-"""A batch leaves a row for each recording, and does again what has changed and nothing else."""
+"""A batch: a row for each recording, and updates of changed recordings only."""
 
 import json
 import os
@@ -74,7 +74,7 @@ def test_each_recording_has_a_row_and_those_that_can_be_used_their_segments(tmp_
     assert files == set(table["file"].drop_nulls())
 
 
-def test_what_is_written_is_what_segment_finds(tmp_path: Path) -> None:
+def test_batch_and_segment_write_the_same(tmp_path: Path) -> None:
     log = tmp_path / "cube.mcap"
     write_recording(str(log), recorded(FACE_TO_EDGE).poses, None, {})
     run([log], tmp_path / "dataset", with_ticks=True)
@@ -116,7 +116,7 @@ def test_the_second_run_opens_nothing(tmp_path: Path, monkeypatch: pytest.Monkey
     assert contents(tmp_path / "dataset") == before
 
 
-def test_what_has_changed_is_done_again_and_nothing_else(tmp_path: Path, recordings: list[Path]) -> None:
+def test_only_changed_recordings_are_done_again(tmp_path: Path, recordings: list[Path]) -> None:
     dataset = tmp_path / "dataset"
 
     def done(**options: object) -> set[str]:
@@ -169,7 +169,7 @@ def test_of_another_version_everything_is_done_again(
     assert run(recordings, tmp_path / "dataset").done == 3
 
 
-def test_what_may_have_been_the_systems_fault_is_tried_again(
+def test_possible_faults_of_the_system_are_tried_again(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -183,7 +183,7 @@ def test_what_may_have_been_the_systems_fault_is_tried_again(
     assert run(recordings, tmp_path / "dataset").bad == 0
 
 
-def test_a_fault_of_ours_is_a_row_as_well(
+def test_an_internal_error_is_a_row(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
@@ -228,7 +228,7 @@ def test_a_recording_that_ends_processes_is_a_row_and_tried_again(
 
 
 def test_rows_that_were_recorded_are_there_after_a_kill(tmp_path: Path, recordings: list[Path]) -> None:
-    """Also if the last one was written half."""
+    """Also if the last line is incomplete."""
     dataset = tmp_path / "dataset"
     run(recordings, dataset)
     whole = contents(dataset)
@@ -264,7 +264,7 @@ def test_a_dataset_is_written_by_one_and_replaces_nothing_else(
 
 
 @pytest.mark.parametrize("name", ["summary.parquet", "signatures.parquet"])
-def test_a_damaged_summary_is_told(name: str, tmp_path: Path, recordings: list[Path]) -> None:
+def test_a_damaged_summary_is_reported(name: str, tmp_path: Path, recordings: list[Path]) -> None:
     run(recordings, tmp_path / "dataset")
     path = tmp_path / "dataset" / name
     path.write_bytes(path.read_bytes()[:-10])
@@ -320,13 +320,13 @@ def test_a_name_of_any_bytes_is_text_in_the_summary(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
-def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+def test_other_than_regular_files_do_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mcap")
     assert run([tmp_path / "pipe.mcap"], tmp_path / "dataset").bad == 1
     assert "not a regular file" in summary(tmp_path / "dataset")["error"][0]
 
 
-def test_a_full_disk_ends_the_run_and_what_was_recorded_stays(
+def test_a_full_disk_ends_the_run_and_keeps_earlier_results(
     tmp_path: Path, recordings: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole_file = segmenting.whole_file
@@ -342,8 +342,8 @@ def test_a_full_disk_ends_the_run_and_what_was_recorded_stays(
     assert len(summary(tmp_path / "dataset")) == 1
 
 
-def test_the_kernel_of_numpy_threads_is_told_before_processes_start() -> None:
-    """Importing what the command line imports does not import what computes."""
+def test_batch_does_not_import_numpy_before_processes_start() -> None:
+    """Imports of the command line do not include the tracker's."""
     program = "import sys; import contact_tracker.cli.batch; print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout.strip() == "False", done.stderr

@@ -1,4 +1,4 @@
-"""What is copied from a remote store goes where it should, and has an end."""
+"""Copies from a remote store stay in their folder and are limited in size."""
 
 import shutil
 import tempfile
@@ -24,14 +24,14 @@ class StoreWithOddNames:
         Path(target).write_text(name)
 
 
-def test_names_of_a_store_lead_nowhere_else(tmp_path: Path) -> None:
+def test_names_of_a_store_stay_in_the_folder(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="leads out of the folder"):
         copy_folder(StoreWithOddNames(), "bucket/bag", str(tmp_path / "a" / "b"))
     assert not list(tmp_path.glob("*.mcap"))
 
 
 class EndlessFile:
-    """It counts what is read of it, and gives what is asked for, or so much ``at_once``."""
+    """Counts the bytes read; gives the requested bytes, or ``at_once`` of them."""
 
     def __init__(self, at_once: int | None = None) -> None:
         self.read_bytes, self.at_once = 0, at_once
@@ -49,7 +49,7 @@ class EndlessFile:
 
 
 class Store(AbstractFileSystem):
-    """A remote store that says of its files what it likes."""
+    """A remote store with arbitrary metadata of its files."""
 
     cachable = False
 
@@ -82,7 +82,7 @@ class Store(AbstractFileSystem):
     ],
     ids=["size not said", "size wrong", "folder", "too long", "empty files"],
 )
-def test_copies_of_recordings_in_stores_have_an_end(
+def test_copies_of_recordings_in_stores_have_a_size_limit(
     store: Store, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
@@ -94,7 +94,9 @@ def test_copies_of_recordings_in_stores_have_an_end(
     assert not list(tmp_path.iterdir())
 
 
-def test_copies_of_recordings_in_stores_leave_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_copies_of_recordings_in_stores_leave_free_space(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(remote, "_opened", lambda _: (Store(10), "log.mcap"))
     monkeypatch.setattr(remote, "_LEFT_BYTES", shutil.disk_usage(tmp_path).free - 8 * 2**20)

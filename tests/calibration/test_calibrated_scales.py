@@ -1,4 +1,4 @@
-"""Floors, searched parameters and the table of both, against data and losses whose answer is known."""
+"""Learned floors and searched parameters, on data and losses with a known result."""
 
 from dataclasses import fields, is_dataclass, replace
 
@@ -11,7 +11,7 @@ from contact_tracker.calibration.contact_errors import learn_contact_errors
 from contact_tracker.calibration.floors import LEAST, POSITION, ROTATION, learn_floors
 from contact_tracker.calibration.learned import LEARNED, How, rounded, select, value_of, with_value
 from contact_tracker.calibration.search import EVALUATIONS, coordinate_search
-from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, find_stretches, refined
+from contact_tracker.calibration.segment_residuals import SHORTEST_TICKS, fit_contact_segments, refined
 from contact_tracker.calibration.tick_stream import Observed, observe
 from contact_tracker.config.loading import limits, load_model
 from contact_tracker.config.parameters import Model, TransitionCounts
@@ -46,10 +46,10 @@ def contact_stretches(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=
         np.tile([0.02**2, 0.2**2], (ticks, 1)),
     )
     observed = Observed(np.arange(ticks), window, np.ones(ticks), SENSOR_M, SENSOR_RAD)
-    return find_stretches(observed, np.full(ticks, contact.column), MODEL)
+    return fit_contact_segments(observed, np.full(ticks, contact.column), MODEL)
 
 
-def test_the_noise_of_a_recording_is_that_which_its_end_knows():
+def test_the_noise_of_a_recording_is_the_estimate_at_its_end():
     poses = moving(np.random.default_rng(3), 10.0, 200.0, 5.0 * MODEL.noise.sigma_position_m, 2e-3)
     found = observe(poses, MODEL)
     assert found is not None
@@ -88,7 +88,7 @@ def test_ideal_contacts_have_next_to_no_floor():
     assert LEAST <= rotation < 0.4 * SENSOR_RAD
 
 
-def test_a_floor_is_learned_alone_and_told_by_contact():
+def test_a_floor_is_learned_alone_and_reported_by_contact():
     stretches = of_all_contacts(0.2e-3, 0.0)
     model, told = learn_floors(with_floors(1e-4, 1e-5), stretches, [POSITION])
     assert model.noise.floor_rotation_rad == 1e-5
@@ -97,7 +97,7 @@ def test_a_floor_is_learned_alone_and_told_by_contact():
     assert all(f.value == pytest.approx(0.2e-3, rel=0.2) for f in told)
 
 
-def test_an_error_that_one_contact_has_is_learned_of_that_contact():
+def test_an_error_of_one_contact_is_learned_for_it_alone():
     keys = ["noise.contact_position_m", "noise.contact_rotation_rad"]
     loose = [s for seed in range(3) for s in contact_stretches(Contact.EF, 0.6e-3, 4e-3, seed=seed)]
     stretches = loose + [s for s in of_all_contacts(0.05e-3, 0.5e-3) if s.column != Contact.EF.column]
@@ -159,7 +159,7 @@ def test_a_search_finds_the_least_loss_along_each_parameter():
     assert told[1].after == loss(model) < told[1].before
 
 
-def test_what_hardly_lowers_the_loss_stays_and_nothing_leaves_its_range():
+def test_parameters_change_only_for_a_lower_loss_and_within_range():
     def flat(model):
         assert limits(key)[0] < value_of(model, key) < limits(key)[1]
         return 1.0 - 1e-5 * value_of(model, key)
@@ -197,5 +197,5 @@ def test_parameters_are_chosen_by_key_or_by_table():
 @pytest.mark.parametrize(
     ("value", "expected"), [(0.123456, 0.123), (1.45678e-5, 1.46e-5), (987654.0, 988000.0)]
 )
-def test_numbers_are_rounded_to_what_they_mean(value, expected):
+def test_numbers_are_rounded_to_their_accuracy(value, expected):
     assert rounded(value) == expected

@@ -1,4 +1,4 @@
-"""Transitions learned from states that are known or only believed, against chains whose rates are known."""
+"""Transitions learned from known states or beliefs, on chains of known rates."""
 
 from dataclasses import replace
 from itertools import product
@@ -25,7 +25,7 @@ from contact_tracker.tracking.transition_model import (
 
 
 def chains(rng, model, count_, ticks, silence=0.0):
-    """Runs of the chain, with rest in them; of some ticks the truth is silent."""
+    """Runs of the chain, with rest, and some ticks without truth."""
     made = []
     for _ in range(count_):
         exposure = rng.choice([REST_EXPOSURE, 0.4, 1.0], ticks, p=[0.2, 0.3, 0.5])
@@ -70,7 +70,7 @@ def test_a_state_left_within_a_tick_lasted_for_the_mean_of_what_is_left_of_the_e
     assert lasted == pytest.approx(float(times @ weight / weight.sum()), rel=1e-6)
 
 
-def test_through_a_silence_of_the_truth_all_ways_are_weighed():
+def test_gaps_in_the_truth_sum_over_all_paths():
     model, exposure = some_model(np.random.default_rng(2)), np.array([1.0, 0.3, 1.0, REST_EXPOSURE, 0.7])
     label = np.array([3, UNKNOWN, UNKNOWN, UNKNOWN, 1])
     steps = np.exp([tick_transitions(model, a).log_transition for a in exposure])
@@ -92,7 +92,7 @@ def test_through_a_silence_of_the_truth_all_ways_are_weighed():
     assert expected.log_evidence == pytest.approx(np.log(total) + log_initial(model)[3])
 
 
-def test_truth_that_covers_a_part_teaches_of_that_part_only():
+def test_partial_truth_is_learned_from_in_its_part_only():
     rng = np.random.default_rng(5)
     whole = chains(rng, some_model(rng), 1, 60)[0]
     part = whole.label.copy()
@@ -107,7 +107,7 @@ def test_truth_that_covers_a_part_teaches_of_that_part_only():
 
 
 @pytest.mark.parametrize("label", [[], [UNKNOWN], [2], [UNKNOWN] * 30], ids=str)
-def test_what_tells_nothing_leaves_the_prior(label):
+def test_uninformative_data_keep_the_prior(label):
     chain = KnownStates(np.array(label, np.int64), np.ones(len(label)))
     learned = learn_transitions(prior(), [chain]).model.transitions
     np.testing.assert_allclose(destinations(learned), destinations(prior().transitions))
@@ -123,7 +123,7 @@ def believed_chains(rng, true, start, blur, count_=6, ticks=60):
 
 
 @pytest.mark.parametrize("prior_changes", [1.0, 20.0])
-def test_em_never_lowers_the_posterior_and_ends_at_its_top(prior_changes):
+def test_em_never_lowers_the_posterior_and_ends_at_its_maximum(prior_changes):
     rng = np.random.default_rng(6)
     start = prior(prior_changes)
     some = [*believed_chains(rng, some_model(rng), start, 0.7), *chains(rng, some_model(rng), 2, 60, 0.3)]
@@ -148,7 +148,7 @@ def test_em_never_lowers_the_posterior_and_ends_at_its_top(prior_changes):
         assert log_posterior(other) < top
 
 
-def test_states_believed_for_certain_teach_what_known_states_teach():
+def test_certain_beliefs_give_the_counts_of_known_states():
     rng = np.random.default_rng(7)
     start = prior()
     known = chains(rng, some_model(rng, new_elements=False), 3, 80)
@@ -162,8 +162,8 @@ def test_states_believed_for_certain_teach_what_known_states_teach():
     assert np.abs(off).max() < 0.3  # a contact may have come back with other elements, unseen
 
 
-def test_evidence_is_without_what_lasting_cost_the_model_that_made_it():
-    """Two passes over the same data by different models teach the same."""
+def test_evidence_excludes_the_durations_of_the_initial_model():
+    """Two passes over the same data by different models give the same counts."""
     rng = np.random.default_rng(8)
     state, exposure = walk(some_model(rng), np.ones(40), rng), np.ones(40)
     expected = []
@@ -175,7 +175,7 @@ def test_evidence_is_without_what_lasting_cost_the_model_that_made_it():
     assert not expected[0].changes[:, FREE, FREE].any()
 
 
-def test_what_was_seen_before_is_forgotten_so_that_the_same_data_teach_the_same():
+def test_learning_does_not_use_earlier_counts():
     rng = np.random.default_rng(10)
     start = prior()
     some = believed_chains(rng, some_model(rng), start, 0.4, 3)

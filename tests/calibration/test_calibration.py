@@ -1,4 +1,4 @@
-"""Calibration as a user meets it: files in, a model and a report out, or one line that says why not."""
+"""Calibration by the command: from files to a model and a report, or one line of error."""
 
 import os
 import re
@@ -18,7 +18,7 @@ from chain_oracle import NOTHING, some_model
 from contact_tracker import __version__
 from contact_tracker.calibration.calibrate import Plan, calibrate
 from contact_tracker.calibration.learned import How, select
-from contact_tracker.calibration.study import Source, judge, look
+from contact_tracker.calibration.study import Source, score_model, study_recording
 from contact_tracker.calibration.writing import model_text
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
@@ -104,7 +104,7 @@ def test_a_model_is_learned_and_its_file_says_from_what(
     capsys.readouterr()
 
 
-def test_held_out_recordings_are_judged_by_models_that_have_not_seen_them(logs: Path) -> None:
+def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path) -> None:
     names = sorted(map(str, logs.glob("*.mcap")))
     sources = (Source(names[0]), Source(names[1], believe_truth=False))
     found = calibrate(Plan(sources, MODEL, select(["transitions"]), 2), Runner(1))
@@ -112,7 +112,7 @@ def test_held_out_recordings_are_judged_by_models_that_have_not_seen_them(logs: 
     assert found.lesson.model.noise == MODEL.noise
     assert [held_out.chain is not None for held_out in found.held_out] == [True, False]
     other = calibrate(Plan(sources[:1], MODEL, select(["transitions"]), 0), Runner(1))
-    again = judge(sources[1], other.lesson.model)
+    again = score_model(sources[1], other.lesson.model)
     assert found.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
     assert found.held_out[1].after.log_evidence != found.held_out[1].before.log_evidence
     assert tallies(found.held_out[1].after)[0].log_loss == pytest.approx(tallies(again)[0].log_loss)
@@ -143,7 +143,7 @@ def test_folds_are_reported(logs: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert f"wrote {output}" in err
 
 
-def test_without_truth_there_is_belief_to_learn_from(
+def test_without_truth_beliefs_are_learned_from(
     unlabelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "mine.toml"
@@ -194,7 +194,7 @@ def test_a_search_needs_truth(unlabelled: Path, tmp_path: Path, capsys: pytest.C
         (["LOGS", "UNLABELLED", "--labelled", "-o", "m.toml"], 1, ["unlabelled.mcap", "no truth"]),
     ],
 )
-def test_what_cannot_work_is_one_line_and_leaves_nothing(
+def test_impossible_calls_are_one_line_and_leave_no_file(
     arguments: list[str],
     code: int,
     parts: list[str],
@@ -225,7 +225,7 @@ def test_a_folder_that_takes_no_file_is_refused_before_any_work(
 
 @pytest.mark.parametrize("poses", [1, 2, 30])
 @pytest.mark.parametrize("labelled", [True, False])
-def test_recordings_too_short_to_teach_leave_the_model_as_it_was(
+def test_too_short_recordings_do_not_change_the_model(
     poses: int, labelled: bool, logs: Path, tmp_path: Path
 ) -> None:
     log = tmp_path / "short.mcap"
@@ -237,7 +237,7 @@ def test_recordings_too_short_to_teach_leave_the_model_as_it_was(
     assert sum(found.lesson.model.transitions.counts.moving_s) < poses / 50.0 + 0.1
 
 
-def test_of_a_damaged_recording_what_is_readable_is_learned_from(
+def test_the_readable_part_of_a_damaged_recording_is_learned_from(
     logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     damaged, output = tmp_path / "damaged.mcap", tmp_path / "mine.toml"
@@ -255,7 +255,7 @@ def test_an_error_in_a_process_is_the_users_error_and_ends_all_processes(tmp_pat
     assert not active_children()
 
 
-def test_processes_answer_in_order_and_one_that_dies_is_told() -> None:
+def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:
     told: list[None] = []
     assert Runner(2, lambda: told.append(None))(divmod, [(n, 3) for n in range(5)]) == [
         (0, 0), (0, 1), (0, 2), (1, 0), (1, 1),
@@ -266,7 +266,7 @@ def test_processes_answer_in_order_and_one_that_dies_is_told() -> None:
     assert not active_children()
 
 
-def test_a_process_that_dies_before_it_has_taken_its_job_is_told() -> None:
+def test_a_process_killed_before_its_job_is_reported() -> None:
     """Of more than a pipe holds, the rest waits to be taken."""
 
     def kill_one() -> None:
@@ -324,7 +324,7 @@ def test_truth_of_any_part_is_learned_from(logs, begin, end):
     log = folder / "part.mcap"
     poses = Poses.collect(open_log(source.name))
     write_recording(str(log), poses, Truth(part), {})
-    study = look(Source(str(log)), MODEL, False, True)
+    study = study_recording(Source(str(log)), MODEL, False, True)
     expected = study.chain.expect(MODEL)
     seconds = sum(i.end_ns - i.start_ns for i in part) * 1e-9
     assert study.labelled

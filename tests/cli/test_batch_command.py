@@ -1,4 +1,4 @@
-"""``contact-tracker batch`` as a user meets it: killed, interrupted, on a cluster, over the network."""
+"""``contact-tracker batch``: killed, interrupted, on a cluster, over the network."""
 
 import os
 import signal
@@ -42,7 +42,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(logs: Path) -> dict[str, bytes]:
-    """What an uninterrupted run leaves."""
+    """The dataset of an uninterrupted run."""
     dataset = logs.parent / "whole"
     done = batch(logs, "--output", dataset, "--processes", 2)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
@@ -210,7 +210,7 @@ def served(folder: Path) -> Iterator[tuple[str, list[str]]]:
 
 
 def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
-    """A server that tells no version of a file: each run reads it, and finds it unchanged."""
+    """A server without versions of files: each run reads them, and finds them unchanged."""
     pytest.importorskip("aiohttp")
     write_recordings(tmp_path / "logs", 2)
     with served(tmp_path / "logs") as (address, asked):
@@ -228,7 +228,7 @@ def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
     assert "FileNotFoundError" in table["error"][2]
 
 
-def test_recordings_are_read_from_a_store_that_tells_versions(tmp_path: Path) -> None:
+def test_recordings_are_read_from_a_store_with_versions(tmp_path: Path) -> None:
     """Those that are as they were are not read again; a folder with its metadata is one recording."""
     fsspec = pytest.importorskip("fsspec")
     store = fsspec.filesystem("memory")

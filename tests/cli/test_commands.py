@@ -1,4 +1,4 @@
-"""The command line as a user meets it: real processes, real files, exit codes and streams."""
+"""The command line, in real processes with real files: exit codes and streams."""
 
 import argparse
 import csv
@@ -135,7 +135,7 @@ def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch
         output_file(".csv")(str(tmp_path / "lost.csv"))
 
 
-def test_what_fails_beside_a_file_is_told_of_the_file(tmp_path: Path) -> None:
+def test_errors_of_a_temporary_file_name_the_target(tmp_path: Path) -> None:
     path = tmp_path / "out.csv"
     with pytest.raises(NotADirectoryError) as error, whole_file(path) as temporary:
         (temporary / "no folder").touch()
@@ -146,7 +146,7 @@ def test_what_fails_beside_a_file_is_told_of_the_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_of_recordings_of_their_own_is_not_taken_for_one_in_silence(tmp_path: Path) -> None:
+def test_a_folder_of_separate_recordings_is_not_silently_taken_for_one(tmp_path: Path) -> None:
     for name in ("one.mcap", "two.mcap"):
         write_waves(tmp_path / name, RATE_HZ)
     done = run("segment", tmp_path)
@@ -213,7 +213,7 @@ def test_input_that_cannot_be_used_is_one_line_and_1(command: str, tmp_path: Pat
     assert_one_line_error(run(command, "text.mcap", cwd=tmp_path), 1, "text.mcap", "not an MCAP file")
 
 
-def test_names_from_outside_cannot_steer_the_terminal(tmp_path: Path) -> None:
+def test_control_characters_in_names_are_escaped(tmp_path: Path) -> None:
     assert "\x1b" not in run("live", "\x1b[2Jgone.mcap", cwd=tmp_path).stderr
 
 
@@ -245,7 +245,7 @@ def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -
     assert run("live", "-", "--json", stdin=log.read_bytes()).stdout == done.stdout
 
 
-def test_live_for_people_is_a_line_per_change_one_when_settled_and_a_summary(log: Path) -> None:
+def test_live_text_has_a_line_per_change_one_when_settled_and_a_summary(log: Path) -> None:
     done = run("live", log)
     assert done.returncode == 0, done.stderr
     header, *changes = done.stdout.splitlines()
@@ -296,7 +296,7 @@ def test_segment_writes_every_tick_as_json_lines_and_a_table_to_stdout(log: Path
     assert not open_contacts or open_contacts.endswith(" s.")
 
 
-def test_truncated_input_gives_what_is_readable_and_3(truncated: Path, tmp_path: Path) -> None:
+def test_truncated_input_gives_the_readable_part_and_3(truncated: Path, tmp_path: Path) -> None:
     for arguments in (["live", truncated, "--json"], ["info", truncated]):
         done = run(*arguments)
         assert done.returncode == 3, done.stderr
@@ -307,7 +307,7 @@ def test_truncated_input_gives_what_is_readable_and_3(truncated: Path, tmp_path:
     assert (tmp_path / "out.csv").exists()
 
 
-def test_follow_waits_for_what_is_still_being_written(truncated: Path) -> None:
+def test_follow_waits_for_more_data(truncated: Path) -> None:
     rest = write_waves(truncated.with_name("whole.mcap"), 1000).read_bytes()[truncated.stat().st_size :]
     command = [*PROGRAM, "live", str(truncated), "--json", "--follow"]
     pipe = subprocess.PIPE
@@ -340,7 +340,7 @@ def test_an_output_that_cannot_be_replaced_is_refused_before_any_work(
     assert odd.is_fifo()
 
 
-def test_a_failed_write_leaves_what_was_there(log: Path, tmp_path: Path) -> None:
+def test_a_failed_write_keeps_the_existing_file(log: Path, tmp_path: Path) -> None:
     """The disk is full: file size is limited to 64 bytes."""
     target = tmp_path / "out.jsonl"
     target.write_text("precious")
@@ -411,7 +411,7 @@ def test_ctrl_c_is_130_with_a_summary(log: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_leaves_nothing_half_written(log: Path, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path, number: signal.Signals) -> None:
     command = [*PROGRAM, "segment", "-", "-o", str(tmp_path / "out.csv")]
     with subprocess.Popen(
         command,
@@ -476,7 +476,7 @@ def test_simulate_makes_the_same_recording_twice(tmp_path: Path) -> None:
     assert "vision_30hz" in run("simulate", "--list").stdout
 
 
-def test_evaluate_names_what_needs_a_choice_and_goes_on(log: Path, tmp_path: Path) -> None:
+def test_evaluate_names_ambiguous_recordings_and_goes_on(log: Path, tmp_path: Path) -> None:
     topics = [poses_topic(smooth_poses(60), name) for name in ("/left", "/right")]
     truth = Topic("/contact/truth", "std_msgs/msg/String", [(LOGS_START_NS, {"data": "free"})])
     two = write_log(tmp_path / "two.mcap", [*topics, truth])
@@ -527,7 +527,7 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
     assert (read(columns=True)[-1] == 0) == (start > 1.0)
 
 
-def test_live_says_that_another_source_shows_up(tmp_path: Path) -> None:
+def test_live_reports_a_late_source(tmp_path: Path) -> None:
     early, late = smooth_poses(900), smooth_poses(50, start_ns=LOGS_START_NS + 4 * 10**9)
     rows = [*poses_topic(early, frame="a").messages, *poses_topic(late, frame="b").messages]
     path = write_log(tmp_path / "x.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)])
@@ -566,7 +566,7 @@ RECORDING = ROOT / "recordings" / "vision_30hz.mcap"
 
 
 @pytest.mark.parametrize("json_lines", [False, True])
-def test_a_live_stream_carries_on_after_a_restart_byte_for_byte(tmp_path: Path, json_lines: bool) -> None:
+def test_a_live_stream_resumes_after_a_restart_byte_for_byte(tmp_path: Path, json_lines: bool) -> None:
     part, log, state = tmp_path / "part.mcap", tmp_path / "log.mcap", tmp_path / "s.state"
     poses = Poses.collect(open_log(str(RECORDING)))
     whole = write_log(log, [poses_topic(poses)], chunk_size=4096).read_bytes()
@@ -588,7 +588,7 @@ def test_a_live_stream_carries_on_after_a_restart_byte_for_byte(tmp_path: Path, 
     assert (again.stdout, again.returncode) == ("", 0)
 
 
-def test_a_terminated_live_stream_carries_on(tmp_path: Path) -> None:
+def test_a_terminated_live_stream_resumes(tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     command = [*PROGRAM, "live", str(RECORDING), "--json", "--rate", "5", "--state", str(state)]
     said = b""

@@ -1,4 +1,4 @@
-"""What makes the command line pleasant: help, completion, colours, verbosity, and outputs by their suffix."""
+"""Conveniences of the command line: help, completion, colours, verbosity, and outputs by suffix."""
 
 import json
 import os
@@ -41,7 +41,7 @@ def run(*arguments: object, stdin: bytes | None = None) -> "subprocess.Completed
 
 
 def on_a_terminal(*arguments: object, **environment: str) -> str:
-    """All that a terminal would get."""
+    """The output to a terminal."""
     pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
     controller, terminal = pty.openpty()
     termios.tcsetwinsize(terminal, (24, 100))
@@ -83,7 +83,7 @@ def test_a_shell_completes_commands_and_options() -> None:
     assert shell.stdout.split() == ["--topic", "segment"], shell.stderr
 
 
-def test_colours_are_for_terminals_and_for_those_who_want_them(log: Path, tmp_path: Path) -> None:
+def test_colours_are_used_on_terminals_only(log: Path, tmp_path: Path) -> None:
     absent = tmp_path / "absent.mcap"
     assert "\x1b[1;31merror:\x1b[0m" in on_a_terminal("info", absent)
     for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
@@ -99,7 +99,7 @@ def test_progress_has_a_total_where_it_is_known() -> None:
     assert "poses" not in on_a_terminal("segment", recording, "-q")
 
 
-def test_quiet_says_nothing_and_verbose_says_what_is_used(log: Path) -> None:
+def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> None:
     usual, quiet, verbose = (run("segment", log, *more) for more in ((), ("-q",), ("-v",)))
     assert usual.stdout == quiet.stdout == verbose.stdout
     assert len(quiet.stderr) < len(usual.stderr) < len(verbose.stderr)
@@ -135,7 +135,7 @@ def test_a_recording_for_foxglove_never_replaces_its_own_recording(log: Path, tm
     assert run("segment", log, "-o", tmp_path / "other.mcap", "--overwrite").returncode == 0
 
 
-def test_standard_input_gives_the_channels_of_ours_alone(log: Path, tmp_path: Path) -> None:
+def test_standard_input_gives_result_channels_alone(log: Path, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     done = run("segment", "-", "-o", tmp_path / "out.mcap", stdin=log.read_bytes())
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""The commands on logs that are no plain MCAP of poses: tables, chains of transforms, other bodies."""
+"""The commands on other inputs than MCAP with poses: tables, chains of transforms, other bodies."""
 
 import json
 from io import BytesIO
@@ -76,7 +76,7 @@ def test_a_table(tmp_path: Path, command: str) -> None:
     assert "300" in (done.stdout if command == "info" else done.stderr)
 
 
-def test_the_state_of_a_stream_along_a_chain_carries_on(tmp_path: Path) -> None:
+def test_the_state_of_a_composed_stream_is_resumed(tmp_path: Path) -> None:
     path, state = write_chain(tmp_path / "a.mcap"), tmp_path / "state"
     first = run("live", path, "--frame", "world->cup", "--state", state, "--json")
     assert first.returncode == 0, first.stderr
@@ -95,7 +95,7 @@ def test_only_mcap_is_followed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["info", "segment", "live"])
-def test_a_definition_that_was_assumed_is_said_in_one_line(tmp_path: Path, command: str) -> None:
+def test_an_assumed_definition_is_reported_in_one_line(tmp_path: Path, command: str) -> None:
     path = write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
     (tmp_path / "b.mcap").write_bytes(without_definitions(path))
     done = run(command, tmp_path / "b.mcap")
@@ -121,7 +121,7 @@ def without_definitions(path: Path) -> bytes:
     return out.getvalue()
 
 
-def test_what_does_not_move_is_taken_when_it_is_asked_for(tmp_path: Path) -> None:
+def test_static_transforms_are_used_if_selected(tmp_path: Path) -> None:
     rows = [(pose.stamp_ns, {"transforms": [transform(*pose, "world", "table")]}) for pose in POSES]
     path = write_log(tmp_path / "a.mcap", [Topic("/tf_static", "tf2_msgs/msg/TFMessage", rows)])
     done = run("segment", path)
@@ -148,7 +148,7 @@ def test_the_unit_of_times_in_a_table(tmp_path: Path, command: str) -> None:
     assert_one_line_error(run(command, path, "--time-unit", "min"), 2, "'min' is none of s, ms, us, ns")
 
 
-def test_info_says_why_no_pose_can_be_used(tmp_path: Path) -> None:
+def test_info_reports_why_no_pose_is_usable(tmp_path: Path) -> None:
     """As the commands that track do."""
     path = write_log(tmp_path / "a.mcap", [Topic("/a", "std_msgs/msg/String", [(1, {"data": "hello"})])])
     done = run("info", path)

@@ -57,7 +57,7 @@ def test_there_is_one_code_for_it() -> None:
 
 @pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])
 def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
-    """Also where numpy and scipy would make other errors of it."""
+    """Also where numpy and scipy would raise other errors."""
     for number in range(4, 1000, 61) if start is AS_A_MODULE else (4, 30, 112, 790):
         command = [sys.executable, "-c", AT_AN_IMPORT + start, "live", LOG, "--rate", "1"]
         environment = ENVIRONMENT | {"IMPORTS": str(number)}
@@ -116,7 +116,7 @@ def run_interruptible(program: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_an_interrupt_that_python_cannot_raise_comes_again() -> None:
+def test_an_interrupt_that_python_cannot_raise_is_repeated() -> None:
     program = """
 import signal, time
 from contact_tracker.interrupts import wait_for_imports
@@ -134,7 +134,7 @@ except KeyboardInterrupt:
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 
 
-def test_what_goes_wrong_after_an_interrupt_that_python_cannot_raise_is_silent() -> None:
+def test_errors_after_an_interrupt_that_python_cannot_raise_are_silent() -> None:
     program = """
 import signal, sys
 from contact_tracker.__main__ import main
@@ -154,7 +154,7 @@ sys.exit(main())
     assert (unharmed.returncode, "half a result" in unharmed.stderr) == (1, True)
 
 
-def test_what_an_interrupt_has_left_half_made_goes_in_silence() -> None:
+def test_incomplete_objects_after_an_interrupt_end_silently() -> None:
     program = """
 import signal
 from contact_tracker.interrupts import wait_for_imports

@@ -1,4 +1,4 @@
-"""A process that helps a command is killed, as when memory runs out: one line, exit code 1."""
+"""A killed worker process of a command, as when memory runs out: one line, exit code 1."""
 
 import os
 import signal
@@ -91,7 +91,7 @@ def test_helpers_end_with_the_process_that_started_them(arguments: list[str], tm
 
 
 def is_running(pid: int) -> bool:
-    """Whether a process is more than an entry that nobody has asked for."""
+    """Whether a process is running, and not a zombie."""
     try:
         return (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

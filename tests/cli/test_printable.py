@@ -1,4 +1,4 @@
-"""Whatever files, topics and frames are called: nothing of it steers the terminal; a message is a line."""
+"""Names of files, topics and frames: control characters are escaped, and a message is one line."""
 
 import os
 import subprocess
@@ -132,7 +132,7 @@ def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str],
     ],
     ids=lambda value: value[0],
 )
-def test_names_of_any_kind_are_shown_while_it_goes_on(arguments: list[str], folder: Path) -> None:
+def test_names_of_any_kind_are_shown_in_progress(arguments: list[str], folder: Path) -> None:
     """On a terminal, which progress and status move about on, but which no name does."""
     ours, theirs = os.openpty()
     termios.tcsetwinsize(theirs, (24, 200))
@@ -156,7 +156,7 @@ LOG_IT = "import logging; logging.getLogger('lib').warning('c\\x1b\\nd')"
 TAKE_OVER = "from contact_tracker.cli.terminal import take_over_warnings; take_over_warnings()"
 
 
-def test_what_libraries_warn_of_and_log_is_a_line_of_ours() -> None:
+def test_warnings_and_logs_of_libraries_are_one_line() -> None:
     program = "; ".join([TAKE_OVER, WARN, LOG_IT])
     done = subprocess.run([sys.executable, "-c", program], env=ENVIRONMENT, capture_output=True, text=True)
     assert done.stderr == (
@@ -164,6 +164,6 @@ def test_what_libraries_warn_of_and_log_is_a_line_of_ours() -> None:
     )
 
 
-def test_so_it_is_in_processes_that_help(capfd: pytest.CaptureFixture[str]) -> None:
+def test_warnings_in_worker_processes_are_one_line(capfd: pytest.CaptureFixture[str]) -> None:
     Runner(2, None, terminal.take_over_warnings)(warnings.warn, [("a\x1b",), ("a\x1b",)])
     assert capfd.readouterr().err == "contact-tracker: warning: UserWarning: a\\x1b\n" * 2

@@ -1,4 +1,4 @@
-"""No command writes onto what it reads, nor onto a recording unless it is told to."""
+"""No command overwrites its inputs, nor a recording without ``--overwrite``."""
 
 import io
 import os
@@ -29,7 +29,7 @@ KNOWN = '[object.mesh]\npath = "meshes/part.obj"\n[[environment.mesh]]\nname = "
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A recording, a folder of parts, a model and what is known, with meshes."""
+    """A recording, a folder of parts, a model and prior knowledge with meshes."""
     poses = smooth_poses()
     truth = Truth.from_changes([START_NS], ["free"], int(poses.stamp_ns[-1]))
     (tmp_path / "parts").mkdir()
@@ -86,7 +86,7 @@ READ = [
 @pytest.mark.parametrize("overwrite", [False, True], ids=["", "--overwrite"])
 @pytest.mark.parametrize("kind", ["symbolic", "hard"])
 @pytest.mark.parametrize(("read", "command", "output"), READ)
-def test_what_is_read_is_not_written(
+def test_inputs_are_not_overwritten(
     read: str,
     command: str,
     output: str,
@@ -112,7 +112,7 @@ def test_what_is_read_is_not_written(
         ("known.toml", "calibrate log.mcap --known known.toml -o known.toml"),
     ],
 )
-def test_nor_by_its_own_name(
+def test_inputs_are_not_overwritten_by_their_own_name(
     name: str, command: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if not Path(name).exists():
@@ -120,7 +120,7 @@ def test_nor_by_its_own_name(
     assert name in refusal(capsys, *command.split())
 
 
-def test_nor_what_standard_input_comes_from(
+def test_the_file_behind_standard_input_is_not_overwritten(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     os.rename("log.mcap", "in.jsonl")
@@ -129,7 +129,7 @@ def test_nor_what_standard_input_comes_from(
         assert "standard input" in refusal(capsys, *["segment", "-", "-o", "in.jsonl", "--overwrite"])
 
 
-def test_nor_a_shipped_model_that_is_asked_for_by_name(
+def test_a_shipped_model_is_not_overwritten(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     os.rename("model.toml", "mocap_200hz.toml")
@@ -147,7 +147,7 @@ WRITES = [
 
 
 def appears_at_the_end(monkeypatch: pytest.MonkeyPatch, happen) -> None:
-    """Have that happen when the output is complete, before it takes its place."""
+    """Call a function when the output is complete, before the rename."""
     real = atomic_file._finish
 
     def finish(*arguments) -> None:
@@ -210,7 +210,7 @@ def compressed(data: bytes) -> bytes:
     ids=["whole", "half", "magic", "compressed", "cut compressed", "second frame", "who knows"],
 )
 @pytest.mark.parametrize(("command", "output"), WRITES)
-def test_a_recording_is_replaced_only_when_told_to(
+def test_a_recording_is_replaced_only_with_overwrite(
     command: str, output: str, content, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Whatever its name is, and whether all of it is there."""
@@ -225,7 +225,7 @@ def test_a_recording_is_replaced_only_when_told_to(
 
 
 @pytest.mark.parametrize(("command", "output"), WRITES)
-def test_a_recording_is_replaced_when_told_to_and_other_results_always(
+def test_a_recording_is_replaced_with_overwrite_and_other_results_always(
     command: str, output: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = Path("log.mcap").read_bytes()

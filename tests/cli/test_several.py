@@ -45,7 +45,7 @@ def outputs(folder: Path, suffix: str = ".csv") -> dict[str, str]:
     return found
 
 
-def test_each_recording_has_what_it_has_alone(folder: Path) -> None:
+def test_each_recording_has_the_same_output_as_alone(folder: Path) -> None:
     done = segment(folder, "take1.mcap", "take2.mcap", "-o", "{}.csv")
     assert done.returncode == 0, done.stderr
     together = outputs(folder)
@@ -58,7 +58,7 @@ def test_each_recording_has_what_it_has_alone(folder: Path) -> None:
     assert shown == f"take1.mcap\n{alone[0]}take2.mcap\n{alone[1]}"
 
 
-def test_a_recording_that_cannot_be_read_costs_the_others_nothing(folder: Path) -> None:
+def test_an_unreadable_recording_does_not_affect_the_others(folder: Path) -> None:
     done = segment(folder, "nothing.mcap", "four.mcap", "take1.mcap", "-o", "{}.csv")
     assert done.returncode == 1
     assert "nothing.mcap: no such file" in done.stderr
@@ -86,7 +86,7 @@ def test_all_objects_of_a_recording(folder: Path) -> None:
         (["take1.mcap", "take2.mcap", "-o", "{}.mcap"], "it is the input take1.mcap"),
     ],
 )
-def test_what_cannot_be_done_is_wrong_usage(folder: Path, arguments: list[str], reason: str) -> None:
+def test_impossible_combinations_are_wrong_usage(folder: Path, arguments: list[str], reason: str) -> None:
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     done = segment(folder, *arguments)
     assert done.returncode == 2

@@ -1,4 +1,4 @@
-"""Models are read whole or refused with the key and the reason; nothing of a file is guessed."""
+"""Model files: complete, or refused with key and reason."""
 
 import os
 import time
@@ -123,7 +123,7 @@ def test_impacts_differ_in_time_and_in_how_well_things_fit():
     }
 
 
-def test_a_file_says_all_of_a_model(tmp_path):
+def test_a_file_defines_a_complete_model(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(toml(DEFAULT | {"name": "größer", "tick_s": 0.25}), encoding="utf-8")
     assert load_model(str(path)) == replace(load_model(), name="größer", tick_s=0.25)
@@ -136,7 +136,7 @@ def with_seen(table):
     return toml(DEFAULT | {"transitions": DEFAULT["transitions"] | {"counts": table}})
 
 
-def test_what_is_missing_in_a_table_of_contacts_was_not_seen(tmp_path):
+def test_missing_entries_in_a_table_of_contacts_are_zero(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(with_seen(SEEN))
     seen = load_model(str(path)).transitions.counts
@@ -207,7 +207,7 @@ def test_each_number_is_needed_typed_and_in_range(tmp_path, section, key):
         ("noise", "floor_position_m", 1e-200),
     ],
 )
-def test_what_cannot_work_is_out_of_range(tmp_path, section, key, value):
+def test_impossible_values_are_out_of_range(tmp_path, section, key, value):
     assert refused(tmp_path, toml(changed(section, key, value))).key.endswith(key)
 
 
@@ -315,7 +315,7 @@ def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
             np.testing.assert_allclose(a.log_likelihood, c.log_likelihood, atol=1e-6)
 
 
-def test_where_a_contact_that_may_be_off_touches_is_known_less_well():
+def test_contact_error_increases_the_uncertainty_of_the_geometry():
     state = state_after(simulate(Scenario((Phase(Contact.VF, 3.0),)), 0).poses, load_model())
     loose = state._replace(model=with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0)))
     plain, off = (label_geometry(one, Contact.VF).object.covariance.trace() for one in (state, loose))
@@ -333,7 +333,7 @@ def state_after(poses, model):
     return state
 
 
-def test_what_may_be_left_out_has_its_usual_value(tmp_path):
+def test_optional_keys_have_defaults(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(toml(changed(None, "poses_per_tick", None)))
     model = load_model(str(path))

@@ -275,7 +275,7 @@ def test_steps_keep_the_constraints(model, seed):
 @each_model
 @quick
 @given(seed=seeds)
-def test_batches_are_many_singles(model, seed):
+def test_batches_equal_single_ones(model, seed):
     rng = np.random.default_rng(seed)
     family, anchors = model.family, rng.normal(size=(3, 6))
     x = family.normalise(rng.normal(size=(3, family.SIZE)), anchors)
@@ -439,7 +439,7 @@ def test_starts_of_an_exact_motion_hold_the_truth(contact):
 
 
 @each_model
-def test_places_and_starts_of_batches_are_many_singles(model):
+def test_places_and_starts_of_batches_equal_single_ones(model):
     family, rng = model.family, np.random.default_rng(4)
     anchors = rng.normal(size=(2, 5, 6))
     placed = family.place(anchors)
@@ -483,7 +483,7 @@ def test_the_object_s_element_comes_first(model):
     assert isinstance(found.environment, kinds[second])
 
 
-def test_of_faces_the_height_on_either_is_open():
+def test_the_offset_of_touching_faces_is_unobservable():
     """Only their distance is known: each may lie anywhere within reach of the body."""
     rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.FF.column]
     root = rng.normal(size=(7, 7))
@@ -498,7 +498,7 @@ def test_of_faces_the_height_on_either_is_open():
 
 
 @each_model
-def test_as_many_poses_tell_the_geometry_as_have_a_residual_for_each_free_direction(model):
+def test_the_geometry_needs_a_residual_for_each_free_direction(model):
     free = model.family.tangent(random_x(model, np.random.default_rng(0)), np.zeros(6)).shape[-1]
     assert model.needed * model.family.ROWS == free
 

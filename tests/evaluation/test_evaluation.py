@@ -1,4 +1,4 @@
-"""Errors of geometry against what is known exactly, and the report that people and programs read."""
+"""Errors of geometry against exact values, and the text and JSON reports."""
 
 import json
 from dataclasses import replace
@@ -117,7 +117,7 @@ def scattered(kind: str, true: Element, place: Array, rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("kind", "fev")
-def test_deviations_of_an_honest_covariance_are_those_of_a_normal_variable(kind: str) -> None:
+def test_deviations_under_a_consistent_covariance_are_normal(kind: str) -> None:
     rng = np.random.default_rng(3)
     deviations = []
     for _ in range(1500):
@@ -258,7 +258,7 @@ def recorded(seed: int, right: float) -> tuple[Poses, Truth, Segmentation]:
 
 @settings(max_examples=20, deadline=None)
 @given(SEEDS, st.integers(1, 6))
-def test_what_comes_in_pieces_is_judged_as_one(seed: int, pieces: int) -> None:
+def test_scores_do_not_depend_on_how_the_segmentation_is_split(seed: int, pieces: int) -> None:
     poses, truth, whole = recorded(seed, 0.8)
     rng, judge = np.random.default_rng(seed), Judge(truth)
     read = seen = told = 0
@@ -281,13 +281,13 @@ def test_what_comes_in_pieces_is_judged_as_one(seed: int, pieces: int) -> None:
     assert once.geometry.found_segments == len(CONTACTS)
 
 
-def test_wrong_elements_in_the_truth_are_refused_before_anything_is_judged() -> None:
+def test_wrong_elements_in_the_truth_are_refused_before_scoring() -> None:
     truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, np.random.default_rng(0))),))
     with pytest.raises(NoTruth, match="not those of e-e"):
         Judge(truth)
 
 
-def test_online_is_judged_by_what_was_reported_in_time() -> None:
+def test_online_scores_use_the_beliefs_reported_in_time() -> None:
     result = evaluation(right=1.0)
     assert result.offline.accuracy() == pytest.approx(1.0)
     # each tick is reported with its last frame: until then the old label is in force, and none at first
@@ -309,7 +309,7 @@ def test_the_report_is_aligned_and_fits_in_100_columns() -> None:
         assert len({len(line) for line in block if line.strip()}) == 1
 
 
-def test_the_json_report_says_the_same_and_knows_no_nan() -> None:
+def test_the_json_report_has_the_same_values_without_nan() -> None:
     a, b = evaluation(1), evaluation(2)
     nothing = evaluate(wander(np.random.default_rng(0), 5), Truth(()), Segmentation())
     data = json.loads(Report({"a": a, "b": b, "nothing": nothing}).to_json(), parse_constant=pytest.fail)

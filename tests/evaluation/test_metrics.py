@@ -1,4 +1,4 @@
-"""The figures of evaluation: against sampling every millisecond, by hand, and by what must always hold."""
+"""Metrics of the evaluation: against sampling every millisecond, by hand, and by invariants."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -139,7 +139,7 @@ def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
         (("free", 2000), ("?", 50), ("free", 1000)),  # no change at all
     ],
 )
-def test_changes_that_are_not_judged(phases: tuple[tuple[str, int], ...]) -> None:
+def test_changes_that_are_not_scored(phases: tuple[tuple[str, int], ...]) -> None:
     assert scoring(frames(sum(ms for _, ms in phases)), make_truth(*phases)).changes == ()
 
 
@@ -155,7 +155,7 @@ def test_subsets_follow_the_motion() -> None:
     assert seconds[Subset.IDENTIFIABLE] == pytest.approx(1.5)
 
 
-def test_what_cannot_be_told_is_scored_apart() -> None:
+def test_indistinguishable_contacts_are_scored_separately() -> None:
     """f-f at rest, then moved; e-f in pure translation; free. Found: f-f, then free for good."""
     truth = make_truth(
         ("f-f", 1000), ("f-f", 1000), ("e-f", 1000), ("free", 1000),
@@ -206,7 +206,7 @@ def test_which_belief_holds_at_a_frame() -> None:
     assert tick_in_force(stamps, ticks).tolist() == [-1, 0, 0, 1, 1]
 
 
-def test_no_answer_is_wrong_and_knows_nothing() -> None:
+def test_missing_beliefs_count_as_wrong_and_uninformative() -> None:
     scored = scoring(frames(1000), make_truth(("f-f", 1000)))
     result = tally(scored, np.full(100, -1), np.zeros(0, np.int64), np.zeros((0, 7)))
     assert result.accuracy() == 0.0

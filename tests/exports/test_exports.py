@@ -1,4 +1,4 @@
-"""Every output of ``segment -o``, read back by a reader that is not ours and compared with what was found."""
+"""Every output of ``segment -o``, read back by another library and compared with the result."""
 
 import csv
 import html
@@ -123,7 +123,7 @@ def test_parquet_reads_back_with_polars_and_with_pyarrow(
 
 
 @pytest.mark.parametrize("rows", ["ticks", "segments"])
-def test_data_frames_of_both_libraries_are_alike_and_have_one_schema(
+def test_data_frames_of_both_libraries_are_equal_with_one_schema(
     result: contact_tracker.Result, poses: Poses, rows: Any
 ) -> None:
     pytest.importorskip("pandas")
@@ -140,7 +140,7 @@ def test_data_frames_of_both_libraries_are_alike_and_have_one_schema(
     assert list(free.to_pandas(rows).dtypes) == list(pandas_table.dtypes)
 
 
-def test_rows_of_json_have_the_same_keys_and_types_whatever_touches(
+def test_rows_of_json_have_the_same_keys_and_types_for_all_contacts(
     folder: Path, result: contact_tracker.Result
 ) -> None:
     """Polars reads all of them, and of the elements nothing gets lost."""
@@ -164,7 +164,7 @@ def shape(value: Any) -> Any:
     return [shape(item) for item in value] if isinstance(value, list) else type(value).__name__
 
 
-def test_the_one_form_of_elements_says_the_same_as_the_other() -> None:
+def test_both_forms_of_elements_are_equivalent() -> None:
     rng = np.random.default_rng(3)
     root = rng.normal(size=(6, 6)) * 1e-2
     covariance = root @ root.T
@@ -266,7 +266,7 @@ class Page(HTMLParser):
             self.text.append(data)
 
 
-def test_the_report_is_one_page_that_loads_nothing(folder: Path, result: contact_tracker.Result) -> None:
+def test_the_report_is_self_contained(folder: Path, result: contact_tracker.Result) -> None:
     page = Page()
     page.feed((folder / "out.html").read_text(encoding="utf-8"))
     assert page.loads == []
@@ -284,7 +284,7 @@ def test_the_report_is_one_page_that_loads_nothing(folder: Path, result: contact
         assert names[f"{segment.contact.value} from {start_s:.1f} s"] == (2 if segment.geometry else 0)
 
 
-def test_names_of_users_are_no_markup(poses: Poses, tmp_path: Path) -> None:
+def test_names_are_escaped_in_html(poses: Poses, tmp_path: Path) -> None:
     odd = "</script><b>odd"
     geometry = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0, name=odd))
     stamps = poses.stamp_ns[:100]
@@ -333,7 +333,7 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     assert len(result.plot(curves=False).axes) == 2
 
 
-def test_outputs_of_what_is_no_recording_have_what_is_known_of_it(poses: Poses, tmp_path: Path) -> None:
+def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses: Poses, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     few = poses[:400]
     stamps_s = (few.stamp_ns - few.stamp_ns[0]) * 1e-9
@@ -351,7 +351,7 @@ def test_outputs_of_what_is_no_recording_have_what_is_known_of_it(poses: Poses, 
         contact_tracker.segment(early).to_mcap(tmp_path / "early.mcap")
 
 
-def test_an_output_may_be_read_and_segmented_once_more(folder: Path, tmp_path: Path) -> None:
+def test_an_output_can_be_read_and_segmented_again(folder: Path, tmp_path: Path) -> None:
     """Its channels of ours are replaced, not doubled."""
     reader = pytest.importorskip("mcap.reader")
     again = contact_tracker.segment(folder / "out.mcap")
@@ -374,7 +374,7 @@ def test_an_output_may_be_read_and_segmented_once_more(folder: Path, tmp_path: P
     assert len(contact_tracker.read(tmp_path / "alone.mcap", topic="/contact/frames")) > 100
 
 
-def test_truth_and_metadata_are_handed_on(tmp_path: Path) -> None:
+def test_truth_and_metadata_are_copied(tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     made = recorded(FACE_TO_EDGE)
     write_recording(str(tmp_path / "in.mcap"), made.poses, made.truth, {"scenario": "x"})

@@ -1,4 +1,4 @@
-"""Evidence of a further contact: what the first one implies is none, whatever the units of a constraint."""
+"""Evidence of a further contact, without constraints that the first one implies, in any units."""
 
 from itertools import pairwise, product
 
@@ -12,7 +12,7 @@ from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
 from contact_tracker.formations.presence import AT_FIRST, most_probable
-from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio
+from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio
 from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
@@ -25,7 +25,7 @@ VARIANCE, EXCESS = (1e-8, 1e-6), (1e-4, 1e-2)
 
 
 def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
-    """Ticks that keep a contact but for noise, and its true x."""
+    """Noisy ticks in a contact, and its true x."""
     rng = np.random.default_rng(seed)
     motion = touching(contact, rng, TICKS)
     position = motion.position_m + rng.normal(0.0, np.sqrt(VARIANCE[0]), (TICKS, 3))
@@ -37,7 +37,7 @@ def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_a_contact_beside_itself_tells_nothing(contact: Contact) -> None:
+def test_a_repeated_contact_has_no_evidence(contact: Contact) -> None:
     window, x = kept(contact, 1)
     c = coefficients(CONTACT_MODELS[contact.column], x)
     motion = ConditionalMotion.of(window, SCALES)
@@ -81,7 +81,7 @@ def test_without_a_contact_before_it_is_the_evidence_against_free_motion(contact
     np.testing.assert_allclose(found.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
 
 
-def test_lasting_errors_count_only_what_is_new_in_each_tick() -> None:
+def test_of_correlated_errors_only_the_innovation_of_each_tick_counts() -> None:
     window, x = kept(Contact.VF, 4)
     c = coefficients(CONTACT_MODELS[Contact.VF.column], x)
     scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1, correlation=0.9)
@@ -101,14 +101,14 @@ def test_constraints_are_counted_once(contact: Contact, seed: int) -> None:
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_the_relaxed_problem_sees_a_contact_until_it_is_known(contact: Contact) -> None:
+def test_the_relaxed_problem_indicates_only_unknown_contacts(contact: Contact) -> None:
     window, x = kept(contact, 5)
     motion = ConditionalMotion.of(window, SCALES)
     known = motion.keeping(coefficients(CONTACT_MODELS[contact.column], x))
     before = max(relaxed_ratio(moments(model, motion)) for model in RELAXED)
     after = max(relaxed_ratio(moments(model, known)) for model in RELAXED)
     assert before > 100.0
-    assert after < LEAST_RATIO
+    assert after < MIN_RATIO
 
 
 @given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=8), st.floats(0.01, 0.6))

@@ -79,7 +79,7 @@ def test_a_vertex_on_the_wall_is_found_with_its_elements(name: str, label: Conta
 
 
 @needs_kernels
-def test_given_the_table_an_edge_on_the_wall_is_as_well_a_vertex() -> None:
+def test_with_a_table_an_edge_and_a_vertex_on_the_wall_are_indistinguishable() -> None:
     further = only_further("face_and_edge")
     assert Contact.EF in (further.contact, *further.inseparable)
     assert Contact.VF in (further.contact, *further.inseparable)
@@ -88,7 +88,7 @@ def test_given_the_table_an_edge_on_the_wall_is_as_well_a_vertex() -> None:
 
 
 @needs_kernels
-def test_a_further_contact_joins_and_leaves() -> None:
+def test_a_further_contact_begins_and_ends() -> None:
     name = "wall_in_between"
     further, result = only_further(name), found(name)
     (true,) = made(name).truth.intervals[0].further
@@ -104,7 +104,7 @@ def test_a_further_contact_joins_and_leaves() -> None:
 
 @needs_kernels
 @pytest.mark.parametrize("contact", [Contact.FF, Contact.EF, Contact.VF, Contact.EE])
-def test_nothing_is_found_beside_a_single_contact(contact: Contact) -> None:
+def test_a_single_contact_has_no_further_ones(contact: Contact) -> None:
     """Two vertices on the table are one edge, three a face."""
     poses = simulate(Scenario((Phase(contact, 12.0),)), 1).poses
     result = adaptation.segment(poses, load_model())
@@ -114,7 +114,7 @@ def test_nothing_is_found_beside_a_single_contact(contact: Contact) -> None:
 
 
 @needs_kernels
-def test_online_it_is_told_while_it_holds() -> None:
+def test_a_further_contact_is_reported_online_while_it_holds() -> None:
     _, beliefs = online("wall_in_between")
     (true,) = made("wall_in_between").truth.intervals[0].further
     reporting = [belief for belief in beliefs if belief.further]
@@ -127,7 +127,7 @@ def test_online_it_is_told_while_it_holds() -> None:
 
 
 @needs_kernels
-def test_a_saved_stream_goes_on_with_its_formation(tmp_path) -> None:
+def test_a_saved_stream_resumes_with_its_formation(tmp_path) -> None:
     poses = made("vertex_and_vertex").poses
     state, said = adaptation.advance(adaptation.start(load_model()), poses[:3600])
     assert said[-1].further
@@ -152,7 +152,7 @@ def test_beliefs_keep_their_formations_through_columns() -> None:
     assert [len(belief.contacts_json) for belief in kept] == [1, 2, 2, 1]
 
 
-def test_a_label_that_leaves_constraints_unnamed_is_not_sure() -> None:
+def test_a_label_with_unexplained_constraints_is_not_certain() -> None:
     sure = np.array([0.97, 0.01, 0.01, 0.0, 0.0, 0.0, 0.01])
     capped = ambiguity.at_most(sure, Contact.FF)
     assert capped[0] == pytest.approx(0.9)

@@ -1,4 +1,4 @@
-"""Sound inputs of every kind, from which the others are made."""
+"""Valid inputs of every kind, from which the mutations are made."""
 
 import struct
 from functools import cache

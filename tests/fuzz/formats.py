@@ -1,4 +1,4 @@
-"""Sound recordings of other formats than plain MCAP of ROS 2: bags, tables, exports, other definitions."""
+"""Valid recordings of other formats than MCAP of ROS 2: bags, tables, exports, other definitions."""
 
 import sqlite3
 import struct

@@ -1,4 +1,4 @@
-"""Inputs that are not as they should be, made from sound ones: bytes, MCAP records, text and poses."""
+"""Invalid inputs by mutation of valid ones: bytes, MCAP records, text and poses."""
 
 import random
 import struct
@@ -18,7 +18,7 @@ _HEAD = struct.Struct("<BQ")
 
 
 def bytes_of(data: bytes, rng: random.Random) -> bytes:
-    """Some bytes other, missing, twice, or cut off."""
+    """Some bytes changed, removed, duplicated, or truncated."""
     changed = bytearray(data)
     for _ in range(rng.choice([1, 1, 2, 5, 30])):
         if not changed:
@@ -45,7 +45,7 @@ def bytes_of(data: bytes, rng: random.Random) -> bytes:
 
 
 def records_of(data: bytes, rng: random.Random) -> bytes:
-    """An MCAP file whose records, also those in a chunk, are other, elsewhere, missing or twice."""
+    """An MCAP file with records changed, moved, removed or duplicated, also within chunks."""
     head, body = data[:8], data[8:]
     records = _split(body)
     if not records:
@@ -87,7 +87,7 @@ def _split(body: bytes) -> list[tuple[int, bytes]]:
 
 
 def _chunk_of(payload: bytes, rng: random.Random) -> bytes:
-    """A chunk whose records are changed, with the sizes that it then has, or claims of others."""
+    """A chunk with changed records, with its true or with wrong sizes."""
     try:
         begin, end, size, _, length = struct.unpack_from("<QQQII", payload)
         compression = payload[32 : 32 + length]
@@ -104,7 +104,7 @@ def _chunk_of(payload: bytes, rng: random.Random) -> bytes:
 
 
 def text_of(data: bytes, rng: random.Random) -> bytes:
-    """A TOML or text file with lines missing, twice or elsewhere, and odd values."""
+    """A TOML or text file with lines removed, duplicated or moved, and odd values."""
     if rng.random() < 0.3:
         return bytes_of(data, rng)
     lines = data.split(b"\n")

@@ -1,12 +1,12 @@
-"""Attack the package with inputs that are not as they should be, for so long.
+"""Fuzz the package with invalid inputs for a given time.
 
     python tests/fuzz/run.py --seconds 60
     python tests/fuzz/run.py --seconds 36000 --seed 7 --processes 2 --keep found/
     python tests/fuzz/run.py --target mesh --case 1234567
 
-Each case has a number, from which its input follows; one that breaks a promise is named and kept, and the
-exit code is 1. Promises: errors of ours in one line, the documented exit codes, nothing on the terminal that
-others wrote, probabilities that are distributions, and at most 5 s of CPU time and 300 MB a case.
+Each case has a number that determines its input; one that violates a property is reported and kept, and the
+exit code is 1. Properties: errors of the package in one line, the documented exit codes, no other output on
+the terminal, valid probabilities, and at most 5 s of CPU time and 300 MB a case.
 """
 
 import argparse
@@ -34,7 +34,7 @@ STEP = 1_000_003
 
 
 def attack(name: str, case: int, folder: Path) -> str | None:
-    """One case; what broke, if something did."""
+    """Run one case; returns the violation, if any."""
     target, rng = TARGETS[name], random.Random(f"{name} {case}")
     path = folder / f"{name}{target.suffix}"
     path.write_bytes(target.make(rng))

@@ -1,4 +1,4 @@
-"""What is attacked: each takes one input, and raises ``Violation`` where a promise is broken."""
+"""Fuzz targets: each takes one input, and raises ``Violation`` if a property is violated."""
 
 import io
 import json
@@ -30,7 +30,7 @@ RECORDING = corpus.ROOT / "recordings" / "vision_30hz.mcap"
 
 
 class Violation(Exception):
-    """A promise is broken."""
+    """A property is violated."""
 
 
 class Target(NamedTuple):
@@ -121,7 +121,7 @@ def _state(path: Path, _: random.Random) -> None:
 
 
 def _quietly(call: Callable[[], object]) -> None:
-    """Call, which may be refused in one line, and says nothing else."""
+    """A call that may raise a one-line error of the package, without other output."""
     said = io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said):
@@ -134,7 +134,7 @@ def _quietly(call: Callable[[], object]) -> None:
 
 
 def _stream(path: Path, rng: random.Random) -> None:
-    """Poses as they come go through the gate; as they are they are refused or are sound."""
+    """Poses through the gate; without it they are refused or valid."""
     seed = int.from_bytes(path.read_bytes(), "little")
     poses = mutations.poses_of(rng.choice(corpus.streams()), random.Random(seed))
     model = load_model()

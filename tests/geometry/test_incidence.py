@@ -1,4 +1,4 @@
-"""Elements that share points with those met before: what they may be, and how they are recognised."""
+"""Elements incident with known ones: their prior, and their recognition."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def elements_at(rng, place):
 
 
 def cost(kind, known, element, body_m):
-    """Half the squared distance of an object's element from what is known of it."""
+    """Half the squared distance of an object's element from its prior."""
     model = CONTACT_MODELS[WITH[kind].column]
     anchors = np.tile(body_m, 2)
     prior, (pivot,) = prior_given(model, [(known, None)])
@@ -84,7 +84,7 @@ def moved_off(element, from_element, rng):
 
 
 def scene(step, seed):
-    """An element that was met, and one of another kind that shares its points, with where the body is."""
+    """A known element, and an incident one of another kind, with the position of the body."""
     rng = np.random.default_rng(seed)
     place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
     met, kind = elements_at(rng, place)[step[0]], step[2]
@@ -95,7 +95,7 @@ def scene(step, seed):
 @quickly
 @example(seed=57594)
 @given(seed=seeds)
-def test_what_shares_points_costs_little_and_what_does_not_much(step, seed):
+def test_incident_elements_cost_little_and_others_much(step, seed):
     rng, body_m, met, kind, element = scene(step, seed)
     known = incident(met, kind, body_m)
     assert cost(kind, known, element, body_m) < 3.0  # places are an open matter, directions are of length one
@@ -121,7 +121,7 @@ def elements_at_beside(met, kind, rng, place):
 @steps
 @quickly
 @given(seed=seeds)
-def test_it_is_the_same_whatever_the_axes_are(step, seed):
+def test_the_cost_does_not_depend_on_the_axes(step, seed):
     rng, body_m, met, kind, element = scene(step, seed)
     turn, shift = Rotation.random(random_state=rng).as_matrix(), 100.0 * rng.normal(size=3)
     off = moved_off(element, met, rng)
@@ -152,7 +152,7 @@ def test_it_is_the_same_whatever_the_axes_are(step, seed):
         )
 
 
-def test_an_edge_through_the_vertex_that_was_met_is_recognised_sooner():
+def test_an_edge_through_a_known_vertex_is_recognised_sooner():
     """A vertex on a face, then an edge of it: all that is new is a turn in the face."""
     recording = simulate(Scenario((Phase(Contact.VF, 5.0), Phase(Contact.EF, 3.0))), 4)
     change_ns = next(i.start_ns for i in recording.truth.intervals if i.contact is Contact.EF)
@@ -171,7 +171,7 @@ def test_an_edge_through_the_vertex_that_was_met_is_recognised_sooner():
 
 @pytest.mark.parametrize("kind", ["e", "v"])
 @pytest.mark.parametrize("turns", [(0.0, 0.0), (1e-4, 0.0), (1e-4, 1e-14)])
-def test_a_face_that_can_turn_only_about_one_axis_or_none_tells_of_its_neighbours(kind, turns):
+def test_a_face_with_restricted_rotation_informs_about_its_neighbours(kind, turns):
     face = Plane(np.array([0.0, 0.0, 1.0]), 0.2, np.diag([*turns, 0.0, 1e-6]))
     out = np.diagonal(incident(face, kind, np.zeros(3)).covariance)[-1]
     assert out == pytest.approx(1e-6 + 0.5 * sum(turns) * (0.5 * LENGTH_M) ** 2)

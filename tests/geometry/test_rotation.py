@@ -1,4 +1,4 @@
-"""Quaternions in a few array operations are those of the library of rotations."""
+"""Operations on quaternion arrays, against scipy's rotations."""
 
 import numpy as np
 import pytest

@@ -75,7 +75,7 @@ def test_the_filter_is_the_smoother_that_has_no_future(seed):
 
 @many
 @given(seed=seeds)
-def test_what_speaks_for_all_alike_changes_nothing(seed):
+def test_a_common_likelihood_factor_changes_nothing(seed):
     """Data that every hypothesis explains by c_t nats more shifts the evidence, and nothing else."""
     case = Case(seed)
     posterior, log_evidence = hmm.smooth(case.trellis, *case.model)
@@ -90,7 +90,7 @@ def test_what_speaks_for_all_alike_changes_nothing(seed):
 
 @many
 @given(seed=seeds)
-def test_numbers_of_hypotheses_and_states_are_only_names(seed):
+def test_results_do_not_depend_on_the_order_of_hypotheses_and_states(seed):
     case, rng = Case(seed), np.random.default_rng(seed)
     posterior, log_evidence = hmm.smooth(case.trellis, *case.model)
     path = hmm.viterbi(case.trellis, *case.model)
@@ -151,7 +151,7 @@ def test_weights_of_a_long_recording_neither_overflow_nor_vanish():
     assert np.abs(changes.sum(axis=(1, 2)) - unshifted_changes.sum(axis=(1, 2))).max() < 1e-5
 
 
-def test_what_was_not_alive_at_its_onset_has_no_way_in():
+def test_hypotheses_absent_at_their_onset_have_no_origin():
     """The first hypothesis would be by far the best, and shows up a tick after its onset."""
     trellis = hmm.Trellis(
         np.array([0, 1, 1]),

@@ -1,4 +1,4 @@
-"""Fixed lag: what hypotheses carry of the last ticks is the sum over all paths of the chain."""
+"""Fixed lag: the history of hypotheses equals the sum over all paths of the chain."""
 
 from itertools import product
 
@@ -59,7 +59,7 @@ def test_without_hypotheses_there_is_no_past() -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_weights_may_be_as_far_apart_as_they_like() -> None:
-    """What is hopeless counts for nothing, also where its weight is no number any more."""
+    """Hypotheses of negligible weight do not count, also if it underflows."""
     past = np.eye(STATES)[:, None]
     log_left, even = np.array([-2000.0, 0.0, -4000.0]), np.zeros((STATES, STATES))
     np.testing.assert_array_equal(fixed_lag.inherited(past, log_left, even), past[[1, 1, 1]])

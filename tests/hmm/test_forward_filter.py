@@ -1,4 +1,4 @@
-"""Viterbi and smoothing while ticks come in, against the whole; and what never comes to an end."""
+"""Online Viterbi and smoothing, against the whole recording; and endless streams."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def whole(trellis, log_initial, log_transition):
 
 
 def pruned(trellis, log_initial, log_transition, margin=20.0):
-    """Without what is hopeless, as the tracker leaves it out."""
+    """Without negligible hypotheses, as in the tracker."""
     forward, hopeless = hmm.ForwardFilter(log_initial), np.zeros(len(trellis.state), bool)
     alive, value = [], []
     for b, (before, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True)):
@@ -76,7 +76,7 @@ def test_pieces_of_any_trellis_are_the_whole(seed, every):
 
 
 @pytest.mark.parametrize("blur", [0.5, 2.0])
-def test_pieces_of_a_recording_are_the_whole_and_are_told_soon(blur):
+def test_pieces_of_a_recording_are_the_whole_and_are_released_soon(blur):
     rng = np.random.default_rng(7)
     model, exposure = some_model(rng), rng.uniform(0.02, 1.0, 150)
     chain = log_initial(model), np.array([tick_transitions(model, e).log_transition for e in exposure])
@@ -169,7 +169,7 @@ def hours(ticks, evidence, rng, states=3):
 
 
 @pytest.mark.parametrize(("evidence", "certain"), [((0.5, -0.5), True), ((0.0, 0.0), False)])
-def test_what_is_alive_and_the_digits_stay_bounded_for_hours(evidence, certain):
+def test_hypotheses_and_rounding_stay_bounded_for_hours(evidence, certain):
     """One contact for a long time; and rest, in which nothing can be told: then all of it stays open."""
     rng, ticks = np.random.default_rng(1), 4000
     change = np.log(np.full((3, 3), 0.01))
@@ -192,8 +192,8 @@ def test_what_is_alive_and_the_digits_stay_bounded_for_hours(evidence, certain):
 
 
 @pytest.mark.filterwarnings("error")
-def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
-    """A weight that can just be told from zero, and is divided by more than one."""
+def test_the_smallest_weights_stay_finite():
+    """A weight that is barely above zero, and is divided by more than one."""
     change = np.log(np.array([[0.9, 0.1], [0.1, 0.9]]))
     for behind in np.arange(-747.0, -738.0, 0.05):
         forward = hmm.ForwardFilter(np.log([0.5, 0.5]))
@@ -205,7 +205,7 @@ def test_what_is_as_unlikely_as_numbers_go_is_alive_or_gone():
         assert frontier.probability.sum() == pytest.approx(1.0)
 
 
-def test_what_has_not_begun_is_refused():
+def test_hypotheses_without_onset_are_refused():
     forward, one, none, change = (
         hmm.ForwardFilter(np.zeros(2)),
         np.zeros(1, np.int64),
@@ -223,7 +223,7 @@ def test_what_has_not_begun_is_refused():
         forward.advance(one, one + 1, none + np.nan, change)
 
 
-def test_what_has_no_way_in_came_from_nowhere():
+def test_states_without_predecessor_have_no_origin():
     """Nothing comes before the first tick, and a state to which no path leads has no best one."""
     forward, only = hmm.ForwardFilter(np.log([0.5, 0.25, 0.25])), np.full((3, 3), -np.inf)
     step = forward.advance(np.array([0, 1]), np.zeros(2, int), np.zeros(2), only)
@@ -263,12 +263,12 @@ def test_many_onsets_may_stay_open():
     assert_smoothed(5, [np.arange(tick + 1) for tick in range(60)], drop_at=50, dropped=20)
 
 
-def test_a_row_that_is_given_back_serves_another_onset():
+def test_a_released_row_is_reused_for_another_onset():
     """Sixteen onsets fill the smoother's rows; one that is over by the end takes the row of the newest."""
     assert_smoothed(6, [*(np.arange(tick + 1) for tick in range(16)), np.arange(1, 17)])
 
 
-def test_what_rounding_takes_from_a_posterior_is_given_back():
+def test_posteriors_are_renormalised_after_rounding():
     past, frontier = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
     for chance in (0.0, 0.9):  # instead of one
         way = np.array([0]), np.array([1]), np.array([1.0])
@@ -276,6 +276,6 @@ def test_what_rounding_takes_from_a_posterior_is_given_back():
     np.testing.assert_allclose(past.posterior(frontier), [[0.0, 1.0], [1.0, 0.0]], atol=1e-12)
 
 
-def test_weights_of_what_is_alive_may_have_any_factor():
+def test_weights_may_have_any_common_factor():
     frontier = hmm.FilterFrontier(*map(np.array, ([0, 1], [0, 1], [-2000.0, -2000.0], [0.0, 0.0], [0, 0])))
     np.testing.assert_allclose(frontier.probability, [0.5, 0.5])

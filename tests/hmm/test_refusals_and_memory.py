@@ -1,4 +1,4 @@
-"""What the forward filter refuses, and what open ticks are said to hold."""
+"""Invalid input of the forward filter, and the memory of open ticks."""
 
 import numpy as np
 import pytest
@@ -33,8 +33,8 @@ def message(ways: int) -> ForwardMessage:
     )
 
 
-def test_open_ticks_count_what_they_hold_and_what_they_forget() -> None:
-    """By it the smoother decides when to conclude early, so that memory stays bounded."""
+def test_open_ticks_count_kept_and_released_rows() -> None:
+    """The smoother uses it to release ticks early, so that memory stays bounded."""
     ticks = OpenTicks()
     assert ticks.size == 0
     sizes = []

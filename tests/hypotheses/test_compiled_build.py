@@ -1,4 +1,4 @@
-"""Whether kernels are there, and what is done where they are not."""
+"""Presence of the compiled kernels, and the behaviour without them."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ RECORDING = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
 
 
 def said(program, **environment):
-    """What a program prints in a fresh interpreter."""
+    """The output of a program in a fresh interpreter."""
     found = subprocess.run(
         [sys.executable, "-c", program],
         env=os.environ | environment,
@@ -55,7 +55,7 @@ def test_kernels_are_built_where_there_is_a_compiler():
     assert compiled.fault() == ""
 
 
-def test_without_kernels_it_says_so(monkeypatch):
+def test_missing_kernels_are_reported(monkeypatch):
     monkeypatch.delenv(compiled.SWITCH, raising=False)
     monkeypatch.setattr(compiled, "find_spec", lambda name: None)
     monkeypatch.setattr(compiled, "fault", compiled.fault.__wrapped__)
@@ -80,13 +80,13 @@ def test_the_command_line_says_in_one_line_that_it_is_slow(tmp_path):
     assert "Traceback" not in found.stderr
 
 
-def test_a_folder_of_the_same_name_beside_an_installed_package_is_another_ones(tmp_path, monkeypatch):
+def test_an_unrelated_folder_of_the_same_name_is_ignored(tmp_path, monkeypatch):
     (tmp_path / "__init__.py").write_text("")
     monkeypatch.setattr(compiled, "SOURCES", tmp_path)
     assert compiled.fault.__wrapped__() == compiled.fault()
 
 
-def test_kernels_of_other_sources_are_done_without(tmp_path, monkeypatch):
+def test_kernels_of_other_sources_are_not_used(tmp_path, monkeypatch):
     """Of a work tree that has moved on since it was installed."""
     (tmp_path / "python").mkdir()
     (tmp_path / "CMakeLists.txt").write_text("")
@@ -100,7 +100,7 @@ def test_kernels_of_other_sources_are_done_without(tmp_path, monkeypatch):
     assert compiled.described() == f"numpy: {fault}"
 
 
-def test_kernels_that_cannot_be_loaded_are_done_without(monkeypatch):
+def test_kernels_that_cannot_be_loaded_are_not_used(monkeypatch):
     def broken(name):
         raise ImportError("another\nPython")
 

@@ -1,4 +1,4 @@
-"""Curved contacts: residuals vanish where they touch, and evidence is that of true contact only."""
+"""Curved contacts: residuals vanish in contact, and only true contact has evidence."""
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_free_motion_has_none(seed):
     assert curved_evidence(window_of("free", seed, 4.0), SCALES) < -100.0
 
 
-def test_rest_says_nothing():
+def test_rest_has_no_evidence():
     rest = lifted_pose.lift(np.eye(3)[None].repeat(60, axis=0), np.zeros((60, 3)))
     rows = np.ones((60, 1))
     window = Window(np.arange(60), rest, rows * VARIANCE, 0.0 * rows * EXCESS)

@@ -1,4 +1,4 @@
-"""Known elements as priors: the mean fulfils the contact, the information is how exactly they are known."""
+"""Known elements as priors: the mean satisfies the contact, the information is that of their accuracy."""
 
 from dataclasses import replace
 from functools import cache
@@ -54,8 +54,8 @@ def test_true_elements_keep_their_contact(model):
 
 
 @pytest.mark.parametrize("side", ["object", "environment"])
-def test_a_known_face_tells_where_the_other_one_looks(side):
-    """Whichever way the normals of the best hypothesis so far look, to which that is all the same."""
+def test_a_known_face_determines_the_normal_of_the_other(side):
+    """For either sign of the normals of the best hypothesis, which does not depend on it."""
     model, (poses, *elements) = CONTACT_MODELS[Contact.FF.column], touching(Contact.FF)
     both, _ = prior(model)
     reversed_ = both.mean.copy()
@@ -126,7 +126,7 @@ def knowledge(**changes):
     return PriorMap(**({"object": tuple(corners), "environment": (table,)} | changes))
 
 
-def test_a_line_told_the_other_way_is_known_as_exactly():
+def test_a_reversed_line_is_known_as_exactly():
     """Its direction and its point may be off together: that changes its sign with the direction."""
     rng = np.random.default_rng(0)
     point_m = np.array([0.3, 0.0, -0.2])
@@ -155,7 +155,7 @@ def test_shares_of_all_pairs_add_up_to_one_or_none_is_possible(complete):
         assert len({pair.touching for pair in pairs}) == len(pairs)
 
 
-def test_what_is_known_touches_as_often_as_what_is_not():
+def test_known_and_unknown_elements_are_equally_likely():
     (v_f,) = (model for model in CONTACT_MODELS if model.contact.value == "v-f")
     pairs = element_pairs(knowledge(), v_f)
     assert len(pairs) == 5 * 2
@@ -220,7 +220,7 @@ def test_lines_of_the_surroundings_move_to_their_feet_as_their_elements_do(model
 
 
 @each_contact
-def test_what_begins_hangs_on_where_the_body_is_only_by_an_edge_of_the_surroundings(model):
+def test_births_depend_on_the_bodys_position_only_by_an_edge_of_the_surroundings(model):
     _, ours, theirs = touching(model.contact)
     known = PriorMap(environment=(NamedElement("theirs", theirs),), object=(NamedElement("ours", ours),))
     frames = (Frame.around(np.zeros(3), place_m) for place_m in np.diag([1.0, 2.0]) @ np.ones((2, 3)))

@@ -37,7 +37,7 @@ def window(rng, model, ticks=12):
 @each_model
 @given(seed=seeds, first=st.integers(1, 10))
 @settings(max_examples=10, deadline=None)
-def test_a_window_that_moves_on_loses_none_of_what_it_said(model, seed, first):
+def test_the_evidence_of_a_moving_window_is_kept(model, seed, first):
     seen, x = window(np.random.default_rng(seed), model)
     certain = np.array([True, False, True])
     whole = evidence.log_ratio(model, x, seen, SCALES, certain).log_ratio
@@ -81,7 +81,7 @@ def test_a_window_that_grows_tick_by_tick_is_the_one_of_all_ticks(model, seed, m
         np.testing.assert_array_equal(getattr(noisier, name), getattr(grown, name))
 
 
-def test_between_ticks_that_are_not_neighbours_nothing_is_known_of_the_way():
+def test_the_motion_between_distant_ticks_is_unknown():
     seen, _ = window(np.random.default_rng(6), CONTACT_MODELS[0])
     some = seen.pick(np.array([2, 3, 7, 8]))
     np.testing.assert_array_equal(some.travel[[0, 2]], 0.0)
@@ -123,7 +123,7 @@ def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
 
 @each_model
 @pytest.mark.parametrize("cut", [0, 3])
-def test_errors_that_last_leave_of_a_residual_what_is_new(model, cut):
+def test_of_correlated_errors_only_the_innovation_counts(model, cut):
     """A hypothesis that begins in the window has no residual before; nor has the first tick of all."""
     rho = 0.6
     whole, x = window(np.random.default_rng(8), model)
@@ -167,8 +167,8 @@ def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
 
 
 @each_model
-def test_at_rest_a_tick_says_nothing(model):
-    """However well or badly the hypothesis fits, and wherever it touches."""
+def test_a_tick_at_rest_has_no_evidence(model):
+    """For any fit of the hypothesis, and any touching point."""
     seen, x = window(np.random.default_rng(1), model)
     still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.innovation_excess))
     np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
@@ -178,7 +178,7 @@ def test_at_rest_a_tick_says_nothing(model):
 
 
 class Fitted:
-    """One hypothesis fitted to ticks in contact, and what its first tick alone would have told."""
+    """One hypothesis fitted to ticks in contact, and the information of its first tick alone."""
 
     def __init__(self, model, seed, ticks=80, sigma=1e-3):
         rng = np.random.default_rng(seed)
@@ -215,7 +215,7 @@ class Fitted:
         return float(self.prior.cost(self.x)[0])
 
     def price(self, hessian, given, foretold=0.0):
-        """Of rows' information (1, K, P, P), of which a share was foretold."""
+        """The complexity for rows' information (1, K, P, P), of which a share was predicted."""
         unit = np.full((1, self.family.ROWS), foretold)
         fitted = self.family, self.x, self.x, self.anchors
         return evidence.complexity(*fitted, hessian, given, unit, self.prior)[0]
@@ -223,7 +223,7 @@ class Fitted:
 
 @each_model
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_price_is_what_the_integral_over_geometry_loses(model, seed):
+def test_the_complexity_is_that_of_the_integral_over_geometry(model, seed):
     """Laplace against importance sampling: the mean likelihood under the prior, not the greatest one."""
     one, rng = Fitted(model, seed), np.random.default_rng(seed)
     family, size = model.family, 20_000
@@ -243,7 +243,7 @@ def test_the_price_is_what_the_integral_over_geometry_loses(model, seed):
 
 
 @each_model
-def test_what_the_first_tick_gives_is_free(model):
+def test_the_information_of_the_first_tick_is_free(model):
     one = Fitted(model, 2)
     nothing = np.zeros_like(one.first)
     row_by_row = np.concatenate([one.first[:, None], np.zeros_like(one.hessian[:, 1:])], axis=1)
@@ -252,8 +252,8 @@ def test_what_the_first_tick_gives_is_free(model):
 
 
 @each_model
-def test_what_was_foretold_is_cheaper(model):
-    """All of it foretold, learning it again is worth half the logarithm of two per direction, at most."""
+def test_predicted_information_reduces_the_complexity(model):
+    """If all of it is predicted, the complexity is at most half the logarithm of two per direction."""
     one = Fitted(model, 4)
     nothing = np.zeros_like(one.first)
     prices = [one.price(one.hessian, nothing, foretold) for foretold in (0.0, 1e-3, 0.1, 1.0)]
@@ -262,7 +262,7 @@ def test_what_was_foretold_is_cheaper(model):
 
 
 @each_model
-def test_the_price_grows_with_what_is_learnt_and_ever_more_slowly(model):
+def test_the_complexity_grows_ever_more_slowly_with_information(model):
     one = Fitted(model, 3)
     prices = [one.price(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)]
     assert prices[0] == pytest.approx(one.pull)

@@ -234,7 +234,7 @@ def test_too_little_motion_gives_a_finite_fit(model, poses):
 
 
 @each_model
-def test_no_windows_are_no_trouble(model):
+def test_empty_batches_of_windows_are_allowed(model):
     c, s, k = len(model.family.COLUMNS), model.family.SIZE, model.family.ROWS
     nothing = minimise(
         model.family,

@@ -59,7 +59,7 @@ def problem(model, rng):
 
 
 def strange(kind, rng, family, moments, weight, prior, anchors, x):
-    """The same with something that is hard to compute with."""
+    """The same with ill-conditioned values."""
     size = family.SIZE
     if kind == "known elements":  # as far as rank 4 goes
         root = rng.normal(size=(COUNT, 4, size)) * 1e3
@@ -106,8 +106,8 @@ def test_fits_agree(model, steps, rel, seed):
 @pytest.mark.parametrize("kind", ["known elements", "empty", "one tick", "unweighted", "parallel"])
 @settings(max_examples=4, deadline=None)
 @given(seed=seeds)
-def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
-    """In cost: x may be anywhere in directions that cost nothing."""
+def test_ill_conditioned_fits_agree(model, kind, seed):
+    """In cost: x is arbitrary in unobservable directions."""
     rng = np.random.default_rng(seed)
     numpy, kernel = both_fits(model, strange(kind, rng, model.family, *problem(model, rng)), 2)
     np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
@@ -117,7 +117,7 @@ def test_what_is_hard_to_compute_with_agrees(model, kind, seed):
 @each_model
 @settings(max_examples=6, deadline=None)
 @given(seed=seeds)
-def test_no_digit_depends_on_who_stands_beside_whom(model, seed):
+def test_results_do_not_depend_on_the_other_rows(model, seed):
     """Some are at their minimum already, and wait for the others."""
     rng = np.random.default_rng(seed)
     *windows, prior, anchors, x = problem(model, rng)
@@ -138,7 +138,7 @@ def test_each_window_takes_its_own_steps(model):
 
 
 @each_model
-def test_what_is_no_number_stays_where_it_is(model):
+def test_nan_stays_in_its_row(model):
     given_ = list(problem(model, np.random.default_rng(4)))
     whole = kernels.minimise(model, *given_, 3)
     given_[0] = given_[0].copy()
@@ -170,7 +170,7 @@ def passed(contacts=FACE_TO_EDGE, margin_nats=MODEL.search.margin_nats):
 
 
 def states():
-    """The tracker as it stands after some ticks."""
+    """The state of the tracker after some ticks."""
     return [passed()[k].state for k in (4, 12, 30)]
 
 
@@ -201,8 +201,8 @@ def test_relaxed_problems_of_too_few_poses_are_left_out(model):
 
 
 @each_model
-def test_what_others_offer_agrees(model):
-    """Also at the bounds of who offers and who takes."""
+def test_exchanged_geometries_agree(model):
+    """Also at the bounds for donors and receivers."""
     takers, refused, rng = 0, 0, np.random.default_rng(9)
     for state in states():
         bank = state.banks[model.contact.column]
@@ -227,8 +227,8 @@ def test_what_others_offer_agrees(model):
 
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 12, 13, 14, 29])
-def test_a_tick_is_taken_in_alike(k):
-    """With what begins in it, what searches, which contacts do in turn, and what is dropped."""
+def test_updates_by_a_tick_agree(k):
+    """With births, searches, the contacts that take turns, and pruning."""
     seen = passed()
     numpy, kernel = both(lambda: tracker.update(seen[k].state, seen[k + 1].tick)[0])
     for reference, compiled_ in zip(numpy.banks, kernel.banks, strict=True):
@@ -254,7 +254,7 @@ def test_a_tick_is_taken_in_alike(k):
 @each_model
 @pytest.mark.parametrize("old", [True, False])
 @pytest.mark.parametrize(("many", "correlation"), [(0, 0.0), (1, 0.0), (5, 0.0), (5, 0.95)])
-def test_what_begins_joins_alike(model, old, many, correlation):
+def test_births_agree(model, old, many, correlation):
     """Of some geometry is known; the first ones of all start from any, turned with the body."""
     rng, column = np.random.default_rng(7), model.contact.column
     k = next(k for k in range(9, 12) if not global_search.is_due(model, k))
@@ -342,7 +342,7 @@ def test_the_same_hypotheses_search(seed, model):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=seeds, margin=st.floats(0.0, 60.0), model=st.sampled_from(CONTACT_MODELS))
-def test_what_is_dropped_agrees(seed, margin, model):
+def test_pruning_agrees(seed, margin, model):
     rng = np.random.default_rng(seed)
     count, now = int(rng.integers(0, 60)), 800
     bank = blank(model, count).replace_columns(
@@ -373,8 +373,8 @@ def assert_same_columns(numpy, kernel, names, rel):
         np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=rel * scale, err_msg=name)
 
 
-def test_a_recording_is_told_alike():
-    """In one that tells: where hypotheses are equally good, rounding decides which of them stays."""
+def test_segmentations_of_a_recording_agree():
+    """In an informative one: among equally good hypotheses, rounding decides which of them stays."""
     poses = recorded(FACE_TO_EDGE).poses[:800]
     numpy, kernel = both(lambda: [seen.belief for seen in forward(poses, MODEL)])
     assert len(kernel) == len(numpy) >= 39
@@ -387,7 +387,7 @@ def test_a_recording_is_told_alike():
     assert max(np.array(differ)[clear]) < 1e-3
 
 
-def test_kernels_refuse_what_they_do_not_know():
+def test_kernels_refuse_unknown_arguments():
     model = CONTACT_MODELS[0]
     with pytest.raises(ValueError, match="not a table of this contact"):
         kernels.dropped(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)

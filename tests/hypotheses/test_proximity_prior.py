@@ -1,4 +1,4 @@
-"""Meeting known elements: likely where they touch, unlikely elsewhere; coming back earns nothing."""
+"""Births at known elements: likely where they touch, unlikely elsewhere; returning gains nothing."""
 
 from dataclasses import replace
 
@@ -57,8 +57,8 @@ def expected(rotation, height_m, activity=1.0):
     return reweight_transitions(*tick_transitions(MODEL, activity), met)
 
 
-def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
-    """A rounded corner, a few millimetres over the table: what a contact has beyond the floor counts."""
+def test_contacts_with_larger_errors_are_possible_at_larger_distances():
+    """A rounded corner, a few millimetres over the table: the contact's own error counts."""
     corner = Rotation.align_vectors([[0, 0, -1]], [[1, 1, 1]])[0].as_quat()
     height_m = CUBE_M * np.sqrt(0.75) + 3e-3
     poses = [Pose(i * 10**8, (0.3, -0.2, height_m), tuple(corner.tolist())) for i in range(2)]
@@ -72,7 +72,7 @@ def test_a_contact_that_may_be_off_by_more_is_met_where_it_is():
     assert after[Contact.VF.column] > before[Contact.VF.column] + 1.0
 
 
-def test_what_touches_is_met():
+def test_touching_elements_are_likely():
     flat = log_odds(np.eye(3), CUBE_M / 2)
     assert flat[Contact.FF] > 12
     assert flat[Contact.FF] > flat[Contact.EF] > flat[Contact.VF] > 0
@@ -81,12 +81,12 @@ def test_what_touches_is_met():
     assert edge[Contact.FF] < -50
 
 
-def test_what_is_in_the_air_or_under_the_table_is_not_met():
+def test_distant_elements_are_unlikely():
     for height_m in (0.25, 0.3, -0.5):
         assert all(odds < -50 for odds in log_odds(np.eye(3), height_m).values())
 
 
-def test_what_cannot_touch_is_impossible():
+def test_elements_that_cannot_touch_are_impossible():
     odds = log_odds(np.eye(3), CUBE_M / 2)
     assert all(odds[contact] < -500 for contact in (Contact.FE, Contact.FV, Contact.EE))
 
@@ -107,7 +107,7 @@ def test_without_known_pairs_nothing_changes():
 
 
 @pytest.mark.parametrize("height_m", [0.1, 0.1003, 0.15])
-def test_chances_add_up_to_one(height_m):
+def test_probabilities_add_up_to_one(height_m):
     change, stay = expected(np.eye(3), height_m)
     for i in range(len(STATES)):
         kept = -np.inf if i == FREE else stay[i]
@@ -121,7 +121,7 @@ def test_free_motion_ends_where_things_touch():
     assert above[FREE, FREE] > -1e-9
 
 
-def test_leaving_and_coming_back_earns_nothing():
+def test_leaving_and_returning_gains_nothing():
     """Whatever the detour, it is less probable than staying."""
     change, stay = expected(np.eye(3), CUBE_M / 2)
     home = Contact.FF.column

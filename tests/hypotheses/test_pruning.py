@@ -1,4 +1,4 @@
-"""Dropping hopeless hypotheses changes next to nothing of what is said."""
+"""Pruning of weak hypotheses hardly changes the beliefs."""
 
 from dataclasses import replace
 from itertools import islice, pairwise
@@ -51,7 +51,7 @@ KERNELS_OR_NOT: Final = [
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_without_dropping_anything_the_same_is_said(path: Path) -> None:
+def test_pruning_does_not_change_the_beliefs(path: Path) -> None:
     poses, model = Poses.collect(open_log(str(path))), load_model()
     own = pruning.follow(poses, model)
     other = pruning.follow(poses, pruning.with_margin(model, np.inf))
@@ -64,7 +64,7 @@ def test_without_dropping_anything_the_same_is_said(path: Path) -> None:
 
 @pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
 @pytest.mark.parametrize("name", ["hard", "paper", "robot", "sequence", "singular"])
-def test_nor_is_anything_else_said_of_other_recordings(shared_recordings: Path, name: str) -> None:
+def test_pruning_does_not_change_the_beliefs_of_other_recordings(shared_recordings: Path, name: str) -> None:
     model, paths = load_model(), sorted((shared_recordings / "physics" / name).glob("*.mcap"))
     both = []
     for path in paths:
@@ -83,7 +83,7 @@ def compared(own: pruning.Run, other: pruning.Run) -> tuple[Bools, Array]:
     return tied | same, np.abs(own.probability - other.probability).max(axis=1)
 
 
-def test_with_a_wider_margin_the_same_is_said() -> None:
+def test_a_wider_margin_does_not_change_the_beliefs() -> None:
     poses = recorded(FACE_TO_EDGE).poses[:800]
     own, other = pruning.follow(poses, MODEL), pruning.follow(poses, pruning.with_margin(MODEL, 40.0))
     assert other.hypotheses > own.hypotheses
@@ -102,8 +102,8 @@ def grace_at_birth(begins, model):
 
 
 @pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
-    """Three rows a pose tell five unknowns sooner than one row eight."""
+def test_weak_hypotheses_are_kept_until_their_geometry_can_converge(model):
+    """Three rows a pose determine five unknowns sooner than one row eight."""
     told = np.array([0.9, 1.1]) * burn_in_ticks(model.family.PARAMETERS / model.family.ROWS)
     bank = blank(model, 2).replace_columns(log_likelihood=-1000.0, rms=10.0, number=[0, 1])
     bank = bank.replace_columns(
@@ -132,7 +132,7 @@ def test_what_looks_hopeless_has_as_long_as_its_geometry_may_take(model):
         (1.1, [False, False], []),
     ],
 )
-def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searching, kept):
+def test_hypotheses_with_landmarks_are_kept_as_long_and_search_for_less_time(told, searching, kept):
     """Part of its geometry is known."""
     bank = blank(EDGE_FACE, 2).replace_columns(from_landmark=[0, 1], log_likelihood=-1000.0, number=[0, 1])
     new = uninformed_proposal(EDGE_FACE)
@@ -146,21 +146,21 @@ def test_what_was_met_is_kept_as_long_as_all_but_searches_for_less(told, searchi
     assert prune(bank, 5, 0.0, 20.0).number.tolist() == kept
 
 
-def test_what_is_far_behind():
+def test_hypotheses_far_behind_are_outside_of_the_margin():
     behind = [-FAR_NATS, -1.01 * FAR_NATS, np.nan]
     bank = blank(EDGE_FACE, 3).replace_columns(log_birth_weight=1.0, log_likelihood=np.array(behind) - 1.0)
     assert within_far_margin(bank).tolist() == [True, False, False]
 
 
-def test_what_is_behind_waits():
+def test_hypotheses_behind_are_updated_later():
     behind = [-DEFER_NATS, -1.01 * DEFER_NATS, np.nan]
     bank = blank(EDGE_FACE, 3).replace_columns(log_birth_weight=1.0, log_likelihood=np.array(behind) - 1.0)
     assert is_deferred(bank).tolist() == [False, True, True]
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
-    """In the same tick: with the steps that all take it would not."""
+def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
+    """In the same tick, with more steps than the others take."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, scales = EDGE_FACE, scales_of(MODEL)
     seen = list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
@@ -193,8 +193,8 @@ def test_what_falls_goes_on_until_it_fits_again(in_use, monkeypatch):
 
 @pytest.mark.parametrize("k", [40, 41])
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
-    """If it was near the best: others may find its geometry. What fits its window has not lost it."""
+def test_falling_hypotheses_that_do_not_recover_are_kept_for_a_while(in_use, k, monkeypatch):
+    """If it was near the best, as others may find its geometry; not if it fits its window."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
     state, column = seen[k - 1].state, model.contact.column
@@ -235,7 +235,7 @@ def test_what_does_not_catch_itself_is_kept_for_a_while(in_use, k, monkeypatch):
         np.testing.assert_array_equal(has_grace[near], after.rms[near] > FITTING_RMS)
 
 
-def test_grace_keeps_what_is_hopeless_until_it_ends():
+def test_protection_keeps_weak_hypotheses_until_it_ends():
     bank = blank(EDGE_FACE, 3).replace_columns(
         protected_until=[0.0, 30.0, 29.9], log_likelihood=-1e3, number=[0, 1, 2]
     )
@@ -243,7 +243,7 @@ def test_grace_keeps_what_is_hopeless_until_it_ends():
 
 
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch):
+def test_young_hypotheses_are_pruned_only_after_a_search(in_use, monkeypatch):
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     dropped = 0
     for before, after in pairwise(forward(recorded(FACE_TO_EDGE).poses[:500], MODEL)):
@@ -258,8 +258,8 @@ def test_of_the_young_nothing_is_dropped_but_after_a_search(in_use, monkeypatch)
 
 @pytest.mark.parametrize("has_grace", [True, False])
 @pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkeypatch):
-    """Others of its contact have it; it is hopeless by far."""
+def test_protected_hypotheses_recover_their_minimum(in_use, has_grace, monkeypatch):
+    """Others of its contact have this geometry; it is far behind."""
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
     model, seen = EDGE_FACE, list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
     column, start = model.contact.column, 39
@@ -287,7 +287,7 @@ def test_what_has_lost_its_minimum_comes_back_by_grace(in_use, has_grace, monkey
 
 
 def giver_and_taker() -> Bank:
-    """One that fits, and one that has seen 20 ticks and does not."""
+    """One that fits, and one that does not after 20 ticks."""
     model, seen = EDGE_FACE, next(islice(forward(recorded(FACE_TO_EDGE).poses, MODEL), 39, None))
     bank = seen.state.banks[model.contact.column]
     fitting, lost_one = bank.best_row, int(np.flatnonzero(bank.effective_ticks > 10.0)[0])
@@ -302,8 +302,8 @@ def giver_and_taker() -> Bank:
 
 @pytest.mark.parametrize("told", [3.0, 60.0])
 @pytest.mark.parametrize("behind", [0.9, 1.1])
-def test_who_is_hopeless_offers_nothing(told, behind):
-    """Unless it is so young that it may only not have found its minimum yet."""
+def test_weak_hypotheses_donate_no_geometry(told, behind):
+    """Unless it is so young that it may not have found its minimum yet."""
     two = giver_and_taker()
     two = two.replace_onset_columns(effective_ticks=np.where(two.onsets.onset == two.onset[0], told, 20.0))
     two = two.replace_columns(log_likelihood=[-behind * FAR_NATS, 0.0])
@@ -313,8 +313,8 @@ def test_who_is_hopeless_offers_nothing(told, behind):
 
 @pytest.mark.parametrize("grace", [19.9, 20.0])
 @pytest.mark.parametrize("behind", [1.0, 1.01])
-def test_who_is_hopeless_takes_nothing(grace, behind):
-    """Unless it has grace."""
+def test_weak_hypotheses_receive_no_geometry(grace, behind):
+    """Unless it is protected."""
     two = giver_and_taker().replace_columns(
         protected_until=[0.0, grace], log_likelihood=[0.0, -behind * FAR_NATS]
     )

@@ -1,4 +1,4 @@
-"""Geometry is as good as it can be, and its covariance says how good: against the Cramer-Rao bound."""
+"""Geometry reaches the Cramer-Rao bound, and its covariance is consistent."""
 
 from dataclasses import replace
 from functools import cache
@@ -48,7 +48,7 @@ def test_errors_reach_the_bound_and_do_not_pass_it(contact, side):
 
 @each_side
 @each_contact
-def test_covariances_mean_what_they_say(contact, side):
+def test_covariances_are_consistent_with_the_errors(contact, side):
     deviations = [f.deviation[side] for f in found(contact)]
     freedom = sum(d.freedom for d in deviations)
     low, high = chi2.ppf([RARE, 1 - RARE], freedom)
@@ -63,9 +63,10 @@ def test_covariances_follow_the_residuals_where_the_model_expects_worse():
 
 
 @pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EE], ids=str)
-def test_covariances_know_of_errors_that_last(contact, monkeypatch):
-    """A contact that gives way by some hundredths of a millimetre does so for many ticks. Whatever of that
-    looks like geometry is lost; but who takes each tick's error for a new one claims much more."""
+def test_covariances_include_correlated_errors(contact, monkeypatch):
+    """A contact that is compliant by some hundredths of a millimetre is so for many ticks. Errors that
+    resemble geometry cannot be separated; but with independent errors in each tick the covariance would be
+    too small."""
     gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, gives_m=30e-6, lasts_s=0.5)
 
     def normalised():
@@ -99,7 +100,7 @@ def test_size_and_correlation_of_errors_are_learned_from_residuals(seed, correla
         assert 0.5 < 4.0 * found.weight < 2.0
 
 
-def test_frames_of_what_came_before_do_not_bend_the_geometry():
+def test_frames_of_the_previous_contact_do_not_bias_the_geometry():
     """A segment begins with a tick; the contact began somewhere in it, here with a landing at 8 cm/s."""
     made = simulate(Scenario((Phase(Contact.VF, 5.0),)), 3)
     true = made.truth.intervals[0].geometry
@@ -151,7 +152,7 @@ def test_the_bound_grows_with_noise_and_shrinks_with_frames(contact):
 
 @each_contact
 @pytest.mark.parametrize("frames", [1, 3, 25, 61])
-def test_a_moment_gives_finite_elements(contact, frames):
+def test_a_very_short_contact_has_finite_elements(contact, frames):
     measured = simulate(Scenario((Phase(contact, 1.0),)), 0)
     geometry = stretch_geometry(measured.poses[:frames], contact)
     for element in (geometry.object, geometry.environment):
@@ -168,7 +169,7 @@ def test_poses_without_noise_give_the_truth(contact):
 
 
 @pytest.mark.parametrize("contact", [Contact.EF, Contact.VF, Contact.FV, Contact.EE], ids=str)
-def test_an_object_at_rest_shows_nothing_however_long(contact):
+def test_rest_of_any_duration_has_no_information(contact):
     poses = moving(np.random.default_rng(0), 8.0, 200.0, 3e-4, 3e-3, rms_m=0.0, rms_rad=0.0)
     geometry = stretch_geometry(poses, contact)
     for element in (geometry.object, geometry.environment):
@@ -178,7 +179,7 @@ def test_an_object_at_rest_shows_nothing_however_long(contact):
 
 
 @each_contact
-def test_poses_that_are_held_exactly_leave_a_finite_geometry(contact):
+def test_identical_poses_have_finite_geometry(contact):
     model, count = CONTACT_MODELS[contact.column], 20
     scales = scales_of(load_model())
     zeta = np.tile(lift(np.eye(3), np.zeros(3)), (count, 1))

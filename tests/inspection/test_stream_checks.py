@@ -1,4 +1,4 @@
-"""What a stream shows of itself is said: of streams made wrong in known ways, of no recording as it is."""
+"""Stream checks: warnings for streams with known mistakes, none for correct recordings."""
 
 import numpy as np
 import pytest
@@ -119,17 +119,17 @@ def odometry(rate_hz, sigma_m, sigma_rad, seed=0):
 
 
 @each_recording
-def test_nothing_is_said_of_a_recording_as_it_is(recordings, name):
+def test_a_correct_recording_has_no_warnings(recordings, name):
     assert kinds(recordings[name]) == []
 
 
 @pytest.mark.parametrize("part", ["cube_tosses", "physics/paper", "physics/hard", "physics/singular"])
-def test_nothing_is_said_of_other_recordings(shared_recordings, part):
+def test_other_recordings_have_no_warnings(shared_recordings, part):
     for path in sorted((shared_recordings / part).glob("*.mcap")):
         assert kinds(recorded(path)) == [], path.name
 
 
-def test_of_tosses_in_other_units_it_is_said(shared_recordings):
+def test_tosses_in_other_units_are_reported(shared_recordings):
     """They last 0.6 s."""
     for path in sorted((shared_recordings / "cube_tosses").glob("*.mcap")):
         for factor, unit in ((1e2, "centimetres"), (1e3, "millimetres")):
@@ -156,7 +156,7 @@ def test_a_mobile_robot_is_in_metres(rate_hz, sigma_m, sigma_rad):
     assert kinds(odometry(rate_hz, sigma_m, sigma_rad)) == []
 
 
-def test_doubt_stays(recordings):
+def test_a_doubt_is_kept(recordings):
     poses = recordings["paper_experiment"]
     state = inspected(scaled(poses[:400], 1e3))
     assert is_in_doubt(inspected(poses[400:], before=state))
@@ -285,7 +285,7 @@ STREAMS = {
 @pytest.mark.parametrize("change", STREAMS.values(), ids=STREAMS)
 @given(sizes=st.lists(st.integers(1, 700), min_size=1, max_size=30))
 @settings(max_examples=15)
-def test_nothing_depends_on_how_the_stream_is_cut(recordings, change, sizes):
+def test_results_do_not_depend_on_how_the_stream_is_split(recordings, change, sizes):
     poses = change(recordings["paper_experiment"][:1500])
     whole, state, first = inspect(NOTHING_INSPECTED, poses), NOTHING_INSPECTED, 0
     for size in [*sizes, len(poses)]:

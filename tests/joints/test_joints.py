@@ -1,4 +1,4 @@
-"""Joints: their derivatives, and what is named where an object moves in one, or in none."""
+"""Joints: their derivatives, and their identification, with and without a joint."""
 
 import json
 from dataclasses import replace
@@ -77,7 +77,7 @@ def joint_in(found: Segmentation) -> Joint:
 
 
 @pytest.mark.parametrize("model", JOINT_MODELS, ids=lambda model: model.kind)
-def test_true_joints_leave_nothing_and_derivatives_are_those_of_the_residuals(model: JointModel) -> None:
+def test_true_joints_have_zero_residuals_and_exact_derivatives(model: JointModel) -> None:
     rng = np.random.default_rng(3)
     frames = some_frames(rng)
     if model.kind is JointKind.SLIDER:  # it is told by where the body's origin goes
@@ -149,7 +149,7 @@ def test_a_hinge_with_play_is_a_hinge() -> None:
 
 @needs_kernels
 @pytest.mark.parametrize("kind", JointKind)
-def test_no_label_is_sure_beside_a_joint(kind: JointKind) -> None:
+def test_no_label_is_certain_with_a_joint(kind: JointKind) -> None:
     found = segmented(kind, 1)
     assert any(segment.joint for segment in found.segments)
     assert any(belief.joint for belief in found.beliefs)
@@ -171,7 +171,7 @@ def test_a_single_contact_is_no_joint() -> None:
 
 
 @needs_kernels
-def test_what_is_written_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_outputs_contain_the_joint(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = str(write_log(tmp_path / "a.mcap", [poses_topic(moved(JointKind.HINGE, 1)[1])]))
     assert run(["segment", log]) == 0
     assert "= hinge" in capsys.readouterr().out

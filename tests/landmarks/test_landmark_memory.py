@@ -1,4 +1,4 @@
-"""Elements met before: what is kept of them, and what they offer to contacts that begin."""
+"""Landmark memory: stored elements, their fusion, and candidates for new contacts."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def offers(memory: LandmarkMemory, contact: Contact) -> BirthProposals:
     return propose_births(model, EMPTY_MAP, memory, 0.5, Frame.around(ORIGIN, ORIGIN))
 
 
-def test_nothing_met_offers_nothing():
+def test_an_empty_memory_has_no_candidates():
     for model in CONTACT_MODELS:
         begins = offers(LandmarkMemory(), model.contact)
         assert begins.count == 1
@@ -40,7 +40,7 @@ def test_nothing_met_offers_nothing():
         assert begins.rows.needs_search[0]
 
 
-def test_the_same_elements_are_offered_again_and_shares_add_up():
+def test_the_same_elements_are_candidates_again_and_shares_add_up():
     memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
     begins = offers(memory, Contact.EF)
     assert begins.count == 4  # nothing, the edge, the table, both
@@ -50,7 +50,7 @@ def test_the_same_elements_are_offered_again_and_shares_add_up():
     assert list(begins.rows.needs_search) == [True, True, True, False]
 
 
-def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():
+def test_a_longer_contact_replaces_its_landmarks_and_only_the_latest_are_kept():
     memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN).insert(ON_THE_TABLE, 5, 100, ORIGIN)
     assert len(memory.object) == 1
     for onset_ns in range(10):
@@ -58,7 +58,7 @@ def test_a_contact_that_goes_on_teaches_anew_and_only_the_latest_are_kept():
     assert [met.onset_ns for met in memory.object] == list(range(10 - KEPT, 10))
 
 
-def test_what_is_met_again_is_offered_once():
+def test_duplicate_landmarks_are_one_candidate():
     memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
     other_end = replace(EDGE, direction=-ALONG, point_m=EDGE.point_m + 0.3 * ALONG + [2e-4, 0.0, 0.0])
     for again in (ON_THE_TABLE, replace(ON_THE_TABLE, object=other_end)):
@@ -98,7 +98,7 @@ def with_numbers(element: Element, values: np.ndarray) -> Element:
 
 
 @given(arrays(float, 12, elements=st.floats(-1.0, 1.0)), st.floats(-3.0, 3.0), st.booleans())
-def test_a_line_is_the_same_wherever_it_is_told_and_in_either_direction(values, along_m, flips):
+def test_lines_match_at_any_point_and_in_either_direction(values, along_m, flips):
     upward = values[:3] + np.array([0.0, 0.0, 2.0])
     direction = upward / np.linalg.norm(upward)
     line = known_to(Line(direction, values[3:6]), Accuracy())
@@ -113,13 +113,13 @@ def test_a_line_is_the_same_wherever_it_is_told_and_in_either_direction(values, 
 
 
 @pytest.mark.parametrize("offset_m", [-0.1, 0.0])
-def test_faces_that_look_the_other_way_are_others(offset_m):
+def test_faces_with_opposite_normals_do_not_match(offset_m):
     table = replace(TABLE, offset_m=offset_m)
     assert not is_same_element(table, replace(table, normal=-table.normal, offset_m=-offset_m))
 
 
 @pytest.mark.parametrize("far_m", [1.0, 30.0, 1e6])
-def test_what_is_open_in_one_direction_is_judged_by_the_others(far_m):
+def test_unobserved_directions_are_not_compared(far_m):
     point = Point(ORIGIN, np.diag([far_m**2, 9e-8, 9e-8]))
     line = Line(np.array([0.0, 0.0, 1.0]), ORIGIN, np.diag([4e-6, 4e-6, 0.0, far_m**2, 9e-8, 0.0]))
     for element in (point, line):
@@ -127,8 +127,8 @@ def test_what_is_open_in_one_direction_is_judged_by_the_others(far_m):
         assert not is_same_element(element, replace(element, point_m=np.array([0.0, 0.05, 0.0])))
 
 
-def test_what_is_met_again_is_known_as_it_was_where_it_tells_nothing():
-    """Two faces slide on each other wherever they lie: f-f says nothing of the table's height."""
+def test_fusion_keeps_the_old_estimate_in_unobserved_directions():
+    """Sliding faces do not determine their height: f-f has no information on that of the table."""
     vague = replace(TABLE, offset_m=-0.05, covariance=np.diag([1e-8, 1e-8, 1e-8, 0.3**2]))
     memory = LandmarkMemory().insert(ON_THE_TABLE, 5, 100, ORIGIN)
     again = memory.insert(replace(ON_THE_TABLE, environment=vague), 7, 100, ORIGIN)
@@ -157,8 +157,8 @@ def told_otherwise(element: Element) -> Element:
 
 
 @pytest.mark.parametrize("element", [Point(np.array([0.1, 0.2, 0.3])), TABLE, EDGE], ids=["v", "f", "e"])
-def test_what_both_times_were_alike_stays_as_it_was(element):
-    """What is met again may have been assumed: that is no second witness."""
+def test_fusion_of_equal_estimates_changes_nothing(element):
+    """The later estimate may have used the earlier as prior: it is not independent."""
     later = uneven(element, np.random.default_rng(2))
     for earlier in (later, told_otherwise(later)):
         found = fuse(later, earlier)
@@ -168,7 +168,7 @@ def test_what_both_times_were_alike_stays_as_it_was(element):
 
 @pytest.mark.parametrize("seed", [0, 2, 3])  # each with ways of both
 @pytest.mark.parametrize("element", [TABLE, EDGE], ids=["f", "e"])
-def test_what_is_told_does_not_hang_on_how_lines_are(element, seed):
+def test_fusion_does_not_depend_on_the_representation_of_lines(element, seed):
     rng = np.random.default_rng(seed)
     later, values = (
         uneven(element, rng),
@@ -184,7 +184,7 @@ def test_what_is_told_does_not_hang_on_how_lines_are(element, seed):
 
 
 @pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6, 1.0])
-def test_what_is_known_well_is_kept_beside_what_is_known_badly(turn_rad):
+def test_a_precise_estimate_is_kept_against_an_imprecise_one(turn_rad):
     """An edge that is known, and one that is the same as far as is known, turned by as much as it may be."""
     known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
     turned = np.array([np.sin(turn_rad), 0.6 * np.cos(turn_rad), 0.8 * np.cos(turn_rad)])
@@ -195,7 +195,7 @@ def test_what_is_known_well_is_kept_beside_what_is_known_badly(turn_rad):
     assert is_same_element(known, vague) is is_same_element(vague, known) is True
 
 
-def test_whether_lines_are_the_same_does_not_hang_on_which_is_called_the_first():
+def test_matching_of_lines_is_symmetric():
     """Of one that is known, and of one that is turned and beside it by about as much as may be."""
     known = known_to(EDGE, Accuracy(position_m=3e-4, rotation_rad=2e-3))
     turned = np.array([np.sin(1.0), 0.6 * np.cos(1.0), 0.8 * np.cos(1.0)])
@@ -206,7 +206,7 @@ def test_whether_lines_are_the_same_does_not_hang_on_which_is_called_the_first()
     assert same == [is_same_element(one, known) for one in vague]
 
 
-def test_a_line_is_told_where_it_was_met_last():
+def test_a_fused_line_is_given_at_its_last_contact():
     """Its point is where the body was then, and an end of it is looked for there."""
     later = known_to(EDGE, Accuracy(1e-3, 2e-3))
     before = known_to(
@@ -217,7 +217,7 @@ def test_a_line_is_told_where_it_was_met_last():
 
 
 @pytest.mark.parametrize("turn_rad", [0.1, 0.3, 0.6])
-def test_a_way_that_only_one_has_seen_is_told_however_far_it_turns(turn_rad):
+def test_a_direction_observed_once_is_fused_after_any_rotation(turn_rad):
     """Of a normal, the first is exact about one axis, and the second about the other."""
     first, second = (np.diag([(1e-3, 0.6)[i] ** 2, (0.6, 1e-3)[i] ** 2, 0.0, 1e-6]) for i in (0, 1))
     turned = np.array([0.0, np.sin(turn_rad), np.cos(turn_rad)])
@@ -226,8 +226,8 @@ def test_a_way_that_only_one_has_seen_is_told_however_far_it_turns(turn_rad):
 
 
 @pytest.mark.parametrize("vague_m", [1.0, 30.0, 1000.0])
-def test_what_is_told_is_a_covariance(vague_m):
-    """Where each is open in a direction of its own, neither is in what is told."""
+def test_fused_covariances_are_valid(vague_m):
+    """If each has an unobserved direction of its own, the fused element has none."""
     rng = np.random.default_rng(6)
     for _ in range(50):
         ways = rng.normal(size=(2, 3))
@@ -245,8 +245,8 @@ def test_what_is_told_is_a_covariance(vague_m):
 @pytest.mark.parametrize(
     ("later", "earlier"), [([1.0, 3.9, 4.1], [2.0, 1.0, 1.0]), ([1.0, 1.0, 1.0], [9.0, 0.26, 0.24])]
 )
-def test_each_way_is_told_as_it_was_last_unless_it_was_known_far_better(later, earlier):
-    """Of points, in common axes; the last one was known better by more than twice, whichever is so in all."""
+def test_fusion_keeps_the_latest_estimate_unless_the_older_is_far_better(later, earlier):
+    """For points in common axes: the last one, unless the earlier is more than twice as precise."""
     rng = np.random.default_rng(1)
     axes, places = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=(2, 3))
     found = fuse(
@@ -257,7 +257,7 @@ def test_each_way_is_told_as_it_was_last_unless_it_was_known_far_better(later, e
     np.testing.assert_allclose(axes.T @ found.point_m, [*(axes.T @ places[0])[:2], (axes.T @ places[1])[2]])
 
 
-def test_what_is_told_turns_and_stretches_with_space():
+def test_fusion_is_invariant_to_rotation_and_scale():
     """Nothing depends on the axes in which points and covariances are given."""
     rng = np.random.default_rng(5)
     points = [uneven(Point(place), rng) for place in rng.normal(size=(2, 3))]
@@ -269,8 +269,8 @@ def test_what_is_told_turns_and_stretches_with_space():
     assert np.abs(expected.point_m - points[0].point_m).max() > 1e-3  # something was known better before
 
 
-def test_what_was_learnt_on_top_is_not_counted_twice():
-    """An update of the earlier by a measurement is as good or better in all ways."""
+def test_prior_information_is_not_counted_twice():
+    """An update of the earlier by a measurement is at least as precise in all directions."""
     rng = np.random.default_rng(4)
     a, row = rng.normal(size=(3, 3)), rng.normal(size=(1, 3))
     before = Point(rng.normal(size=3), a @ a.T + 0.1 * np.eye(3))
@@ -281,7 +281,7 @@ def test_what_was_learnt_on_top_is_not_counted_twice():
     np.testing.assert_allclose(found.covariance, after.covariance, atol=1e-9)
 
 
-def test_a_contact_can_teach_more_when_it_has_lasted_half_as_long_again():
+def test_landmarks_are_updated_after_half_the_duration_again():
     memory = LandmarkMemory()
     assert memory.is_due(10, 20)
     memory = memory.insert(ON_THE_TABLE, 10, 20, ORIGIN)
@@ -316,7 +316,7 @@ def elsewhere(geometry: ContactGeometry, off_m: float) -> ContactGeometry:
     return ContactGeometry(replace(ours, point_m=ours.point_m + off), table)
 
 
-def test_elements_go_together_that_may_touch_each_other_again():
+def test_candidates_pair_with_elements_that_may_touch_them():
     memory = LandmarkMemory()
     for onset_ns in range(0, 6, 2):  # edges met at 2 and 4, corners at 3 and 5, the table at 4 and 5 are kept
         memory = memory.insert(elsewhere(ON_THE_TABLE, 0.01 * onset_ns), onset_ns, 100, ORIGIN)
@@ -355,7 +355,7 @@ SECOND = ContactGeometry(Point(np.array([-0.1, 0.2, 0.3]), 1e-8 * np.eye(3)), TA
         ((CORNER, ON_THE_TABLE), Contact.VF, 2),  # the corner, and an end of the edge
     ],
 )
-def test_all_that_was_met_is_offered_beside_a_table_that_the_user_knows(before, contact, many):
+def test_landmarks_are_candidates_beside_a_known_table(before, contact, many):
     knowledge, memory = PriorMap(environment=(NamedElement("table", TABLE),)), LandmarkMemory()
     for onset_ns, geometry in enumerate(before):
         told = replace(geometry, environment=replace(TABLE, name="table"))
@@ -368,7 +368,7 @@ def test_all_that_was_met_is_offered_beside_a_table_that_the_user_knows(before, 
     assert (begins.rows.from_landmark & on_table).sum() == many
 
 
-def test_what_touched_last_may_touch_all_that_was_met_and_what_is_new_the_latest():
+def test_the_last_landmark_pairs_with_all_and_new_elements_with_the_latest():
     wall = Plane(np.array([1.0, 0.0, 0.0]), -0.3, 1e-8 * np.eye(4))
     memory = (
         LandmarkMemory()
@@ -383,8 +383,8 @@ def test_what_touched_last_may_touch_all_that_was_met_and_what_is_new_the_latest
     assert beside == {(0.0, 0.0, 0.0), tuple(TABLE.normal), tuple(wall.normal)}
 
 
-def test_what_the_user_knows_touches_an_edge_through_the_corner_that_was_met():
-    """It is not remembered, but was part of the last contact all the same."""
+def test_known_elements_pair_with_an_edge_through_a_vertex_landmark():
+    """It is not stored, but was part of the last contact."""
     table = replace(TABLE, name="table")
     knowledge = PriorMap(environment=(NamedElement("table", TABLE),))
     memory = LandmarkMemory().insert(ContactGeometry(CORNER.object, table), 5, 100, ORIGIN)

@@ -1,4 +1,4 @@
-"""Default poses of trackers are dropped where they are away from the motion, and no pose of the motion is."""
+"""Default poses of trackers are dropped if they are away from the motion; poses of the motion never."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -166,7 +166,7 @@ def test_motion_without_noise_loses_nothing(name: str, rate_hz: float, turning: 
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_motion_without_noise_that_is_not_seen_now_and_then_loses_nothing(name: str) -> None:
+def test_motion_without_noise_and_with_dropouts_loses_nothing(name: str) -> None:
     position = MOTIONS[name](100.0)
     poses = motion(position, rate_hz=100.0)
     poses = poses[(np.arange(len(poses)) // 70) % 2 == 0]
@@ -197,7 +197,7 @@ def test_a_spike_does_not_make_the_motion_look_away() -> None:
 # --- what waits --------------------------------------------------------------------------------------------
 
 
-def test_nothing_waits_but_what_may_be_a_default_pose() -> None:
+def test_only_possible_default_poses_are_held() -> None:
     gate = PoseGate()
     assert [len(gate.admit(p)) for p in POSES] == [0, 1, 2] + [1] * 997
     gate, rows = PoseGate(), hidden(POSES, range(100), IDENTITY)

@@ -1,4 +1,4 @@
-"""Poses that jump away from the motion and back are dropped; whatever else jumps is kept."""
+"""Poses that jump away from the motion and back are dropped; other jumps are kept."""
 
 from dataclasses import replace
 
@@ -71,7 +71,7 @@ def test_poses_wait_for_half_a_second_at_most() -> None:
 
 
 @pytest.mark.parametrize("speed_m_s", [0.5, 3.0, 10.0])
-def test_a_blow_is_motion(speed_m_s: float) -> None:
+def test_an_impact_is_motion(speed_m_s: float) -> None:
     """From rest to this speed within one frame, and back the same way."""
     rest = moving(np.random.default_rng(3), 4.0, 200.0, 3e-4, 3e-3, rms_m=0.0, rms_rad=0.0)
     since_s = np.clip((np.arange(800) - 400) / 200.0, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Free motion as a yardstick: nothing at rest, little where motion is predictable, else what it is."""
+"""Excess of free motion: zero at rest, small for predictable motion, else that of the motion."""
 
 import sys
 
@@ -32,7 +32,7 @@ def follow(position, turn):
 
 
 def noisy(rng, position, turn):
-    """What is measured of a motion."""
+    """Noisy measurements of a motion."""
     shape = position.shape
     off = Rotation.from_rotvec(rng.normal(size=shape) * np.sqrt(VARIANCES[1]))
     return position + rng.normal(size=shape) * np.sqrt(VARIANCES[0]), turn * off
@@ -56,8 +56,8 @@ def test_at_rest_there_is_no_excess():
         assert (np.mean(excess, axis=0) < 0.1).all()
 
 
-def test_no_excess_is_zero():
-    """Not only small: whoever asks whether there was motion compares with zero."""
+def test_rest_without_noise_has_exactly_zero_excess():
+    """Not only small: tests for motion compare with zero."""
     assert (follow(*still(50))[1] == 0.0).all()
 
 
@@ -76,14 +76,14 @@ def uniform(rng):
     return follow(*noisy(rng, *motion))[1][100:] / VARIANCES
 
 
-def test_uniform_motion_surprises_little_and_motion_by_hand_a_lot():
+def test_uniform_motion_has_small_innovations_and_hand_motion_large_ones():
     rng = np.random.default_rng(1)
     hand = follow(*noisy(rng, *by_hand(rng, 200)))[1][100:] / VARIANCES
     assert (np.median(hand, axis=0) > 5.0 * np.mean(uniform(rng), axis=0)).all()
 
 
-def test_uniform_motion_is_no_surprise():
-    """It is as predictable as rest: with more excess than noise, straight transport would earn gain."""
+def test_uniform_motion_has_less_excess_than_noise():
+    """It is as predictable as rest: with more excess than noise, straight transport would have evidence."""
     assert (np.mean(uniform(np.random.default_rng(1)), axis=0) < 1.0).all()
 
 
@@ -149,15 +149,15 @@ def test_predictions_continue_the_motion():
     assert np.linalg.norm(at[1] - 0.5 * (at[0] + at[2])) < 0.01
 
 
-def test_the_first_ticks_are_no_surprise():
-    """Before the filter has settled, nobody knows what would surprise it."""
+def test_the_first_ticks_have_no_excess():
+    """Innovations are not meaningful before the filter has settled."""
     rng = np.random.default_rng(5)
     excess = follow(*noisy(rng, *by_hand(rng, 10)))[1]
     assert (excess[: free_motion.SETTLING_TICKS] == 0.0).all()
 
 
 def test_a_jump_passes():
-    """One jolt of a metre must not count as motion for ever after."""
+    """One jump of a metre must not count as motion forever."""
     rng = np.random.default_rng(6)
     position, turn = still(120)
     position[60:] += 1.0
@@ -167,7 +167,7 @@ def test_a_jump_passes():
 
 
 @pytest.mark.parametrize("tick_s", [0.01, 0.1, 0.7])
-def test_white_jerk_moves_the_states_as_filterpy_says(tick_s):
+def test_white_jerk_propagates_as_in_filterpy(tick_s):
     jerk = Q_continuous_white_noise(3, tick_s, 1.0)
     np.testing.assert_allclose(
         free_motion.transition(tick_s).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14

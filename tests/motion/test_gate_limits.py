@@ -1,4 +1,4 @@
-"""The gate at its limits: each number by itself, one by one, in columns, and when poses are handed over."""
+"""Limits of the pose gate: for each number, single poses, columns, and the validation of given poses."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -53,14 +53,14 @@ TAKEN = [
 
 
 @pytest.mark.parametrize("pose", REFUSED, ids=str)
-def test_what_cannot_have_come_from_the_gate_is_refused(pose: Pose) -> None:
+def test_poses_that_the_gate_would_reject_are_refused(pose: Pose) -> None:
     assert not is_valid(pose, None)
     with pytest.raises(InvalidPose, match="pose 0 of 1 "):
         require_valid(Poses.collect([pose]), None)
 
 
 @pytest.mark.parametrize("pose", TAKEN, ids=str)
-def test_what_may_have_come_from_the_gate_is_taken(pose: Pose) -> None:
+def test_poses_that_the_gate_passes_are_accepted(pose: Pose) -> None:
     assert is_valid(pose, None)
     require_valid(Poses.collect([pose]), None)
 
@@ -95,7 +95,7 @@ def test_columns_of_another_shape_are_refused(wide: str) -> None:
         require_valid(Poses(np.zeros(1, np.int64), **columns), None)
 
 
-def test_what_is_too_large_to_add_up_is_out_of_range_and_finite_all_the_same() -> None:
+def test_too_large_values_are_out_of_range_without_overflow() -> None:
     passed = PoseGate()
     assert not passed.admit(SOUND._replace(position_m=(1.7e308, 1.7e308, 0.0)))
     assert dict(passed.counts) == {"out_of_range": 1}
@@ -191,7 +191,7 @@ def test_a_whole_recording_passes_as_its_poses_do(name: str) -> None:
 
 
 @pytest.mark.parametrize("last", ["origin", "excursion"])
-def test_a_batch_after_a_pose_that_is_held_or_was_dropped_is_looked_at_closely(last: str) -> None:
+def test_a_batch_after_a_held_or_dropped_pose_is_checked_by_pose(last: str) -> None:
     odd = BATCHES[last][9]
     before = [*turning(0, 0.01, 60)[:-1], odd._replace(stamp_ns=59 * 5 * MS)]
     batch = turning(0, 0.01, 30, first=60)

@@ -1,4 +1,4 @@
-"""The gate that poses pass: each rule by itself, and what holds whatever comes in."""
+"""The pose gate: each rule, and invariants for any input."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -36,12 +36,12 @@ def places(poses: Iterable[Pose]) -> list[tuple[int, tuple[float, float, float]]
 
 
 def regular(count: int, first: int = 0) -> list[Pose]:
-    """At 200 Hz; the position tells the time in periods."""
+    """Poses at 200 Hz whose position is the time in periods."""
     return [pose(5 * MS * i, 0.001 * i) for i in range(first, first + count)]
 
 
 @pytest.mark.parametrize("bad", [nan, inf, -inf])
-def test_what_is_not_finite_is_dropped(bad: float) -> None:
+def test_non_finite_poses_are_dropped(bad: float) -> None:
     rows = [
         pose(0),
         Pose(1, (0.0, bad, 0.0), UNIT),
@@ -164,7 +164,7 @@ def test_a_leading_stamp_costs_its_own_pose_only(where: set[int], lead_ns: int, 
 
 @pytest.mark.parametrize("ahead", [31 * MS, 10**9, 3600 * 10**9])
 @pytest.mark.parametrize("many", [0, 1, 2, 30])
-def test_a_leading_stamp_among_the_first_throws_nothing_away(ahead: int, many: int) -> None:
+def test_a_leading_stamp_among_the_first_drops_no_other_pose(ahead: int, many: int) -> None:
     bad = pose(5 * MS * many + ahead, -1.0)
     kept, counts = pass_through([*regular(many), bad, *regular(40, many + 1)])
     assert places(kept) == places(regular(many) + regular(40, many + 1))
@@ -221,7 +221,7 @@ def test_a_clock_set_back_while_a_pose_is_held_is_a_reset() -> None:
     assert len(kept) == 30 + 50 - RESET_RUN
 
 
-def test_what_is_held_is_bounded() -> None:
+def test_the_number_of_held_poses_is_bounded() -> None:
     gate = PoseGate()
     for p in regular(30):
         gate.admit(p)
@@ -283,7 +283,7 @@ DROPPED = (
 
 
 @given(st.lists(any_pose, max_size=80) | forward | motion)
-def test_whatever_comes_in_what_goes_on_is_sound(poses: list[Pose]) -> None:
+def test_any_input_gives_valid_poses(poses: list[Pose]) -> None:
     counts: Counter[str] = Counter()
     gate = PoseGate(counts)
     kept = [p for row in poses for p in gate.admit(row)]
@@ -330,7 +330,7 @@ def state(gate: PoseGate) -> str:
 
 
 @given(motion | stream | st.lists(any_pose, max_size=80) | motion, st.integers(1, 40))
-def test_in_columns_the_same_passes_and_is_counted(poses: list[Pose], batch: int) -> None:
+def test_columns_pass_and_count_like_single_poses(poses: list[Pose], batch: int) -> None:
     """Many at once, or none of them and nothing has happened: then they go one by one."""
     one_by_one, gate = PoseGate(), PoseGate()
     start = regular(PERIODS_KEPT + 5, -PERIODS_KEPT - 5)
@@ -350,7 +350,7 @@ def test_in_columns_the_same_passes_and_is_counted(poses: list[Pose], batch: int
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.4])
-def test_sound_poses_pass_in_columns(jitter: float) -> None:
+def test_valid_poses_pass_in_columns(jitter: float) -> None:
     turn = np.linspace(0.0, 1.0, 200)
     sign = np.where(np.arange(200) % 7 < 3, -1.0, 1.0)
     quat = np.array([np.sin(turn), 0 * turn, 0 * turn, np.cos(turn)]).T * sign[:, None]

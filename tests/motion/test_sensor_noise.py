@@ -1,4 +1,4 @@
-"""The noise that is told from motion is the noise that was put in."""
+"""The estimated sensor noise equals the simulated noise."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -19,7 +19,7 @@ each_sensor = pytest.mark.parametrize(
 
 
 def heard(poses, tick, prior):
-    """What has been heard, and the estimate, after each ``tick`` frames of the stream."""
+    """The number of frames and the estimate after each ``tick`` frames of the stream."""
     state, estimate = sensor_noise.EMPTY_BUFFER, sensor_noise.begin(*prior)
     for first in range(0, len(poses), tick):
         state, estimate = sensor_noise.advance(state, estimate, poses[first : first + tick], prior)
@@ -39,7 +39,7 @@ def test_noise_of_a_moving_object(rate_hz, sigma_m, sigma_rad, seconds):
 @each_sensor
 @pytest.mark.parametrize("factor", [0.2, 5.0])
 def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds, factor):
-    """Within a second or two of a model that is off by a factor; and it stays there."""
+    """Within a second or two from a prior that is off by a factor; and it stays there."""
     poses = moving(np.random.default_rng(2), seconds, rate_hz, sigma_m, sigma_rad)
     prior = (factor * sigma_m, factor * sigma_rad)
     estimates = list(streamed(poses, max(1, round(rate_hz / 10.0)), prior))
@@ -52,8 +52,8 @@ def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds,
 
 
 @pytest.mark.parametrize("tick", [1, 3, 20])
-def test_poses_that_are_held_for_long_do_not_silence_the_noise(tick):
-    """At a frame per tick each holds the pose of the tick before: that does not show a still sensor."""
+def test_long_repeats_of_a_pose_do_not_reduce_the_noise(tick):
+    """At one frame per tick each repeats the pose of the tick before: that is not a noise-free sensor."""
     poses = moving(np.random.default_rng(4), 60.0, 20.0, 3e-4, 2e-3)
     source = np.arange(len(poses)) // 10 * 10
     held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
@@ -74,10 +74,8 @@ def test_the_stream_in_any_portions_is_the_whole():
 
 
 @each_sensor
-def test_what_is_told_now_and_then_is_what_would_be_told_with_each_tick(
-    monkeypatch, rate_hz, sigma_m, sigma_rad, seconds
-):
-    """By far within what the frames leave unknown, at a fraction of the cost."""
+def test_estimates_at_intervals_equal_those_of_each_tick(monkeypatch, rate_hz, sigma_m, sigma_rad, seconds):
+    """Far within the uncertainty of the frames, at a fraction of the cost."""
     off, unknown = [], []
     for seed in range(21, 25):
         poses = moving(np.random.default_rng(seed), 1.5 * seconds, rate_hz, sigma_m, sigma_rad)
@@ -203,7 +201,7 @@ def test_noise_is_the_same_in_every_frame_and_for_either_sign_of_the_quaternion(
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
-def test_too_few_frames_say_nothing(count):
+def test_too_few_frames_have_no_estimate(count):
     poses = moving(np.random.default_rng(9), 1.0, 30.0, 1e-3, 1e-3)[:count]
     assert np.isnan(sensor_noise.estimate_noise(poses)).all()
     _, estimate = sensor_noise.advance(

@@ -1,4 +1,4 @@
-"""Ticks: exact averages of the frames that can be trusted, on a grid that the stream cannot confuse."""
+"""Ticks: exact averages of valid frames, on a grid that is robust to the stream."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -67,7 +67,7 @@ def _x_of(model, t):
 @given(
     seed=seeds, batch=st.sampled_from([1, 7, 20, 333]), rate_hz=st.sampled_from([8.0, 30.0, 200.0, 1000.0])
 )
-def test_ticks_are_the_same_whatever_comes_at_once(seed, batch, rate_hz):
+def test_ticks_do_not_depend_on_how_poses_are_batched(seed, batch, rate_hz):
     """One by one or a chunk of the log at once: bit for bit, with spikes, held poses, drops and gaps."""
     rng = np.random.default_rng(seed)
     poses, _ = spiked(rng, moving(rng, 1200 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
@@ -85,7 +85,7 @@ def test_ticks_are_the_same_whatever_comes_at_once(seed, batch, rate_hz):
 
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds, batch=st.sampled_from([7, 20, 333]), rate_hz=st.sampled_from([30.0, 200.0]))
-def test_who_follows_a_leader_of_the_same_noise_has_its_ticks(seed, batch, rate_hz):
+def test_a_follower_with_the_same_noise_shares_the_leaders_ticks(seed, batch, rate_hz):
     """Bit for bit, with spikes, gaps, and a stream that goes on after it has ended in the midst of a tick."""
     rng = np.random.default_rng(seed)
     poses, _ = spiked(rng, moving(rng, 600 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
@@ -107,7 +107,7 @@ def test_who_follows_a_leader_of_the_same_noise_has_its_ticks(seed, batch, rate_
     assert (leader.stream.free_motion is None) == (follower.stream.free_motion is None)
 
 
-def test_a_follower_of_another_noise_judges_surprise_by_itself():
+def test_a_follower_with_other_noise_computes_its_own_innovations():
     """White noise, no outliers: as if it had averaged the frames."""
     poses = moving(np.random.default_rng(2), 20.0, 200.0, 3e-4, 2e-3)
     noisier = replace(MODEL, noise=replace(MODEL.noise, floor_position_m=1e-3, floor_rotation_rad=5e-3))
@@ -193,7 +193,7 @@ def test_spikes_of_a_camera_stand_out_of_three_frames():
 
 @pytest.mark.parametrize("start", ["stream", "gap"])
 def test_spikes_are_left_out_from_the_beginning(start):
-    """The other frames of a tick tell an outlier as well as the motion does."""
+    """The other frames of a tick reveal an outlier as well as the motion does."""
     clean = moving(np.random.default_rng(5), 6.0, 200.0, 3e-4, 2.6e-3)
     if start == "gap":
         clean = clean[np.abs(np.arange(1200) - 600) > 50]
@@ -248,7 +248,7 @@ def test_one_frame_per_tick_is_enough():
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5])
-def test_frames_that_are_missing_are_no_motion(share):
+def test_missing_frames_are_not_motion(share):
     """A tick is at the mean time of its frames: steady motion is as predictable with half of them."""
     poses = moving(np.random.default_rng(17), 30.0, 200.0, 3e-4, 2e-3)
     kept = np.random.default_rng(18).random(len(poses)) > share

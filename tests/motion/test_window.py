@@ -1,4 +1,4 @@
-"""What the window tells of how far the object moved in its newest tick."""
+"""The window's estimate of the motion in its newest tick."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Put small faults into the core, one at a time, and see which of them no test notices.
+"""Mutation tests: put small faults into the core, one at a time, and list those that no test finds.
 
     python tests/mutation/run.py
     python tests/mutation/run.py --only hmm --processes 2

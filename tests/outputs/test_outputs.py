@@ -79,7 +79,7 @@ def test_jsonl_has_a_line_per_belief() -> None:
     assert [json.loads(line)["contact"] for line in file.getvalue().splitlines()] == ["free", "e-f"]
 
 
-def test_geometry_in_words_says_what_lies_where_and_how_surely() -> None:
+def test_geometry_in_words_has_elements_and_deviations() -> None:
     assert describe(ON_FACE) == (
         "edge along (1.00 0.00 0.00) +/- 1.1 deg through (0.000 -0.050 0.100) m +/- 3 mm"
         " on face normal (0.00 0.00 1.00) +/- 0.11 deg at 0.250 m +/- 0.1 mm"
@@ -91,7 +91,7 @@ def test_geometry_in_words_says_what_lies_where_and_how_surely() -> None:
     assert describe(None) == ""
 
 
-def test_lines_for_people_count_time_from_the_first_pose() -> None:
+def test_text_lines_count_time_from_the_first_pose() -> None:
     assert change_line(belief(Contact.FREE, None), ORIGIN_NS).split() == ["2.50", "free", "0.94", "1.00"]
     assert status_text(belief(Contact.EF, ON_FACE), ORIGIN_NS).strip().startswith("2.50 s  e-f for 1.5 s ")
     header, line = table([Segment(ORIGIN_NS, ORIGIN_NS + 10**9, Contact.EF, 0.5, ON_FACE)], ORIGIN_NS)
@@ -100,7 +100,7 @@ def test_lines_for_people_count_time_from_the_first_pose() -> None:
 
 
 @pytest.mark.parametrize("text", ["two\nlines", "\x1b[2J", "bell\a", "\u202eright to left"])
-def test_printable_text_has_nothing_that_acts(text: str) -> None:
+def test_printable_text_has_no_control_characters(text: str) -> None:
     assert printable(text).isprintable()
     assert printable("plain é 中") == "plain é 中"
 
@@ -139,7 +139,7 @@ def put_something_else(path: Path, kind: str) -> None:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 @pytest.mark.parametrize("linked", [False, True], ids=["itself", "linked"])
 @pytest.mark.parametrize("kind", ["folder", "pipe", "link in a circle"])
-def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, kind: str, linked: bool) -> None:
+def test_only_regular_files_are_replaced(tmp_path: Path, kind: str, linked: bool) -> None:
     """A pipe stands for all devices: that of nothing would be gone for the whole machine."""
     target = odd = tmp_path / "odd.csv"
     put_something_else(odd, kind)

@@ -1,4 +1,4 @@
-"""Temporary files of results: nobody plants one, the mode of what they replace stays, none stays behind."""
+"""Temporary files of results: unpredictable names, mode of the replaced file, no remains."""
 
 import os
 import signal
@@ -54,7 +54,7 @@ def mode(path: Path) -> int:
     return stat.S_IMODE(path.stat().st_mode)
 
 
-def test_nobody_knows_the_name_beforehand(tmp_path: Path) -> None:
+def test_temporary_names_are_unpredictable(tmp_path: Path) -> None:
     names = set()
     for _ in range(3):
         with whole_file(tmp_path / "out.csv") as temporary:
@@ -63,7 +63,7 @@ def test_nobody_knows_the_name_beforehand(tmp_path: Path) -> None:
 
 
 def test_a_planted_link_is_not_written_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not even where the name is known after all."""
+    """Not even if the name is known."""
     victim = tmp_path / "victim"
     victim.write_text("precious")
     monkeypatch.setattr(atomic_file.os, "urandom", lambda count: bytes(count))
@@ -78,7 +78,7 @@ def test_a_planted_link_is_not_written_through(tmp_path: Path, monkeypatch: pyte
         temporary.unlink()  # what others have put there is left to them
 
 
-def test_what_takes_the_place_of_the_temporary_file_does_not_become_the_result(tmp_path: Path) -> None:
+def test_a_replaced_temporary_file_does_not_become_the_result(tmp_path: Path) -> None:
     target, victim = tmp_path / "out.csv", tmp_path / "victim"
     target.write_text("old")
     victim.write_text("precious")
@@ -134,7 +134,7 @@ def test_where_the_group_cannot_be_kept_the_other_group_may_do_what_everybody_ma
     assert (target.read_text(), target.stat().st_gid, mode(target)) == ("new", os.getegid(), after)
 
 
-def test_what_the_check_refuses_right_before_the_rename_stays(tmp_path: Path) -> None:
+def test_a_file_refused_by_the_last_check_is_kept(tmp_path: Path) -> None:
     target, checked = tmp_path / "out.csv", list[str]()
 
     def check() -> None:
@@ -163,7 +163,7 @@ def test_a_new_file_has_the_mode_that_the_user_asks_for(tmp_path: Path, mask: in
     assert mode(tmp_path / "out.csv") == 0o666 & ~mask
 
 
-def test_what_a_killed_process_leaves_is_swept_with_the_next_of_the_same_name(tmp_path: Path) -> None:
+def test_temporary_files_of_killed_processes_are_removed(tmp_path: Path) -> None:
     target, other = tmp_path / "out.csv", tmp_path / "other.csv"
     left, of_other = leave_behind(target), leave_behind(other)
     write(target)
@@ -173,7 +173,7 @@ def test_what_a_killed_process_leaves_is_swept_with_the_next_of_the_same_name(tm
     assert sorted(p.name for p in tmp_path.iterdir()) == ["other.csv", "out.csv"]
 
 
-def test_what_a_living_process_writes_is_not_swept(tmp_path: Path) -> None:
+def test_temporary_files_of_running_processes_are_kept(tmp_path: Path) -> None:
     target = tmp_path / "out.csv"
     with begin(target) as process:
         assert process.stdout is not None
@@ -186,17 +186,17 @@ def test_what_a_living_process_writes_is_not_swept(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["out.csv"]
 
 
-def test_of_a_process_that_cannot_be_seen_the_lock_tells_that_it_lives(
+def test_a_lock_protects_files_of_invisible_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in another container of the same host."""
-    monkeypatch.setattr(atomic_file, "_lives", lambda pid: False)
+    monkeypatch.setattr(atomic_file, "_is_running", lambda pid: False)
     with whole_file(tmp_path / "out.csv") as temporary:
         write(tmp_path / "out.csv")
         assert temporary.exists()
 
 
-def test_what_another_host_left_is_not_swept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_temporary_files_of_other_hosts_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "out.csv"
     left = leave_behind(target)
     monkeypatch.setattr("platform.node", lambda: "elsewhere")

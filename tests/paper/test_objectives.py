@@ -219,7 +219,7 @@ def test_batched_minima_keep_the_constraints(contact):
 
 
 @each_contact
-def test_which_minima_depend_on_the_origins(contact):
+def test_only_some_minima_depend_on_the_origins(contact):
     """Moving the world's origin matters to f-e only, the body's to e-f and, through its offset, to f-f."""
     rng = np.random.default_rng(8)
     paper_rotation, p = noisy_window(Contact.VF, rng)

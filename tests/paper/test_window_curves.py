@@ -46,7 +46,7 @@ def test_impossible_windows_are_refused(frames, step):
 
 
 @pytest.mark.parametrize("contact", CONTACTS, ids=str)
-def test_low_for_what_holds_and_for_what_it_contains(contact):
+def test_minima_are_low_for_the_true_contact_and_contained_ones(contact):
     """Low means at the noise; what asks as much or more of the motion stays far above it."""
     found = curves(recording(contact, contact), frames=150, step=150)
     noise = 150 * 3e-4**2
@@ -81,7 +81,7 @@ def test_no_higher_than_slsqp():
             assert found.minimum[window, column] <= 1.02 * slsqp.value, (contact, window)
 
 
-def test_same_poses_same_curves_wherever_the_world_begins():
+def test_curves_do_not_depend_on_the_worlds_origin():
     poses = recording(Contact.VF)
     again = curves(poses, 100, 50).minimum
     np.testing.assert_array_equal(curves(poses, 100, 50).minimum, again)

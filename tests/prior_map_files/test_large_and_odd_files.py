@@ -59,7 +59,7 @@ def refusal(folder: Path, mesh: str) -> str:
 
 @pytest.fixture
 def no_features(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What takes the more work the more faces there are is not begun."""
+    """Work that grows with the number of faces is not begun."""
 
     def fail(*_: object) -> None:
         pytest.fail("work that grows with the square of the number of faces")
@@ -92,7 +92,7 @@ def test_a_mesh_of_many_triangles_is_its_hull(tmp_path: Path, triangles: int, su
     assert found.object_complete
 
 
-def test_a_hull_that_was_not_finished_is_not_taken_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_incomplete_hull_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     points = np.asarray(trimesh.creation.cylinder(0.1, 0.2, sections=20).vertices)
     assert len(polyhedron.convex(points, 1e-6, 60).of_kind("f")) == 22
     monkeypatch.setattr(polyhedron, "_ENOUGH_VERTICES", 10)
@@ -164,8 +164,10 @@ def odd_file(folder: Path, kind: str, name: str) -> None:
 @fifo
 @pytest.mark.parametrize("arguments", READ, ids=["model", "known", "mesh"])
 @pytest.mark.parametrize("kind", ["device", "pipe", "folder", "large"])
-def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, kind: str, arguments: list[str]) -> None:
-    """In a process of its own: it must neither wait for ever nor fill the memory."""
+def test_other_than_regular_files_are_refused_at_once(
+    tmp_path: Path, kind: str, arguments: list[str]
+) -> None:
+    """In a process of its own: it must neither block nor fill the memory."""
     name = "odd.obj" if "known.toml" in arguments else "odd.toml"
     odd_file(tmp_path, kind, name)
     known(tmp_path, name)
@@ -207,7 +209,7 @@ def test_a_file_that_hides_its_size_is_not_read_without_end(monkeypatch: pytest.
         load_model("/proc/self/maps")
 
 
-def test_a_mesh_that_makes_trouble_is_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_error_in_a_mesh_is_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "log.mcap").touch()
     for name, content in (
         ("a.obj", b"f 1 2 3\nv 1e38 1e38 -1e38\n"),

@@ -1,4 +1,4 @@
-"""What the user knows is read whole or refused with key and reason; bodies fall into their elements."""
+"""Prior-map files: complete, or refused with key and reason; bodies are split into elements."""
 
 import math
 import re
@@ -67,7 +67,7 @@ def by_name(elements):
     return {known.name: known.element for known in elements}
 
 
-def test_a_file_says_what_is_known(tmp_path):
+def test_a_file_defines_a_prior_map(tmp_path):
     known = loaded(tmp_path, ALL)
     assert known.up.direction.tolist() == [0, 0, 1]
     assert known.up.spread_rad == pytest.approx(math.radians(3))
@@ -103,7 +103,7 @@ def test_the_python_of_the_documentation_runs():
     assert len(names["state"].knowledge.object) == 26
 
 
-def test_nothing_is_nothing(tmp_path):
+def test_an_empty_file_is_an_empty_map(tmp_path):
     assert not loaded(tmp_path, "")
     assert loaded(tmp_path, "[up]\ndirection = [0, 0, 1]")
 
@@ -195,7 +195,7 @@ def test_edges_and_vertices_of_a_mesh_are_called_after_their_faces(tmp_path):
             assert plane.normal @ element.point_m == pytest.approx(plane.offset_m, abs=1e-6)
 
 
-def test_a_mesh_that_is_not_convex_is_told_and_not_complete(tmp_path):
+def test_a_nonconvex_mesh_is_reported_and_not_complete(tmp_path):
     neck, head = trimesh.creation.box((1, 0.2, 0.2)), trimesh.creation.box((0.2, 1, 1))
     head.apply_translation((0.6, 0, 0))
     trimesh.util.concatenate([neck, head]).export(tmp_path / "hammer.stl")
@@ -231,7 +231,7 @@ def test_a_mesh_that_is_not_convex_is_told_and_not_complete(tmp_path):
         (None, "gone.stl", "path", "gone.stl"),
     ],
 )
-def test_what_is_no_mesh_is_refused_with_its_name(tmp_path, content, name, key, reason):
+def test_an_invalid_mesh_is_refused_with_its_name(tmp_path, content, name, key, reason):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     error = refused(tmp_path, f'[object.mesh]\npath = "{name}"')
@@ -283,7 +283,7 @@ def test_round_bodies_and_wrong_units_are_refused(tmp_path):
         ("[[object.point]]\npoint_m = [0, 0, 1]\n" * 201, "object", "too many"),
     ],
 )
-def test_what_cannot_be_is_refused_with_key_and_reason(tmp_path, text, key, reason):
+def test_impossible_values_are_refused_with_key_and_reason(tmp_path, text, key, reason):
     error = refused(tmp_path, text)
     assert key in error.key
     assert reason in error.reason
@@ -296,7 +296,7 @@ def test_files_that_cannot_be_read_are_refused(name):
 
 
 def outcome(read, *arguments):
-    """What comes of reading: nothing, or the one error that there may be."""
+    """The result of reading: none, or the one allowed error."""
     try:
         read(*arguments)
     except KnowledgeError as error:
@@ -305,7 +305,7 @@ def outcome(read, *arguments):
 
 @settings(max_examples=50, deadline=None)
 @given(text=st.text(max_size=200))
-def test_any_text_is_known_or_an_error_in_one_line(tmp_path_factory, text):
+def test_any_text_is_a_map_or_an_error_in_one_line(tmp_path_factory, text):
     path = tmp_path_factory.mktemp("known") / "any.toml"
     path.write_text(text, encoding="utf-8", errors="replace")
     assert "\n" not in str(outcome(load_knowledge, str(path)))
@@ -329,6 +329,6 @@ VALUES = st.recursive(
     value=VALUES,
     whole=VALUES,
 )
-def test_any_table_is_known_or_an_error(frame, kind, key, value, whole):
+def test_any_table_is_a_map_or_an_error(frame, kind, key, value, whole):
     for table in ({frame: {kind: {key: value}}}, {frame: {kind: whole}}, {frame: whole}, {"up": whole}):
         assert "\n" not in str(outcome(knowledge_from, table, Path("nowhere")))

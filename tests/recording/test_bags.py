@@ -1,4 +1,4 @@
-"""ROS bags: rosbag1, rosbag2 in SQLite, and what stands for them."""
+"""ROS bags: rosbag1, rosbag2 in SQLite, and their metadata files."""
 
 import bz2
 import shutil
@@ -157,7 +157,7 @@ def connection_record() -> bytes:
 
 
 @pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
-def test_bags_become_no_more_than_their_size_explains(tmp_path: Path, compression: str) -> None:
+def test_the_decompressed_size_of_bags_is_limited(tmp_path: Path, compression: str) -> None:
     lz4 = pytest.importorskip("lz4.frame")
     pack = {"none": bytes, "bz2": bz2.compress, "lz4": lz4.compress}[compression]
     many = connection_record() * 60_000
@@ -320,14 +320,14 @@ def test_damaged_databases_are_named(tmp_path: Path) -> None:
         (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
     ],
 )
-def test_what_hides_a_recording_is_named(tmp_path: Path, begin: bytes, message: str) -> None:
+def test_a_file_that_shadows_a_recording_is_named(tmp_path: Path, begin: bytes, message: str) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(begin)
     with pytest.raises(UnreadableRecording, match=message):
         open_log(str(path))
 
 
-def test_a_folder_of_packed_parts_says_so(tmp_path: Path) -> None:
+def test_a_folder_of_compressed_parts_is_reported(tmp_path: Path) -> None:
     (tmp_path / "rec_0.mcap.lz4").write_bytes(b"\x04\x22\x4d\x18")
     with pytest.raises(UnreadableRecording, match=r"decompress rec_0\.mcap\.lz4 first"):
         open_log(str(tmp_path))

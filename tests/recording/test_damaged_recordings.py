@@ -1,4 +1,4 @@
-"""Recordings that are cut off, damaged, compressed, piped or still growing give all that is readable."""
+"""Truncated, damaged, compressed, piped and growing recordings: the readable part is read."""
 
 import os
 import struct
@@ -196,7 +196,7 @@ def test_messages_of_a_channel_that_nothing_describes_are_counted(tmp_path: Path
     assert "40 messages of channels whose description is missing" in damage
 
 
-def test_a_chunk_that_promises_too_much_is_not_believed(tmp_path: Path) -> None:
+def test_a_chunk_with_too_large_a_declared_size_is_refused(tmp_path: Path) -> None:
     poses = smooth_poses(100)
     path = write_log(tmp_path / "a.mcap", [poses_topic(poses)], **SMALL)
     chunks = chunk_offsets(path)
@@ -230,7 +230,7 @@ NAMELESS = struct.pack("<BQHI", Opcode.SCHEMA, 6, 1, 0)
 
 @pytest.mark.parametrize("records", [EMPTY, PRIVATE, HEADLESS, NESTED, NAMELESS])
 @pytest.mark.parametrize("size", [2**23, 2**25, 2**28])
-def test_a_few_bytes_never_become_work_without_bound(
+def test_work_is_bounded_by_the_bytes_read(
     tmp_path: Path, records: bytes, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counted = list[int]()
@@ -260,7 +260,7 @@ def _counting(counted: list[int]) -> Callable[[WorkBudget, int], None]:
 
 
 def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
-    """Nothing real compresses better."""
+    """No real recording compresses better."""
     count, path = 100_000, tmp_path / "rest.mcap"
     stamps = START_NS + 5_000_000 * np.arange(count)
     rest = Poses(stamps, np.tile([0.1, 0.2, 0.3], (count, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
@@ -270,7 +270,7 @@ def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
     assert log.damage is None
 
 
-def test_a_compressed_file_that_claims_gigabytes_is_read_as_far_as_its_bytes_explain(tmp_path: Path) -> None:
+def test_a_compressed_file_of_gigabytes_is_read_up_to_the_limit(tmp_path: Path) -> None:
     whole = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(100))], **SMALL).read_bytes()
     head = struct.pack("<BQ", Opcode.MESSAGE, 200 * 2**20)
     compressor = zstandard.ZstdCompressor()
@@ -327,7 +327,7 @@ def victim(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 @given(
     changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=12)), min_size=1, max_size=4)
 )
-def test_no_damage_whatever_raises_the_unexpected(victim: Path, changes: list[tuple[float, bytes]]) -> None:
+def test_any_damage_raises_only_expected_errors(victim: Path, changes: list[tuple[float, bytes]]) -> None:
     data = bytearray(victim.read_bytes())
     for place, replacement in changes:
         start = int(place * (len(data) - len(replacement)))
@@ -517,7 +517,7 @@ def test_a_file_that_changes_while_it_is_followed_ends_the_stream(
     assert text in log.damage
 
 
-def test_endless_records_that_nobody_knows_are_refused(tmp_path: Path) -> None:
+def test_endless_unknown_records_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap.zst"
     plain = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(20))]).read_bytes()
     records = struct.pack("<BQ", 0x80, 0) * 3_000_000
@@ -526,7 +526,7 @@ def test_endless_records_that_nobody_knows_are_refused(tmp_path: Path) -> None:
         open_log(str(path))
 
 
-def test_a_chunk_becomes_no_more_than_memory_allows_whatever_its_size_explains() -> None:
+def test_the_size_of_a_chunk_is_limited_by_memory() -> None:
     """docs/conventions.md: 256 MB in any case, also where 50 times its size is more."""
     large = 100 * 2**20
     WorkBudget().check_record(large, 256 * 2**20)

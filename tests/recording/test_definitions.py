@@ -1,4 +1,4 @@
-"""Definitions of messages come from the file: nothing of them becomes code, and all take but a moment."""
+"""Message definitions from files are never executed, and take little time."""
 
 import builtins
 import struct
@@ -46,10 +46,8 @@ SOUND = {"ros1msg": ROS1, "ros2idl": "".join(RULE + part for part in IDL), "ros2
 
 
 @pytest.mark.parametrize("encoding", SOUND)
-def test_nothing_of_a_definition_is_run(
-    tmp_path: Path, encoding: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Whatever is compiled or run meanwhile has nothing to do with the file."""
+def test_definitions_are_not_executed(tmp_path: Path, encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code that is compiled or run does not depend on the file."""
     write(tmp_path / "first.mcap", encoding, SOUND[encoding])
     Poses.collect(open_log(str(tmp_path / "first.mcap")))  # modules are loaded
 
@@ -105,7 +103,7 @@ def poses_of(path: Path) -> tuple[int, int]:
 def test_crafted_definitions(
     tmp_path: Path, encoding: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Poses are read by the definition, or nothing is, or by the known definition of the type: never more."""
+    """Poses are read by the definition or by the known one of the type, or not at all."""
     monkeypatch.chdir(tmp_path)
     path = write(tmp_path / "a.mcap", encoding, CRAFTED[name].format(SOUND[encoding]))
     begin_s = time.process_time()

@@ -139,7 +139,7 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
     assert_is(found, OBJECT.stamp_ns, lambda i, t: np.linalg.inv(interpolated(FLANGE, t)) @ seen[i])
 
 
-def test_what_cannot_be_interpolated_is_counted(tmp_path: Path) -> None:
+def test_poses_without_interpolation_are_counted(tmp_path: Path) -> None:
     kept = np.r_[20:100, 250:350]  # from 0.2 to 1.0 s and from 2.6 to 3.6 s
     parent = FLANGE[kept]
     topics = joined(tf(parent, "world", "flange"), tf(OBJECT, "flange", "object"))
@@ -169,7 +169,7 @@ def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
     assert log.counts == {"bad_parent": 1}
 
 
-def test_what_is_published_is_taken_as_it_is(tmp_path: Path) -> None:
+def test_published_transforms_are_not_composed(tmp_path: Path) -> None:
     path = str(write_arm(tmp_path / "a.mcap"))
     found = Poses.collect(open_log(path, frame="camera->object"))
     np.testing.assert_array_equal(found.position_m, OBJECT.position_m)
@@ -191,7 +191,7 @@ def test_a_frame_that_may_move_is_named(tmp_path: Path, which: dict[str, str]) -
     assert ("--frame 'world->object'" if "frame" in which else "--relative-to world") in note
 
 
-def test_nothing_is_said_of_frames_that_rest_or_were_asked_for(tmp_path: Path) -> None:
+def test_static_and_selected_frames_are_not_reported(tmp_path: Path) -> None:
     path = str(write_arm(tmp_path / "a.mcap"))
     assert open_log(path, frame="camera->object").note is None
     assert open_log(path, frame="flange").note is None
@@ -199,7 +199,7 @@ def test_nothing_is_said_of_frames_that_rest_or_were_asked_for(tmp_path: Path) -
     assert open_log(str(write_log(tmp_path / "b.mcap", topics))).note is None
 
 
-def test_chains_that_are_not_there(tmp_path: Path) -> None:
+def test_missing_chains_are_refused(tmp_path: Path) -> None:
     path = str(write_arm(tmp_path / "a.mcap"))
     with pytest.raises(NoPoses, match=r"no pose source has the frame world->cup; there is .*camera->object"):
         open_log(path, frame="world->cup")
@@ -211,7 +211,7 @@ def test_chains_that_are_not_there(tmp_path: Path) -> None:
         open_log(path, relative_to="world")
 
 
-def test_stdin_and_growing_files_wait_for_no_more_than_they_need(tmp_path: Path) -> None:
+def test_stdin_and_growing_files_do_not_wait_longer_than_needed(tmp_path: Path) -> None:
     """Pose by pose: each comes as soon as the transform after it has come."""
     path = write_arm(tmp_path / "a.mcap")
     from contact_tracker.recording import Follow
@@ -222,7 +222,7 @@ def test_stdin_and_growing_files_wait_for_no_more_than_they_need(tmp_path: Path)
 
 
 @pytest.mark.parametrize("follow", [False, True])
-def test_a_pose_whose_stamp_leads_holds_up_no_others(tmp_path: Path, follow: bool) -> None:
+def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follow: bool) -> None:
     from contact_tracker.recording import Follow
 
     parent, body = faster(4000, 100.0, 1), faster(3000, 100.0, 2)
@@ -258,7 +258,7 @@ def test_known_definitions_along_a_chain_are_counted(tmp_path: Path) -> None:
     assert log.assumption == f"41 poses are read by the known definition of {TF}: the file does not define it"
 
 
-def test_those_who_have_to_choose_hear_of_composition(tmp_path: Path) -> None:
+def test_ambiguous_sources_come_with_a_hint_on_composition(tmp_path: Path) -> None:
     rows = [
         (pose.stamp_ns, {"transforms": [transform(*pose, "world", "arm"), transform(*pose, "arm", "cup")]})
         for pose in smooth_poses(40)

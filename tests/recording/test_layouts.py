@@ -1,4 +1,4 @@
-"""Poses read at known places are what the library decodes, whatever the message and whatever its schema."""
+"""Poses read at fixed offsets equal those of the library, for any message and schema."""
 
 import struct
 from contextlib import suppress
@@ -75,7 +75,7 @@ def shown(observations):
     frames=st.tuples(names, names),
     bodies=st.lists(bodies, min_size=2, max_size=4),
 )
-def test_what_is_read_is_what_the_library_decodes(kind, order, frames, bodies):
+def test_layouts_read_the_same_as_the_library(kind, order, frames, bodies):
     decoder, on = MessageDecoder(), channel(kind)
     for count, body in enumerate(bodies):
         message = RawMessage(on, 0, cdr(kind, order, frames, body, tail_value=float(count)))
@@ -126,7 +126,7 @@ def test_several_transforms_are_read_as_the_library_decodes_them(order, frames, 
 
 
 @each_type
-def test_layouts_are_learnt_and_names_that_change_are_told_apart(kind):
+def test_layouts_are_learned_and_changed_names_are_distinguished(kind):
     decoder, on, body = MessageDecoder(), channel(kind), ((5, 6), [0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5])
     pairs = [("world", "cube"), ("would", "ball"), ("a", "longer name")]
     pairs += [("world", "ball"), ("would", "cube")] if kind in TWO_NAMES else []
@@ -154,7 +154,7 @@ def test_layouts_are_learnt_and_names_that_change_are_told_apart(kind):
 )
 @settings(max_examples=10, deadline=None)
 @given(bodies=st.lists(bodies, min_size=3, max_size=3))
-def test_the_schema_of_the_file_is_what_counts(kind, change, bodies):
+def test_the_schema_of_the_file_takes_precedence(kind, change, bodies):
     decoder, on = MessageDecoder(), channel(kind, SCHEMAS[kind].replace(*change))
     for body in bodies:
         message = RawMessage(on, 0, cdr(kind, "<", ("world", "cube"), body))
@@ -164,7 +164,7 @@ def test_the_schema_of_the_file_is_what_counts(kind, change, bodies):
 @each_type
 @settings(max_examples=40, deadline=None)
 @given(seed=st.randoms(use_true_random=False), body=bodies)
-def test_damaged_messages_are_as_the_library_takes_them(kind, seed, body):
+def test_damaged_messages_are_read_like_by_the_library(kind, seed, body):
     decoder, on = MessageDecoder(), channel(kind)
     whole = cdr(kind, "<", ("world", "cube"), body)
     decoder.observe(RawMessage(on, 0, whole))
@@ -186,7 +186,7 @@ def same_outcome(decoder, message):
     assert found == expected
 
 
-def test_endless_frame_names_leave_no_endless_layouts():
+def test_the_number_of_layouts_is_bounded():
     layouts, tried = Layouts("geometry_msgs/msg/PoseStamped"), []
     decoder, on = MessageDecoder(), channel("geometry_msgs/msg/PoseStamped")
     for count in range(300):

@@ -1,4 +1,4 @@
-"""Recordings as others make them and as we write them: poses, sources, truth, summary."""
+"""Recordings of other programs and of this one: poses, sources, truth, summary."""
 
 import json
 import os
@@ -71,7 +71,7 @@ def labelled(poses: Poses) -> Truth:
 # --- writing ---------------------------------------------------------------------------------------------
 
 
-def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+def test_a_written_recording_is_read_back(tmp_path: Path) -> None:
     path, poses = str(tmp_path / "a.mcap"), smooth_poses(2000)
     truth = labelled(poses)
     write_recording(path, poses, truth, {"object": "box"})
@@ -162,7 +162,7 @@ def test_messages_come_in_the_order_of_log_time_whatever_the_order_of_the_file(
 
 
 @pytest.mark.parametrize("named", [False, True])
-def test_a_folder_of_recordings_of_their_own_is_refused(tmp_path: Path, named: bool) -> None:
+def test_a_folder_of_separate_recordings_is_refused(tmp_path: Path, named: bool) -> None:
     for i in range(6):
         write_log(tmp_path / f"take_{i}.mcap", [poses_topic(smooth_poses(50))])
     if named:
@@ -189,7 +189,7 @@ def test_the_same_recording_has_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
-def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
+def test_a_failed_write_keeps_the_existing_file(tmp_path: Path) -> None:
     path, poses = tmp_path / "a.mcap", smooth_poses()
     write_recording(str(path), poses, None, {})
     before = path.read_bytes()
@@ -304,7 +304,7 @@ def read_alike(path: str) -> tuple[Poses, dict[str, int]]:
 
 @pytest.mark.parametrize("resolution_ns", [10**18, 10**9, 10**8])
 @pytest.mark.parametrize("rate_hz", [30.0, 200.0, 1000.0])
-def test_stamps_too_coarse_to_tell_poses_apart_are_no_time(
+def test_stamps_too_coarse_to_order_poses_are_not_used(
     tmp_path: Path, resolution_ns: int, rate_hz: float
 ) -> None:
     poses = smooth_poses(int(3 * rate_hz), rate_hz)
@@ -322,7 +322,7 @@ def test_slow_poses_with_stamps_in_seconds_have_no_time(tmp_path: Path) -> None:
     assert_same(found, poses)
 
 
-def test_two_poses_to_a_stamp_are_told_apart_by_stamps(tmp_path: Path) -> None:
+def test_two_poses_per_stamp_keep_their_stamps(tmp_path: Path) -> None:
     poses = smooth_poses(600)
     found, counts = read_alike(stamped(tmp_path / "a.mcap", poses.stamp_ns // 10**7 * 10**7, poses))
     assert len(found) == 300
@@ -383,7 +383,7 @@ def test_the_summary_counts_what_reading_counts(tmp_path_factory: Any, rows: lis
     read_alike(stamped(tmp_path_factory.mktemp("log") / "a.mcap", stamps, poses))
 
 
-def test_the_last_poses_come_though_they_were_held(tmp_path: Path) -> None:
+def test_held_poses_are_released_at_the_end(tmp_path: Path) -> None:
     poses = smooth_poses(100)
     stamps = poses.stamp_ns + np.where(np.arange(100) < 95, 0, 10**10)
     found, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
@@ -403,7 +403,7 @@ def test_one_stamp_is_enough_to_go_by_stamps(tmp_path: Path, stamps: list[int]) 
     assert source.counts == log.counts
 
 
-def test_a_log_time_that_is_no_time_is_noted(tmp_path: Path) -> None:
+def test_an_invalid_log_time_is_noted(tmp_path: Path) -> None:
     """In a file it has 64 bits without a sign; a stamp has a sign."""
     rows = [(2**63 + p.stamp_ns, pose_stamped(0, *p[1:])) for p in smooth_poses()]
     path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
@@ -418,7 +418,7 @@ def test_time_that_starts_at_zero_is_time(tmp_path: Path) -> None:
     assert_same(Poses.collect(log), poses)
 
 
-def test_what_the_gate_drops_is_counted(tmp_path: Path) -> None:
+def test_poses_dropped_by_the_gate_are_counted(tmp_path: Path) -> None:
     poses = smooth_poses(50)
     rows = list(poses)
     rows[10] = rows[10]._replace(position_m=(float("nan"), 0.0, 0.0))
@@ -442,10 +442,10 @@ def in_columns(path: str, **options: Any) -> tuple[Poses, PoseLog]:
 
 @pytest.mark.parametrize("batch", [1, 3, 16, 500])
 @pytest.mark.parametrize("mixed", [False, True])
-def test_columns_are_what_comes_one_by_one(
+def test_columns_equal_single_poses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int, mixed: bool
 ) -> None:
-    """Whatever is wrong with some of the messages, of either source."""
+    """For faults in the messages of either source."""
     poses = smooth_poses(300)
     sign = np.where(np.arange(300) % 50 > 40, -1.0, 1.0)[:, None]
     rows = list(Poses(poses.stamp_ns, poses.position_m, sign * poses.quat_xyzw))
@@ -527,7 +527,7 @@ def test_of_several_objects_on_one_topic_one_has_to_be_chosen(tmp_path: Path) ->
         open_log(path, frame="cup")
 
 
-def test_static_transforms_are_no_rivals(tmp_path: Path) -> None:
+def test_static_transforms_are_not_alternative_sources(tmp_path: Path) -> None:
     poses = smooth_poses()
     log = open_log(tf_log(tmp_path / "x.mcap", {("world", "box"): poses}))
     assert log.source.topic == "/tf"
@@ -620,7 +620,7 @@ def test_poses_that_cannot_be_decoded_are_named(tmp_path: Path, topic: Topic, me
     assert list_sources(path) == []
 
 
-def test_a_topic_that_is_not_there_or_no_pose_is_named(tmp_path: Path) -> None:
+def test_a_missing_or_unsuitable_topic_is_named(tmp_path: Path) -> None:
     string = Topic("/s", "std_msgs/msg/String", [(START_NS, {"data": "f-f"})])
     path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses()), string]))
     with pytest.raises(NoPoses, match=r"no topic /pose; there is /object/pose$"):
@@ -629,7 +629,7 @@ def test_a_topic_that_is_not_there_or_no_pose_is_named(tmp_path: Path) -> None:
         open_log(path, topic="/s")
 
 
-def test_what_is_no_recording_is_said_in_one_line(tmp_path: Path) -> None:
+def test_other_files_are_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").touch()
     (tmp_path / "text.mcap").write_text("stamp,x,y,z\n" * 100)
     (tmp_path / "folder").mkdir()
@@ -710,7 +710,7 @@ def test_a_folder_of_parts_is_one_recording_in_natural_order(tmp_path: Path) -> 
     assert "bag_12.mcap: it is empty" in log.damage
 
 
-def test_the_summary_tells_what_is_in_a_recording(tmp_path: Path) -> None:
+def test_the_summary_describes_a_recording(tmp_path: Path) -> None:
     poses = smooth_poses(401, rate_hz=100.0)
     gone = poses[np.r_[0:150, 250:401]]
     write_recording(str(tmp_path / "a.mcap"), gone, labelled(gone), {"object": "box"})

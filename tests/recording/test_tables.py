@@ -96,7 +96,7 @@ def test_units_are_those_of_the_names(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
-def test_times_without_a_unit_are_told_by_their_size(tmp_path: Path, unit: int) -> None:
+def test_the_unit_of_times_is_guessed_from_their_size(tmp_path: Path, unit: int) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
@@ -151,7 +151,7 @@ def motive(kinds: list[str], names: list[str], values: list[str], axes: str, spa
     return "\n".join([about, "", *map(",".join, rows), line, line.replace("0.0", "0.1", 1)]) + "\n"
 
 
-def test_motive_bodies_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_motive_bodies_of_one_name_are_distinguished(tmp_path: Path) -> None:
     path = tmp_path / "take.csv"
     path.write_text(motive(["Rigid Body"] * 14, ["cup"] * 14, VALUES * 2, "XYZWXYZ" * 2))
     assert [source.child_frame_id for source in list_sources(str(path))] == ["cup", "cup 2"]
@@ -237,7 +237,7 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         ("hello\n", "no columns of a pose among hello"),
     ],
 )
-def test_what_a_table_lacks_is_said(tmp_path: Path, text: str, message: str) -> None:
+def test_missing_columns_are_reported(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "a.csv"
     path.write_text(text)
     for read in (open_log, summarise):
@@ -265,7 +265,7 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("line", ["\n", "#\n", "# t x y z qx qy qz qw\n", "  \n"])
-def test_lines_without_an_end_that_say_nothing_are_refused(line: str, tmp_path: Path) -> None:
+def test_endless_meaningless_lines_are_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "a.tum"
     path.write_text(line * 10_000 + "0 0 0 0 0 0 0 1\n")
     with pytest.raises(UnreadableRecording, match="its first 64 lines are empty or comments"):
@@ -273,7 +273,7 @@ def test_lines_without_an_end_that_say_nothing_are_refused(line: str, tmp_path: 
 
 
 @pytest.mark.parametrize(("rows", "dictionary"), [(20_000_000, True), (3_000_000, False)])
-def test_parquet_becomes_no_more_than_its_size_explains(tmp_path: Path, rows: int, dictionary: bool) -> None:
+def test_the_decompressed_size_of_parquet_is_limited(tmp_path: Path, rows: int, dictionary: bool) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
@@ -302,7 +302,7 @@ def test_parquet_of_few_long_values_is_refused(tmp_path: Path) -> None:
         open_log(str(path))
 
 
-def test_parquet_whose_pages_cannot_be_told_is_refused(tmp_path: Path) -> None:
+def test_parquet_with_invalid_pages_is_refused(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
@@ -338,7 +338,7 @@ def test_one_group_of_parquet_may_be_long(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("step", "code"), [("collect_schema", 1), ("collect", 1)])
-def test_panics_of_the_library_are_damage_said_in_a_line_of_ours(
+def test_panics_of_the_library_are_reported_as_damage_in_one_line(
     step: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """As polars does of some damaged Parquet files: its threads print, and what is raised is no Exception."""
@@ -415,7 +415,7 @@ def test_times_whose_steps_are_no_seconds_are_in_the_unit_that_fits(
 
 
 @pytest.mark.parametrize(("first", "step"), [(0, 0.005), (1.7e9, 0.25), (50_000.0, 0.1)])
-def test_times_that_are_seconds_need_no_word(tmp_path: Path, first: float, step: float) -> None:
+def test_times_in_seconds_need_no_note(tmp_path: Path, first: float, step: float) -> None:
     times = first + step * np.arange(300)
     log = open_log(str(write_times(tmp_path / "a.csv", times)))
     Poses.collect(log)
@@ -423,7 +423,7 @@ def test_times_that_are_seconds_need_no_word(tmp_path: Path, first: float, step:
 
 
 @pytest.mark.parametrize("step", [0.5, 300, 3e5, 1e9])
-def test_times_that_fit_no_unit_are_said_to_be_taken_as_seconds(tmp_path: Path, step: float) -> None:
+def test_times_that_fit_no_unit_are_reported_as_seconds(tmp_path: Path, step: float) -> None:
     log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(30))))
     Poses.collect(log)
     assert log.assumption is not None
@@ -432,14 +432,14 @@ def test_times_that_fit_no_unit_are_said_to_be_taken_as_seconds(tmp_path: Path, 
 
 @pytest.mark.parametrize(("unit", "unit_ns"), [("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1)])
 @pytest.mark.parametrize("name", ["t", "time_ms"])
-def test_the_unit_that_is_asked_for_holds(tmp_path: Path, unit: str, unit_ns: int, name: str) -> None:
+def test_the_given_unit_is_used(tmp_path: Path, unit: str, unit_ns: int, name: str) -> None:
     times = 5 * np.arange(300)
     log = open_log(str(write_times(tmp_path / "a.csv", times, name)), time_unit=unit)
     np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
     assert log.assumption is None
 
 
-def test_the_unit_of_what_has_one_cannot_be_asked_for(tmp_path: Path) -> None:
+def test_a_unit_cannot_be_given_for_formats_with_their_own(tmp_path: Path) -> None:
     names = [str(write_motive(tmp_path / "take.csv", POSES, OTHER)), str(write_vicon(tmp_path / "v.csv"))]
     for name in [*names, str(SHIPPED)]:
         with pytest.raises(UnreadableRecording, match="its times have a unit: leave out --time-unit"):

@@ -1,4 +1,4 @@
-"""Wrenches of a recording: which frame they are in, and what is dropped."""
+"""Wrenches of a recording: their frame, and dropped messages."""
 
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def test_frames_that_change_are_refused(tmp_path: Path) -> None:
         read(write_log(tmp_path / "log.mcap", [poses_topic(poses), both]))
 
 
-def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path) -> None:
+def test_unusable_wrenches_are_dropped_and_counted(tmp_path: Path) -> None:
     poses = smooth_poses()
     topic = wrenches_topic(poses)
     messages = list(topic.messages)
@@ -73,14 +73,14 @@ def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path) -> None:
     assert len(found.wrenches) == len(poses) - 3
 
 
-def test_bytes_that_are_no_wrench_are_an_error_in_one_line(tmp_path: Path) -> None:
+def test_undecodable_wrenches_are_an_error_in_one_line(tmp_path: Path) -> None:
     poses = smooth_poses()
     topic = Topic("/wrench", WRENCH_TYPE, [(int(stamp), b"\x00\x01\x00\x00??") for stamp in poses.stamp_ns])
     with pytest.raises(InputError, match="can be used"):
         read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
 
 
-def test_a_topic_that_is_not_there_lists_those_that_are(tmp_path: Path) -> None:
+def test_a_missing_topic_lists_the_existing_ones(tmp_path: Path) -> None:
     poses = smooth_poses()
     path = write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)])
     with pytest.raises(UsageError, match=r"no topic /other.*/wrench"):
@@ -103,7 +103,7 @@ def test_wrenches_without_free_motion_change_nothing(
     assert "Traceback" not in found.err
 
 
-def test_info_says_that_there_is_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_reports_the_wrench_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     poses = smooth_poses(400)
     path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
     assert run(["info", path]) == 0
@@ -111,7 +111,7 @@ def test_info_says_that_there_is_one(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize("words", ["--mass 2", "--wrench /none", "--wrench /wrench --mass=-1"])
-def test_wrong_usage_is_said(tmp_path: Path, words: str) -> None:
+def test_wrong_usage_is_reported(tmp_path: Path, words: str) -> None:
     poses = smooth_poses(400)
     path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
     assert run(["segment", path, *words.split()]) == 2

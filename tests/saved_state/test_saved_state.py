@@ -1,4 +1,4 @@
-"""What was saved carries on to the last bit; what is no state is refused, and nothing in it is run."""
+"""Saved states resume bit for bit; invalid ones are refused, and never executed."""
 
 import json
 import pickle
@@ -60,9 +60,7 @@ def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: b
 @needs_kernels
 @pytest.mark.parametrize("lag_s", [0.0, 1.0])
 @pytest.mark.parametrize(("name", "count"), [("vision_30hz", 700), ("all_states", 2500)])
-def test_a_restored_stream_goes_on_to_the_last_bit(
-    tmp_path: Path, name: str, count: int, lag_s: float
-) -> None:
+def test_a_restored_stream_continues_bit_for_bit(tmp_path: Path, name: str, count: int, lag_s: float) -> None:
     poses = recorded(name, count)
     cuts = {1, 5, 11, 12, 13, 59, 60, 61, *range(100, count, 397)}
     assert lines(poses, cuts, tmp_path / "s", lag_s) == lines(poses, set(), tmp_path / "s", lag_s)
@@ -86,9 +84,7 @@ ROUGH = st.lists(
 
 @given(rows=ROUGH, cut=st.integers(0, 120))
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_the_gate_goes_on_as_if_nothing_had_been(
-    tmp_path: Path, rows: list[tuple[int, float]], cut: int
-) -> None:
+def test_the_gate_continues_after_a_restore(tmp_path: Path, rows: list[tuple[int, float]], cut: int) -> None:
     clean, stamp, poses = list(smooth_poses(len(rows))), 0, list[Pose]()
     for pose, (step, shift) in zip(clean, rows, strict=True):
         stamp += step * 5_000_000
@@ -146,7 +142,7 @@ def test_a_damaged_state_is_refused_or_is_the_same(
 
 
 def rewritten(path: Path, target: Path, change: Any) -> Path:
-    """A state with a sound checksum, but another tree."""
+    """A state with a valid checksum, but another tree."""
     from contact_tracker.saved_state.state_file import _head
 
     with zipfile.ZipFile(path) as file:
@@ -178,14 +174,14 @@ def rewritten(path: Path, target: Path, change: Any) -> Path:
         [["tuple"]],
     ],
 )
-def test_nothing_but_values_of_a_state_is_built(
+def test_only_classes_of_a_state_are_built(
     tmp_path: Path, saved: tuple[Path, AdaptiveState], tree: Any
 ) -> None:
     with pytest.raises(StateError):
         load(rewritten(saved[0], tmp_path / "x", lambda _: tree))
 
 
-def test_deep_trees_end(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
+def test_deep_trees_are_refused(tmp_path: Path, saved: tuple[Path, AdaptiveState]) -> None:
     tree: Any = 1
     for _ in range(500):
         tree = ["tuple", tree]
@@ -220,7 +216,7 @@ def test_a_state_of_another_version_is_named(
         load(saved[0])
 
 
-def test_what_is_no_part_of_a_state_is_not_saved(tmp_path: Path) -> None:
+def test_other_classes_are_not_saved(tmp_path: Path) -> None:
     for value in (object(), {"a": Path()}, np.array(["text"]), lambda: None):
         with pytest.raises(TypeError, match="no part of a state"):
             save(tmp_path / "x", value)

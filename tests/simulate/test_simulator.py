@@ -1,4 +1,4 @@
-"""The simulator against geometry that knows nothing of how it moves the object."""
+"""The simulator against independent geometry."""
 
 import json
 from collections.abc import Iterator
@@ -171,7 +171,7 @@ def test_elements_are_the_bodies_own_features() -> None:
                 assert on >= 3 if kind == "f" else on == {"e": 2, "v": 1}[kind]
 
 
-def test_nothing_jumps_and_a_hand_could_do_it() -> None:
+def test_motion_is_continuous_and_possible_for_a_hand() -> None:
     for simulated in all_quiet():
         seconds = np.diff(simulated.poses.stamp_ns)[1:, None] / 1e9
         velocity = twist(simulated.poses, middle(simulated))
@@ -249,7 +249,7 @@ def test_singular_motion_is_what_its_name_says(contact: Contact, motion: str) ->
     assert np.abs(incidence(interval, poses)).max() < 1e-9
 
 
-def test_phases_last_as_asked_and_neighbours_follow_neighbours() -> None:
+def test_phases_last_as_specified_and_follow_the_lattice() -> None:
     for simulated in all_quiet():
         intervals = simulated.truth.intervals
         for before, after in pairwise(intervals):
@@ -269,7 +269,7 @@ def test_phases_last_as_asked_and_neighbours_follow_neighbours() -> None:
     np.testing.assert_allclose(lasted, asked, atol=0.02)
 
 
-def test_noise_is_as_asked() -> None:
+def test_noise_is_as_specified() -> None:
     scenario = replace(
         named_scenario("random", 2), sigma_position_m=0.0012, sigma_rotation_rad=0.004, rate_hz=200.0
     )
@@ -282,7 +282,7 @@ def test_noise_is_as_asked() -> None:
     assert np.abs(white).max() < 0.05
 
 
-def test_outliers_drops_held_poses_and_jitter_are_as_asked() -> None:
+def test_outliers_drops_repeated_poses_and_jitter_are_as_specified() -> None:
     asked = {"outlier_probability": 0.02, "drop_probability": 0.1, "hold_probability": 0.05}
     base = replace(named_scenario("all_states", 4), **QUIET)
     poses, clean = simulate(replace(base, **asked, jitter_s=0.0005), 4).poses, simulate(base, 4).poses
@@ -366,7 +366,7 @@ def test_unknown_names_and_negative_seeds_are_refused() -> None:
 
 
 @pytest.mark.parametrize("name", FORMATIONS)
-def test_table_and_wall_are_touched_as_the_truth_says(name: str) -> None:
+def test_table_and_wall_are_touched_as_in_the_truth(name: str) -> None:
     simulated = quiet(name, 2)
     (first,) = simulated.truth.intervals
     (second,) = first.further
@@ -397,6 +397,6 @@ def test_table_and_wall_are_touched_as_the_truth_says(name: str) -> None:
         {"phases": (Phase(Contact.VF, 12.0),)},
     ],
 )
-def test_formations_that_cannot_be_played_are_refused(change: dict[str, object]) -> None:
+def test_impossible_formations_are_refused(change: dict[str, object]) -> None:
     with pytest.raises(UsageError, match="scenario"):
         replace(named_scenario("wall_in_between", 0), **change)

@@ -29,7 +29,7 @@ def write_recordings(folder: Path, count: int = 3, poses: int = 60) -> list[Path
 
 
 def write_broken(folder: Path) -> list[Path]:
-    """``BROKEN`` ways to be of no use."""
+    """The ``BROKEN`` recordings, each unusable for another reason."""
     folder.mkdir(parents=True, exist_ok=True)
     whole = write_recordings(folder / "whole", 1)[0].read_bytes()
     contents = {"empty": b"", "short": whole[:200], "zeros": bytes(5000), "text": b"no recording\n"}

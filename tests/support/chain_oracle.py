@@ -1,4 +1,4 @@
-"""Random models of the Markov chain of the states, and what such a chain does."""
+"""Random models of the Markov chain of the states, and runs of it."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ NOTHING = TransitionCounts((0.0,) * N, (0.0,) * N, ((0.0,) * N,) * N)
 
 
 def prior(prior_changes: float = 20.0) -> Model:
-    """The default model that has seen nothing."""
+    """The default model without counts."""
     model = load_model()
     return replace(model, transitions=replace(model.transitions, prior_changes=prior_changes, counts=NOTHING))
 

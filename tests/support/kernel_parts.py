@@ -1,4 +1,4 @@
-"""Parts of the kernels, called as the functions are that they stand for."""
+"""Parts of the kernels, with the interfaces of the numpy functions."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from contact_tracker.hypotheses.row_layout import entries
 
 
 def both(function, *args, **options):
-    """What a function gives in numpy, and what it gives compiled."""
+    """The results of a function in numpy and compiled."""
     results = []
     for in_use in (False, True):
         with pytest.MonkeyPatch.context() as patch:

@@ -1,4 +1,4 @@
-"""What the documentation tells its readers to do, step by step, and doing it in a folder.
+"""The steps of documentation pages, and running them in a folder.
 
 A block marked ``console`` has commands after ``$ ``, each followed by what it prints; ``...`` stands for the
 rest of that. Blocks marked ``python`` are run as they are, and a ``text`` block after one is what it prints.
@@ -33,7 +33,7 @@ class Step(NamedTuple):
 
 
 def steps(text: str) -> Iterator[Step]:
-    """What the reader does, in order; a text block shows the output of the Python before it."""
+    """The steps of a page in order; a text block shows the output of the Python before it."""
     blocks = FENCED.findall(text)
     for (language, block), (next_language, next_block) in pairwise([*blocks, ("", "")]):
         if language == "python":

@@ -1,6 +1,7 @@
 """An object that a hand carries and then presses against its surroundings: poses, and the wrench of the hand.
 
-Nobody's simulator: contacts are written down as where a force acts, and motion as what they leave free.
+Independent of the simulator: a contact is defined by the points of force, and the motion by its free
+directions.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,8 @@ class Pressed:
 def pressed(
     contact: Contact, seed: int = 0, noise: bool = False, bias: bool = False, seconds: float = 6.0
 ) -> Pressed:
-    """Half the time free, turning every way, then ``contact`` with motion that alone would not tell it."""
+    """Half the time free, turning in all directions, then ``contact`` with motion that does not identify
+    it."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     free = _waves(rng, t, 3, 0.3)

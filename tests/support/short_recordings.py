@@ -1,4 +1,4 @@
-"""Short simulated recordings and what the segmenter makes of them, each computed once."""
+"""Short simulated recordings and their segmentations, each computed once."""
 
 from functools import cache
 from typing import Final
@@ -33,7 +33,7 @@ def segmented(contacts: str) -> Segmentation:
 
 
 def true_contacts(simulated: Simulated, stamp_ns: NDArray[np.int64]) -> list[Contact | None]:
-    """What held at each stamp."""
+    """The true contact at each stamp."""
     return [simulated.truth.intervals[i].contact for i in simulated.truth.at(stamp_ns)]
 
 

@@ -1,4 +1,4 @@
-"""Smooth random motion as a sensor sees it: what noise, free motion and ticks are measured on."""
+"""Smooth random motion with sensor noise, for tests of noise, free motion and ticks."""
 
 import numpy as np
 from numpy.typing import NDArray

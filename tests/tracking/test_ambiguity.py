@@ -1,4 +1,4 @@
-"""What motion cannot tell is said: contacts it does not separate, directions of geometry it does not show."""
+"""Ambiguity: indistinguishable contacts and unobserved directions of geometry."""
 
 import csv
 import io
@@ -44,7 +44,7 @@ def untold(label, judged, window, older):
 
 
 def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):
-    """Ticks of exact poses as a good sensor sees them; all of them in motion."""
+    """Ticks of exact poses with the noise of a good sensor; all of them in motion."""
     rng = np.random.default_rng(seed)
     count = len(position)
     jitter = Rotation.from_rotvec(rng.normal(size=(count, 3)) * np.sqrt(variance[1])).as_matrix()
@@ -105,8 +105,8 @@ def test_a_little_off_the_lift_changes_linearly(seed):
 
 
 @each_contact
-def test_noise_feigns_as_much_as_is_said(contact):
-    """An object at rest, its sensor jitters: but for what rest shows, information is that of the noise."""
+def test_noise_creates_as_much_apparent_motion_as_predicted(contact):
+    """An object at rest with sensor noise: apart from that of rest, the information is that of the noise."""
     model = CONTACT_MODELS[contact.column]
     rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
     window = ticks(rest, np.zeros((1000, 3)))
@@ -163,7 +163,7 @@ def test_faces_that_slide_along_one_line_may_be_tilted_about_it():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_hinge_shows_the_vertex_but_for_where_it_lies_along_the_axis(seed):
-    """The found vertex is right apart from what it is said not to be known; the plane may tilt about it."""
+    """The vertex is right up to its unobserved directions; the plane may tilt about it."""
     rng = np.random.default_rng(seed)
     axis, vertex = Rotation.random(random_state=rng).apply([1.0, 0.0, 0.0]), rng.normal(size=3) * 0.1
     rotation = turning(axis, 0.6 * waves(1, seed)[:, 0])
@@ -175,7 +175,7 @@ def test_a_hinge_shows_the_vertex_but_for_where_it_lies_along_the_axis(seed):
     assert len(ways(geometry.environment, "turns_about")) >= 1
 
 
-def test_at_rest_nothing_is_shown_of_vertex_and_face():
+def test_rest_has_no_information_on_vertex_and_face():
     geometry = found(Contact.VF, ticks(np.tile(np.eye(3), (TICKS, 1, 1)), np.zeros((TICKS, 3))))
     assert len(geometry.object.unobserved) == len(geometry.environment.unobserved) == 3
 
@@ -219,7 +219,7 @@ def test_the_directions_that_a_motion_uses_are_counted_in_any_frame(kind, seed):
 
 
 def rivals(**nats):
-    """Evidence by state; the others are hopeless and fit badly, but for free motion."""
+    """Evidence by state; the others fit badly, except for free motion."""
     names = [state.value.replace("-", "") for state in STATES]
     evidence = np.array([nats.get(name, -100.0) for name in names])
     return ambiguity.CompetingEvidence(
@@ -234,7 +234,7 @@ def test_evidence_of_twenty_to_one_separates():
 
 
 def test_the_evidence_of_a_label_is_that_of_its_best_hypotheses():
-    """Of an onset the best, and none that is hopeless, though it began when the rival did."""
+    """For each onset the best, without negligible ones, even if they began when the rival did."""
     onsets = np.array([0, 0, 1, 2, 2])
     banks = [blank(model, 0) for model in CONTACT_MODELS]
     edge, vertex = CONTACT_MODELS[Contact.EF.column], CONTACT_MODELS[Contact.VF.column]
@@ -274,14 +274,14 @@ def test_freedom_that_is_not_used_separates_nothing_that_fits():
     ("label_rms", "rival_rms", "fits"),
     [(0.5, 1.1, True), (0.5, 1.3, False), (2.0, 2.3, True), (2.0, 2.5, False)],
 )
-def test_what_leaves_no_more_than_the_noise_fits_as_well_as_what_leaves_less(label_rms, rival_rms, fits):
+def test_residuals_below_the_noise_fit_equally_well(label_rms, rival_rms, fits):
     judged = rivals(vf=50.0, fv=-100.0)
     judged.rms[[Contact.VF.column, Contact.FV.column]] = label_rms, rival_rms
     told = ambiguity.indistinguishable(Contact.VF, judged, ambiguity.Freedom(True, False))
     assert (Contact.FV in told) == fits
 
 
-def test_rest_does_not_take_back_what_earlier_motion_has_told():
+def test_rest_keeps_the_information_of_earlier_motion():
     rest = ticks(*kinds_of_motion()["rest"][1:])
     rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)
     judged = rivals(vf=50.0)
@@ -290,7 +290,7 @@ def test_rest_does_not_take_back_what_earlier_motion_has_told():
 
 
 @pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
-def test_what_all_directions_have_shown_is_not_in_doubt(contacts):
+def test_contacts_shown_in_all_directions_are_not_ambiguous(contacts):
     done = segmented(contacts)
     for believed in (*done.segments, done.filtered[-1]):
         assert believed.inseparable == ()
@@ -298,7 +298,7 @@ def test_what_all_directions_have_shown_is_not_in_doubt(contacts):
 
 
 @pytest.mark.parametrize(("contact", "motion"), [(Contact.EF, "one-axis"), (Contact.FE, "translation")])
-def test_where_motion_cannot_tell_the_true_contact_is_among_those_named(contact, motion):
+def test_the_true_contact_is_among_the_indistinguishable_ones(contact, motion):
     simulated = simulate(Scenario((Phase(contact, 4.0, motion),)), 1)
     done = segment(simulated.poses, MODEL)
     for believed in (*(s for s in done.segments if s.end_ns - s.start_ns > 2e9), *done.filtered[-10:]):
@@ -314,7 +314,7 @@ SHIFTS, TURNS = Unobserved("shifts_along", UP), Unobserved("turns_about", UP)
 PARTLY = ContactGeometry(Point(np.zeros(3), None, (SHIFTS,)), Plane(UP, 0.25, None, (TURNS,)))
 
 
-def test_people_read_what_is_open():
+def test_text_names_the_indistinguishable_contacts():
     assert describe(PARTLY, (Contact.FREE,)) == (
         "vertex (0.000 0.000 0.000) m (unobserved: shift along (0.00 0.00 1.00)) on "
         "face normal (0.00 0.00 1.00) at 0.250 m (unobserved: turn about (0.00 0.00 1.00)); or free"
@@ -328,7 +328,7 @@ def test_people_read_what_is_open():
     assert len(list(table(segments[1:], 0))) == 2
 
 
-def test_programs_read_what_is_open():
+def test_json_names_the_indistinguishable_contacts():
     assert PARTLY.to_json()["object"]["unobserved"] == [{"shifts_along": [0.0, 0.0, 1.0]}]
     assert PARTLY.to_json()["environment"]["unobserved"] == [{"turns_about": [0.0, 0.0, 1.0]}]
     file = io.StringIO(newline="")
@@ -353,7 +353,7 @@ def exact_inverse(matrix):
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-3.0, 18.0), min_size=5, max_size=5))
-def test_what_is_known_all_too_well_hides_nothing_of_the_rest(seed, digits):
+def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digits):
     """Against the inverse of the sum, in as many digits as it takes."""
     rng = np.random.default_rng(seed)
     ways, root = (rng.normal(size=(5, 5)) + 3.0 * np.eye(5) for _ in range(2))

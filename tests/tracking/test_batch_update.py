@@ -1,4 +1,4 @@
-"""Ticks that are taken in some at a time lead to what they lead to one by one."""
+"""Updates by many ticks at a time equal those by one tick."""
 
 from dataclasses import replace
 from functools import cache
@@ -35,7 +35,7 @@ SECOND = 1_000_000_000
 
 
 def with_a_rest():
-    """Motion, rest long enough to say nothing, a gap, and motion again."""
+    """Motion, long rest without information, a gap, and motion again."""
     poses = recorded(FACE_TO_EDGE).poses[:900]
     held = np.concatenate([np.arange(450), np.full(400, 449), np.arange(450, 900)])
     gap = np.repeat([0, 2 * SECOND], [850, len(held) - 850])
@@ -64,7 +64,7 @@ def some_at_a_time(name):
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
+def test_results_do_not_depend_on_the_number_of_ticks_at_once(name):
     expected, found = one_by_one(name), some_at_a_time(name)
     seen = [tick_result for _, some in found for tick_result in some]
     assert [one.tick.stamp_ns for one in seen] == [one.tick.stamp_ns for one in expected]
@@ -99,8 +99,8 @@ def test_no_digit_hangs_on_how_many_ticks_are_taken_at_once(name):
         np.testing.assert_array_equal(state.window.variance, then.window.variance)
 
 
-def test_the_recordings_have_what_strides_stop_at():
-    """Else they would say little: things learnt, ticks that say nothing, and all states but one or two."""
+def test_the_recordings_have_ticks_at_which_strides_end():
+    """With landmark updates, uninformative ticks, and nearly all states."""
     resting = one_by_one("rest and gap")
     assert sum(seen.state.deferred_exposure > 0.0 for seen in resting) > 10
     assert sum(seen.tick.count == 0 for seen in resting) >= 5
@@ -109,7 +109,7 @@ def test_the_recordings_have_what_strides_stop_at():
     assert {seen.state.label for seen in one_by_one("contacts")} >= {Contact.FF, Contact.EF}
 
 
-def test_many_ticks_are_taken_at_once():
+def test_many_ticks_are_updated_at_once():
     sizes = [len(some) for _, some in some_at_a_time("contacts")]
     assert MOST // 2 < max(sizes) <= MOST
     assert np.mean(sizes) > 3.0
@@ -126,8 +126,8 @@ def moments(k, count):
 
 
 @pytest.mark.parametrize("k", [1, 9, 24])
-def test_a_stride_ends_at_the_first_tick_that_may_teach(k):
-    """That is for whoever looks at what is believed to say; none that teaches may be passed."""
+def test_a_stride_ends_at_the_first_possible_landmark_update(k):
+    """The caller decides on that by the belief; no tick with a landmark update may be skipped."""
     state, ahead = moments(k, 20)
     seen = one_by_one("contacts")[k + 1 : k + 21]
     weights = [np.exp(one.state.log_state_weight - one.state.log_state_weight.max()) for one in seen]
@@ -153,7 +153,7 @@ def averaged(poses, state):
     return state, ticks
 
 
-def test_where_answers_lag_ticks_are_taken_one_by_one():
+def test_with_a_lag_ticks_are_updated_one_by_one():
     """Hypotheses have pasts, which kernels do not see."""
     poses = recorded(FACE_TO_EDGE).poses[:400]
     start, ticks = averaged(poses, tracker.start(MODEL, lag_s=0.5))
@@ -183,7 +183,7 @@ def test_windows_are_worked_out_for_a_few_ticks_ahead_only(monkeypatch):
     assert max(most) == MOST
 
 
-def test_weights_that_are_no_numbers_end_a_stride():
+def test_nan_weights_end_a_stride():
     """With nothing of the contact that would be the first of those that weigh most."""
     state, ahead = moments(9, 3)
     begins = (ahead[0].births.proposals[0].pick([]), *ahead[0].births.proposals[1:])
@@ -199,7 +199,7 @@ def test_weights_that_are_no_numbers_end_a_stride():
     assert len(updated.tick_weights) == 1
 
 
-def test_what_has_taught_is_due_when_it_has_lasted_longer_by_half():
+def test_landmark_updates_are_due_after_half_the_duration_again():
     met = [Landmark(onset, stamp, None, np.zeros(3)) for onset, stamp in ((0, 100), (0, 101), (500, 500))]
     memory = LandmarkMemory((met[0],), tuple(met[1:]))
     assert memory.due_ns == {0: 152, 500: 500}

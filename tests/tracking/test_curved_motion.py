@@ -1,4 +1,4 @@
-"""Motion along a curved surface is none of the six contacts, and is not said to be free."""
+"""Motion along a curved surface is none of the six contacts, and is not reported as free."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import curved_motion, offline_smoother, segment_fit, tracker
-from contact_tracker.tracking.curved_motion import NOT_JUDGED, judged_online
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.offline_smoother import segment
 from restricted_motions import MOTIONS, poses_of
 from short_recordings import MODEL
@@ -66,9 +66,9 @@ def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(lag_s)
 
 
 def curved_segment(monkeypatch, wrenches):
-    """What is made of a segment of curved motion where a hand's wrenches say this much of each state."""
+    """The fit of a segment of curved motion with this evidence of wrenches for each state."""
     poses = gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 4.0))
-    monkeypatch.setattr(segment_fit, "judged_offline", lambda window, *_: np.full(len(window), 0.99))
+    monkeypatch.setattr(segment_fit, "curved_probabilities", lambda window, *_: np.full(len(window), 0.99))
     evidence = None if wrenches is None else np.array(wrenches)
     fits = segment_fit.fit_segments
 
@@ -81,7 +81,7 @@ def curved_segment(monkeypatch, wrenches):
 
 
 @needs_kernels
-def test_curved_motion_is_judged_before_wrenches_decide(monkeypatch):
+def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
     untold = curved_segment(monkeypatch, None)
     assert set(untold.inseparable) == set(CONTACTS)
     touching = curved_segment(monkeypatch, [0.0, 0.0, 0.0, 40.0, 39.0, 0.0, -40.0])
@@ -103,17 +103,19 @@ def test_free_motion_is_free():
     assert longest.probability > 0.9
 
 
-def test_free_motion_is_judged_now_and_then(monkeypatch):
+def test_free_motion_is_tested_at_intervals(monkeypatch):
     """Not before it has lasted, and again whenever it has lasted half as long again; anew after a contact."""
     asked = []
     monkeypatch.setattr(curved_motion, "curved_evidence", lambda window, _: asked.append(len(window)) or 9.0)
-    known = NOT_JUDGED
+    known = NO_CURVED_MOTION
     for tick in range(100):
         window = Window(np.arange(tick + 1), np.zeros((tick + 1, 25)), *np.ones((2, tick + 1, 2)))
-        known = judged_online(known, window, 0, tracker.scales_of(MODEL), EMPTY_MAP)
+        known = update_curved_motion(known, window, 0, tracker.scales_of(MODEL), EMPTY_MAP)
         assert (known.probability > 0.9) == (tick >= 39)
     assert asked == [40, 60, 60]
-    known = judged_online(known, window, 90, tracker.scales_of(MODEL), EMPTY_MAP)
+    known = update_curved_motion(known, window, 90, tracker.scales_of(MODEL), EMPTY_MAP)
     assert known.probability == 0.0
-    complete = judged_online(NOT_JUDGED, window, 0, tracker.scales_of(MODEL), PriorMap(object_complete=True))
+    complete = update_curved_motion(
+        NO_CURVED_MOTION, window, 0, tracker.scales_of(MODEL), PriorMap(object_complete=True)
+    )
     assert complete.probability == 0.0

@@ -1,4 +1,4 @@
-"""Wrenches choose among states that motion does not tell apart, and touch no other."""
+"""Wrenches decide among states that motion does not distinguish, and only among them."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def evidence(**nats: float) -> np.ndarray:
     return np.array([nats.get(state.name, 0.0) for state in STATES])
 
 
-def test_a_label_that_motion_has_told_stays() -> None:
+def test_a_label_determined_by_motion_stays() -> None:
     assert decide_by_wrenches(Contact.FF, (), evidence(VF=1e3)) == (Contact.FF, (), None)
 
 
@@ -26,7 +26,7 @@ def test_the_most_probable_of_those_left_open_becomes_the_label() -> None:
     assert share[Contact.EF.column] == pytest.approx(share[Contact.VF.column] * np.exp(-2.0))
 
 
-def test_what_motion_has_excluded_is_not_chosen() -> None:
+def test_contacts_excluded_by_motion_are_not_chosen() -> None:
     label, _, share = decide_by_wrenches(Contact.FF, (Contact.EF,), evidence(EE=1e4))
     assert label is Contact.FF
     assert share is not None
@@ -46,7 +46,7 @@ def test_evidence_of_any_size_is_finite() -> None:
     assert np.isfinite(share).all()
 
 
-def test_sharing_keeps_what_the_others_have() -> None:
+def test_sharing_keeps_the_probability_of_the_others() -> None:
     probability = np.array([0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05])
     share = np.array([0.25, 0.75, 0.0, 0.0, 0.0, 0.0, 0.0])
     found = shared(probability, share)

@@ -1,4 +1,4 @@
-"""Reports of several contacts at once: constraints, lags, and segments that wrenches make one."""
+"""Reports of simultaneous contacts: constraints, lags, and segments that wrenches merge."""
 
 import pickle
 from dataclasses import replace
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, possible
+from contact_tracker.formations.further import Candidate, FormationTicks, KnownContact, allowed
 from contact_tracker.formations.presence import Presence
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.hypotheses.evidence import EvidenceParameters
@@ -103,13 +103,13 @@ def test_with_a_lag_nothing_joins_before_its_time() -> None:
     assert lagging(said(5, Contact.FREE), said(9, further=two)).further == ()
 
 
-def test_a_stream_that_is_resumed_knows_what_was_shown() -> None:
+def test_a_resumed_stream_continues_from_the_last_report() -> None:
     resumed = FormationChanges()
     resumed.before = (further(4),)
     assert resumed.update(said(9, further=(further(4),))) == ([], [])
 
 
-def test_kinds_that_knowledge_excludes_do_not_join() -> None:
+def test_kinds_excluded_by_the_prior_map_are_not_reported() -> None:
     scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
 
     def candidate(contact: Contact) -> Candidate:
@@ -122,7 +122,7 @@ def test_kinds_that_knowledge_excludes_do_not_join() -> None:
     ticks = FormationTicks(
         window(0, 5), scales, 0.1, np.zeros(3), PriorMap(object=(line, face), object_complete=True)
     )
-    found = possible(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
+    found = allowed(ticks, [candidate(Contact.VF), candidate(Contact.FV)])
     assert [one.known.model.contact for one in found] == [Contact.FV]
 
 

@@ -1,4 +1,4 @@
-"""What the tracker says does not depend on how the same motion is written down."""
+"""The tracker's results do not depend on the representation of the motion."""
 
 from dataclasses import replace
 from functools import cache
@@ -186,7 +186,7 @@ def test_the_sign_of_quaternions():
 
 
 def test_poses_that_are_held():
-    """A source that repeats each pose at twice the rate says nothing more."""
+    """A source that repeats each pose at twice the rate adds no information."""
     twice = np.repeat(np.arange(len(recorded())), 2)
     stamp_ns = recorded().stamp_ns[twice] + np.tile([0, 2_500_000], len(recorded()))
     done = segment(replace(recorded()[twice], stamp_ns=stamp_ns), MODEL)

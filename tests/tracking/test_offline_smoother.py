@@ -66,7 +66,7 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
 
 
 def test_every_tick_has_the_noise_that_is_known_at_the_end():
-    """What the model expects at the start, 0.5 mm, is not what its first ticks are weighed by."""
+    """The model's prior, 0.5 mm, is not used for the first ticks."""
     ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
     seen, state = RecordedPass.over(ticks), ticks[-1].state
     deviation_m, _ = np.sqrt(seen.window(state).variance).T
@@ -92,13 +92,13 @@ def test_the_future_helps(contacts):
 # --- edges -------------------------------------------------------------------------------------------------
 
 
-def test_nothing_has_no_segments():
+def test_no_poses_have_no_segments():
     nothing = segment([], MODEL)
     assert len(nothing.segments) == len(nothing.beliefs) == len(nothing.filtered) == 0
 
 
 @pytest.mark.parametrize("count", [1, 2, 20, 21])
-def test_a_moment_is_one_segment(count):
+def test_a_very_short_recording_is_one_segment(count):
     poses = recorded(FACE_TO_EDGE).poses[:count]
     found = segment(poses, MODEL)
     assert len(found.segments) == 1
@@ -170,8 +170,8 @@ def test_pieces_together_are_the_whole(monkeypatch):
     assert len(found.segments) == 12
 
 
-def test_segments_are_the_same_whoever_watches(monkeypatch):
-    """Who looks at each tick has them taken in one by one; what is concluded on the way is the same."""
+def test_segments_do_not_depend_on_progress_reports(monkeypatch):
+    """With progress reports ticks are updated one by one; intermediate segments are the same."""
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
     poses, watched = recorded("f-e e-e f-e e-f e-e f-f e-e").poses, []
     found = list(pieces(poses, MODEL, online=Detail.WEIGHTS))
@@ -189,7 +189,7 @@ def test_segments_are_the_same_whoever_watches(monkeypatch):
 
 
 def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
-    """What is concluded on the way knows the noise of the ticks so far, not of those that wait."""
+    """Intermediate segments use the noise of the ticks so far, not of pending ones."""
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
     some = {}
     for batch in (20, 500, 10_000):
@@ -205,14 +205,14 @@ def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch
                 np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
 
 
-def test_progress_is_told_where_nobody_watches_as_well():
+def test_progress_is_reported_without_online_beliefs():
     told = []
     list(pieces(recorded(FACE_TO_EDGE).poses[:1101], MODEL, told.append, online=Detail.WEIGHTS))
     assert told == [500, 1000, 1101]
 
 
-def test_segments_are_the_same_however_much_is_told_online():
-    """What hypotheses learn of elements does not hang on what is told."""
+def test_segments_do_not_depend_on_the_number_of_online_beliefs():
+    """Landmarks of hypotheses do not depend on the number of online beliefs."""
     poses = recorded(FACE_TO_EDGE).poses
     found = Segmentation.join(list(pieces(poses, MODEL, online=Detail.WEIGHTS)))
     expected = segmented(FACE_TO_EDGE)
@@ -222,7 +222,7 @@ def test_segments_are_the_same_however_much_is_told_online():
     assert len(expected.filtered) > 30
 
 
-def test_where_there_is_no_room_the_older_half_is_told(monkeypatch):
+def test_a_full_buffer_releases_its_older_half(monkeypatch):
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.ROOM_BYTES", 30_000)
     some, most = in_pieces()
     found = Segmentation.join(some)
@@ -232,7 +232,7 @@ def test_where_there_is_no_room_the_older_half_is_told(monkeypatch):
     assert names(found) == FACE_TO_EDGE  # the path is what it would be anyway
 
 
-def test_other_processes_find_the_same(monkeypatch):
+def test_worker_processes_give_the_same_result(monkeypatch):
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 20)
     alone, _ = in_pieces(times=2)
     with ProcessPoolExecutor(1, get_context("spawn")) as executor:
@@ -242,7 +242,7 @@ def test_other_processes_find_the_same(monkeypatch):
     assert [s.geometry.to_json() for s in ours.segments] == [s.geometry.to_json() for s in theirs.segments]
 
 
-def test_of_a_very_long_segment_the_moving_parts_are_looked_at(monkeypatch):
+def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
     seen = RecordedPass.over(ticks_seen())
     window = seen.window(ticks_seen()[-1].state).cut(0, 35)
     rest = replace(window, innovation_excess=np.full_like(window.innovation_excess, 1e-12))

@@ -1,4 +1,4 @@
-"""Poses that are looked at while they pass."""
+"""The buffer of poses that a segmentation reads."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
@@ -39,7 +39,7 @@ def test_a_piece_comes_after_the_poses_that_were_read_for_it() -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 40), max_size=30), st.integers(2, 30))
-def test_what_waits_is_evenly_thinned_and_never_more_than_the_limit(blocks: list[int], limit: int) -> None:
+def test_pending_poses_are_evenly_thinned_to_the_limit(blocks: list[int], limit: int) -> None:
     waiting, count = Waiting(limit), 0
     for size in blocks:
         waiting.extend(numbered(count, size))
@@ -52,7 +52,7 @@ def test_what_waits_is_evenly_thinned_and_never_more_than_the_limit(blocks: list
         assert kept.tolist() == list(range(0, count, every))
 
 
-def test_what_is_dropped_is_the_oldest_and_then_all_are_kept_again() -> None:
+def test_the_oldest_poses_are_dropped_and_then_all_are_kept() -> None:
     waiting = Waiting(limit=100)
     waiting.extend(numbered(0, 400))
     waiting.drop(99)

@@ -1,4 +1,4 @@
-"""What is known is used: contacts are found at once, what touches is named, and errors show."""
+"""Use of the prior map: contacts are found at once, elements are named, and errors are reported."""
 
 import json
 from dataclasses import replace
@@ -68,7 +68,7 @@ def accuracy(beliefs):
 
 
 def true_name(interval):
-    """What the touching element of the object is called: the known one that it is."""
+    """The name of the object's touching element: that of the known one."""
     element = interval.geometry.object
     same = [
         k.name for k in surfaces()[0] if k.kind == interval.contact.value[0] and alike(k.element, element)
@@ -107,8 +107,8 @@ def test_the_touching_elements_are_named():
     assert written["geometry"]["environment"]["name"] == "table"
 
 
-def test_what_was_known_is_known_better_afterwards():
-    """A prior, not a dogma: the motion shows the table more exactly than the user knew it."""
+def test_known_elements_are_refined():
+    """As a prior, it is refined: the motion determines the table better than the user knew it."""
     table = with_everything().segments[0].geometry.environment
     truth = recorded().truth.intervals[0].geometry.environment
     place = recorded().poses.position_m[:150].mean(axis=0)
@@ -116,13 +116,13 @@ def test_what_was_known_is_known_better_afterwards():
     assert np.trace(table.covariance[:3, :3]) < np.trace(surfaces()[1].covariance[:3, :3])
 
 
-def test_what_is_not_listed_cannot_touch():
+def test_elements_missing_from_a_complete_map_cannot_touch():
     for belief in with_everything().filtered:
         assert not belief.probability[[Contact.FE.column, Contact.FV.column, Contact.EE.column]].any()
 
 
 @pytest.mark.parametrize("in_use", [True, False])
-def test_contacts_that_nothing_listed_can_make_have_no_hypotheses(in_use, monkeypatch):
+def test_contacts_without_known_elements_have_no_hypotheses(in_use, monkeypatch):
     """Of an object that is one face: compiled or not."""
     in_use = in_use and compiled.in_use()
     monkeypatch.setattr(compiled, "in_use", lambda: in_use)
@@ -134,7 +134,7 @@ def test_contacts_that_nothing_listed_can_make_have_no_hypotheses(in_use, monkey
 
 
 @pytest.mark.parametrize("complete", [True, False])
-def test_a_table_in_the_wrong_place_is_not_believed(complete):
+def test_a_known_table_in_the_wrong_place_is_not_used(complete):
     """Three centimetres and eight degrees off, and sure of it: nothing that touches is named "table"."""
     plane = surfaces()[1]
     tilted = plane.normal + 0.14 * np.linalg.svd(plane.normal[None])[2][1]
@@ -163,7 +163,7 @@ def test_up_helps_where_little_has_moved():
     assert all(abs(face.normal @ up.direction) > np.cos(0.1) for face in faces)
 
 
-def test_nothing_known_is_what_it_was():
+def test_an_empty_map_changes_nothing():
     poses = recorded().poses[:120]
     ours, theirs = segment(poses, MODEL, knowledge=EMPTY_MAP), segment(poses, MODEL)
     for a, b in zip(ours.filtered, theirs.filtered, strict=True):
@@ -171,7 +171,7 @@ def test_nothing_known_is_what_it_was():
         assert a.touching == (None, None)
 
 
-def test_the_tracker_knows_it_too():
+def test_the_online_tracker_uses_the_prior_map():
     state = tracker.start(MODEL, knowledge=known())
     beliefs = []
     for pose in recorded().poses[:60]:
@@ -182,7 +182,7 @@ def test_the_tracker_knows_it_too():
     assert len(state.banks) == len(CONTACTS)
 
 
-def test_arguments_say_what_is_known(tmp_path, capsys):
+def test_arguments_define_the_prior_map(tmp_path, capsys):
     path = str(tmp_path / "short.mcap")
     write_recording(path, recorded().poses[:60], None, {})
     normal, offset_m = surfaces()[1].normal, surfaces()[1].offset_m
@@ -211,7 +211,7 @@ def test_arguments_say_what_is_known(tmp_path, capsys):
     [{"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}, {"up": {"direction": [0.0, 0.0, 1.0]}}],
     ids=["box", "up"],
 )
-def test_what_is_known_by_half_and_wrong_does_no_harm(table):
+def test_incomplete_and_wrong_knowledge_does_no_harm(table):
     """Directions along axes, of elements that are not there: beliefs are probabilities all the same."""
     for belief in segment(recorded().poses[:60], MODEL, knowledge=knowledge_from(table)).filtered:
         assert np.isfinite(belief.probability).all()

@@ -1,4 +1,4 @@
-"""Whatever redistributes probability keeps every posterior a distribution: offline, lagged and online."""
+"""Redistribution of probability keeps every posterior a distribution: offline, lagged and online."""
 
 import json
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_sharing_among_inseparable_states_keeps_a_distribution(posterior, label,
     assert shared[first] >= shared.max() - 1e-9, "what was most probable stays so"
 
 
-def test_free_motion_gives_where_all_contacts_that_are_possible_are_open():
+def test_free_motion_shares_where_all_possible_contacts_are_open():
     posterior, faces = np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.98]), (Contact.FF, Contact.EF, Contact.VF)
     shared = ambiguity.redistribute(posterior, Contact.FREE, faces, 1.0, faces)
     assert shared[Contact.FREE.column] < 0.5
@@ -48,8 +48,8 @@ def test_free_motion_gives_where_all_contacts_that_are_possible_are_open():
 
 
 @given(posteriors, states, states)
-def test_what_nothing_tells_apart_is_shared_whichever_of_it_is_the_label(posterior, first, second):
-    """No contact is surer because another one, which motion does not tell from it, has the label."""
+def test_indistinguishable_states_share_whichever_is_the_label(posterior, first, second):
+    """A contact is not more probable because another, indistinguishable one has the label."""
     every = [tuple(state for state in STATES if state is not label) for label in (first, second)]
     if Contact.FREE in (first, second):
         return

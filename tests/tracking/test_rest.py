@@ -1,4 +1,4 @@
-"""An object at rest: nothing is learned, nothing is lost, and it takes next to no time."""
+"""An object at rest: no information, no change of beliefs, and hardly any time."""
 
 import numpy as np
 import pytest
@@ -49,8 +49,8 @@ def still(ticks: list[FilteredTick]) -> list[int]:
     return [i for i, one in enumerate(ticks) if not one.state.hazard_exposure and i]
 
 
-def test_what_rests_is_waited_for():
-    """Of a rest only the first ticks, in which that is not yet known, are looked at; beliefs stay."""
+def test_rest_does_not_change_the_beliefs():
+    """Only the first ticks of a rest, before it is detected, are evaluated; beliefs stay."""
     ticks = seen(5.0)
     waited = still(ticks)
     assert len(waited) > 40
@@ -96,7 +96,7 @@ def test_a_rest_in_the_middle_changes_no_segment(rest_s):
         assert longer < 0.3e9 or longer == pytest.approx(rest_s * 1e9, abs=0.3e9)
 
 
-def test_what_is_withheld_at_the_end_says_nothing_of_what_was_before():
+def test_withheld_poses_at_the_end_do_not_change_earlier_beliefs():
     """Spent at the last boundary, even that of an hour: the same posterior before, and the same evidence."""
     ticks = seen(5.0)
     met = RecordedPass.over(ticks[: still(ticks)[-1] + 1])
@@ -122,7 +122,7 @@ def test_what_is_withheld_at_the_end_says_nothing_of_what_was_before():
     assert np.abs(loosened[-1] - posterior[-1]).max() > 0.1
 
 
-def test_it_is_known_after_every_tick_what_lives_and_leads():
+def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
     ticks = seen(5.0)
     assert still(ticks)
     for one in ticks:

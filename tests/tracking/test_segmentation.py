@@ -1,4 +1,4 @@
-"""Beliefs as columns are beliefs all the same."""
+"""Beliefs in columns equal single beliefs."""
 
 from itertools import pairwise
 
@@ -79,7 +79,7 @@ def test_beliefs_read_back_to_the_last_bit(seed, count, parts):
 
 @many
 @given(seed=seeds)
-def test_columns_are_a_list_that_forgets(seed):
+def test_columns_behave_like_a_list(seed):
     rng, columns, expected = np.random.default_rng(seed), Columns(np.dtype([("number", int)])), []
     for _ in range(8):
         more = rng.integers(0, 3000)

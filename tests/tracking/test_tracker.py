@@ -1,4 +1,4 @@
-"""The tracker online: what it believes, from the past only, in bounded memory and without side effects."""
+"""The online tracker: beliefs from past poses, in bounded memory and without side effects."""
 
 import json
 import pickle
@@ -85,13 +85,13 @@ def test_the_contact_is_known_once_the_motion_shows_it(contacts):
 
 
 @each_recording
-def test_onsets_are_believed_where_they_were(contacts):
+def test_onsets_are_estimated_at_the_true_times(contacts):
     simulated, last = recorded(contacts), segmented(contacts).filtered[-1]
     began = simulated.truth.intervals[-1].start_ns
     assert abs(last.onset_ns - began) < 0.3e9
 
 
-def test_free_motion_has_lasted_since_it_was_first_believed():
+def test_free_motion_begins_where_it_was_first_reported():
     beliefs, _ = run(moving(np.random.default_rng(3), 6.0, 100.0, 3e-4, 2.6e-3))
     both_free = [(a, b) for a, b in pairwise(beliefs) if a.contact is b.contact is Contact.FREE]
     assert len(both_free) > 5
@@ -113,14 +113,14 @@ def test_the_tick_since_when_it_is_free_is_known_across_a_long_gap():
     assert across
 
 
-def test_residuals_of_what_holds_are_at_the_noise():
+def test_residuals_of_the_true_contact_are_at_the_noise():
     beliefs = segmented(FACE_TO_EDGE).filtered
     for contact in (Contact.FF, Contact.EF):
         last = [b for b in beliefs if b.contact is contact][-1]
         assert 0.7 < last.residual[contact.column] < 1.3
 
 
-def test_a_belief_knows_the_past_only():
+def test_beliefs_depend_on_past_poses_only():
     """Whatever comes later, also if nothing does: the same beliefs to the last bit."""
     simulated, beliefs = recorded(FACE_TO_EDGE), segmented(FACE_TO_EDGE).filtered
     cut = 411
@@ -133,7 +133,7 @@ def test_a_belief_knows_the_past_only():
     assert not same(early[24], beliefs[24])
 
 
-def test_steps_are_what_the_segmenter_calls_filtered():
+def test_online_steps_equal_the_filtered_beliefs_of_the_segmenter():
     simulated = recorded(FACE_TO_EDGE)
     beliefs, _ = run(simulated.poses[:310])
     filtered = segment(simulated.poses[:310], MODEL).filtered
@@ -143,11 +143,11 @@ def test_steps_are_what_the_segmenter_calls_filtered():
 
 @pytest.fixture
 def no_doubt(monkeypatch):
-    """The bare posterior: nothing is shared with what motion cannot tell."""
+    """The raw posterior, without sharing among indistinguishable states."""
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: ambiguity.Freedom(False, False))
 
 
-def test_the_filter_is_the_smoother_of_what_has_been_seen(no_doubt):
+def test_the_filter_equals_the_smoother_on_the_poses_so_far(no_doubt):
     """The recursion of the tracker against ``hmm.smooth`` of the same hypotheses, after each tick."""
     poses = recorded(FACE_TO_EDGE).poses[300:500]
     for ticks in range(1, 11):
@@ -156,7 +156,7 @@ def test_the_filter_is_the_smoother_of_what_has_been_seen(no_doubt):
         np.testing.assert_allclose(seen.beliefs[-1].probability, seen.filtered[-1].probability, atol=1e-9)
 
 
-def test_a_lag_is_the_smoother_with_that_much_future(no_doubt):
+def test_a_lag_equals_the_smoother_with_that_much_future(no_doubt):
     poses, lag = recorded(FACE_TO_EDGE).poses[300:500], 3
     state, found = tracker.start(MODEL, lag * MODEL.tick_s), []
     for pose in poses:
@@ -171,7 +171,7 @@ def test_a_lag_is_the_smoother_with_that_much_future(no_doubt):
 
 
 def test_a_state_is_a_value():
-    """The same step twice from one state gives the same; what came out before is still what it was."""
+    """The same step twice from one state gives the same result; earlier results are unchanged."""
     poses = list(recorded(FACE_TO_EDGE).poses[:250])
     state = tracker.start(MODEL)
     for pose in poses[:219]:
@@ -245,7 +245,7 @@ def test_any_stream_gives_beliefs(stream):
 
 
 def at_rest(ticks):
-    """Beliefs (ticks, 7) of an object that lies still, and what the Markov chain alone would believe."""
+    """Beliefs (ticks, 7) of an object at rest, and those of the Markov chain alone."""
     beliefs, _ = run(still(20 * ticks))
     stay = np.diag(
         np.append(np.exp(tick_transitions(MODEL, REST_EXPOSURE).log_survival)[: len(CONTACTS)], 0.0)
@@ -255,13 +255,13 @@ def at_rest(ticks):
     return np.array([b.probability for b in beliefs]), np.array(chain)
 
 
-def test_rest_teaches_nothing():
-    """What was believed of things that lie is forgotten as slowly as things change unseen."""
+def test_beliefs_at_rest_change_as_slowly_as_the_transition_model():
+    """Beliefs at rest change as slowly as the Markov chain at rest."""
     believed, chain = at_rest(40)
     assert np.abs(believed - chain).max() < 0.1
 
 
-def test_a_tracker_that_has_seen_nothing_has_nothing_to_say():
+def test_a_tracker_without_poses_has_no_beliefs():
     state, beliefs = tracker.finish(tracker.start(MODEL))
     assert beliefs == []
     assert state.ticks == 0
@@ -269,7 +269,7 @@ def test_a_tracker_that_has_seen_nothing_has_nothing_to_say():
     assert belief is None
 
 
-def test_finishing_twice_says_nothing_twice():
+def test_finishing_twice_repeats_no_belief():
     beliefs, state = run(recorded(FACE_TO_EDGE).poses[:50])
     assert len(beliefs) == 3
     assert tracker.finish(state)[1] == []
@@ -312,7 +312,7 @@ def paused(at, pause_s):
 
 @pytest.mark.parametrize("pause_s", [0.0, 2.0, 20.0])
 def test_a_stream_that_goes_on_after_its_end_has_paused(pause_s):
-    """After whole ticks: bit for bit what it would have been had nobody called that an end."""
+    """After whole ticks: bit-identical to an uninterrupted stream."""
     poses = paused(100, pause_s)
     whole, parts = in_parts(poses, []), in_parts(poses, [100])
     assert len(whole) == len(parts) == 15 + min(round(pause_s / MODEL.tick_s), 49)
@@ -320,7 +320,7 @@ def test_a_stream_that_goes_on_after_its_end_has_paused(pause_s):
 
 
 @pytest.mark.parametrize("cuts", [[211], [211, 212]])
-def test_an_end_within_a_tick_is_no_jolt(cuts):
+def test_an_end_within_a_tick_causes_no_jump(cuts):
     """Uniform motion: no frame stands out after it, and how it moves is learnt anew, as after a gap."""
     seconds = np.arange(800) / 200.0
     position_m = np.outer(seconds, [0.5, 0.0, 0.0]) + np.random.default_rng(0).normal(size=(800, 3)) * 3e-4
@@ -339,7 +339,7 @@ def test_an_end_within_a_tick_is_no_jolt(cuts):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("lag_s", [0.0, 0.3])
 @pytest.mark.parametrize("pause_s", [0.0, 0.03, 0.08, 2.0])
-def test_wherever_a_stream_pauses_nothing_is_lost_or_said_twice(pause_s, lag_s):
+def test_a_pause_loses_and_repeats_no_belief(pause_s, lag_s):
     poses, cuts = paused(107, pause_s), [1, 107, 108, 181]
     said = in_parts(poses, cuts, lag_s)
     stamps = np.array([belief.stamp_ns for belief in said])

@@ -88,7 +88,7 @@ def seen(rng, much=100.0):
     )
 
 
-def test_what_was_seen_outweighs_the_lattice_by_as_many_changes_as_the_model_says():
+def test_observed_changes_outweigh_the_lattice_prior_by_count():
     """Against the posterior means of gamma and Dirichlet distributions, by their integrals."""
     changes = np.zeros((7, 7))
     changes[0, 1], changes[0, 6] = 30.0, 10.0
@@ -108,7 +108,7 @@ def test_what_was_seen_outweighs_the_lattice_by_as_many_changes_as_the_model_say
 
 
 @pytest.mark.parametrize("prior_changes", [1e-3, 1.0, 1e6])
-def test_whatever_was_seen_nothing_becomes_impossible(prior_changes):
+def test_no_observation_makes_a_change_impossible(prior_changes):
     rng = np.random.default_rng(1)
     for _ in range(20):
         learned = replace(MODEL.transitions, prior_changes=prior_changes, counts=seen(rng))
@@ -127,7 +127,7 @@ def test_whatever_was_seen_nothing_becomes_impossible(prior_changes):
 
 @pytest.mark.parametrize("tick_s", [0.05, 0.1, 0.4])
 def test_without_data_the_chain_stays_a_probability_and_forgets_at_its_rate(tick_s):
-    """Nothing speaks for or against any hypothesis: staying is paid for in each tick but the first."""
+    """Without evidence: the log probability of staying is added in each tick but the first."""
     rng = np.random.default_rng(0)
     model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, counts=seen(rng)))
     ticks, states = 12, len(STATES)

@@ -1,4 +1,4 @@
-"""The eye stands upright on what is touched, and keeps the object and where it touches in view."""
+"""The camera is upright with respect to the touched plane, and keeps object and contact in view."""
 
 from collections.abc import Sequence
 
@@ -26,10 +26,10 @@ def touch(
     camera: Camera, plane: Plane, poses: Poses, lasted_ns: int, extent: Extent = UNKNOWN_EXTENT
 ) -> bool:
     geometry = ContactGeometry(Point(np.zeros(3)), plane)
-    return camera.see(geometry, draw(geometry, poses, extent, camera.up), poses, lasted_ns)
+    return camera.add_contact(geometry, draw(geometry, poses, extent, camera.up), poses, lasted_ns)
 
 
-def test_before_anything_is_touched_z_is_up() -> None:
+def test_without_contact_z_is_up() -> None:
     camera = Camera(UNKNOWN_EXTENT)
     axes = camera.frame()
     assert axes[:, 2] == pytest.approx(0.1 * UP)
@@ -53,12 +53,12 @@ def test_up_is_of_the_plane_that_was_touched_longest_in_all() -> None:
     assert camera.up == pytest.approx(Z)
 
 
-def test_faces_of_unknown_height_do_not_say_which_side_is_up() -> None:
+def test_faces_of_unknown_height_do_not_determine_up() -> None:
     """They last longer than the vertex that does, and are parallel to what it touches."""
     open_plane = Plane(Z, 0.3, np.diag([1e-6, 1e-6, 1e-6, 0.09]))
     faces = ContactGeometry(Plane(Z, 0.3, open_plane.covariance), open_plane)
     camera, poses = Camera(CUBE), at([[0.0, 0.0, 0.0]])
-    camera.see(faces, draw(faces, poses, CUBE), poses, 1_000)
+    camera.add_contact(faces, draw(faces, poses, CUBE), poses, 1_000)
     assert camera.up == pytest.approx(Z)
     touch(camera, Plane(Z, 0.1), poses, 10, CUBE)
     assert camera.up == pytest.approx(-Z), "the object hangs below the plane"
@@ -85,7 +85,7 @@ def test_faces_of_known_height_lie_there() -> None:
     assert np.allclose(drawing.meshes[2].vertices[:, 2], 0.9)
 
 
-def test_the_frame_rests_while_the_object_stays_and_never_loses_it() -> None:
+def test_the_frame_rests_while_the_object_stays_near_and_follows_it() -> None:
     way = np.zeros((600, 3))
     way[:300, 0] = 0.3 * SLACK * UNKNOWN_EXTENT.radius_m * np.sin(np.arange(300) / 20.0)
     way[300:, 1] = np.linspace(0.0, 5.0, 300)
@@ -108,22 +108,24 @@ def test_poses_in_pieces_are_followed_as_one() -> None:
     assert np.array_equal(np.concatenate([origins for _, origins in found]), expected[1])
 
 
-def test_what_is_touched_far_from_the_bodys_origin_is_in_view() -> None:
+def test_contacts_far_from_the_bodys_origin_are_in_view() -> None:
     camera, poses = Camera(UNKNOWN_EXTENT), at([[0.0, 0.0, 0.8]])
     geometry = ContactGeometry(Point(np.array([0.0, 0.0, -0.8])), Plane(Z, 0.0))
     drawing = draw(geometry, poses, UNKNOWN_EXTENT)
-    assert camera.see(geometry, drawing, poses, 1)
+    assert camera.add_contact(geometry, drawing, poses, 1)
     assert np.linalg.norm(camera.frame()[:, 0]) == pytest.approx(0.8)
     assert np.ptp(drawing.meshes[2].vertices[:, 0]) > 0.8, "and drawn as large as the object seems"
     far = replace_place(geometry, 50.0)
-    assert not camera.see(far, draw(far, poses, UNKNOWN_EXTENT), poses, 1), "but nobody steps back 50 m"
+    assert not camera.add_contact(far, draw(far, poses, UNKNOWN_EXTENT), poses, 1), (
+        "but nobody steps back 50 m"
+    )
 
 
 def replace_place(geometry: ContactGeometry, distance_m: float) -> ContactGeometry:
     return ContactGeometry(Point(np.array([0.0, 0.0, -distance_m])), geometry.environment)
 
 
-def test_motion_is_seen_from_the_side() -> None:
+def test_motion_is_viewed_from_the_side() -> None:
     camera = Camera(UNKNOWN_EXTENT)
     camera.follow(at(np.outer(np.linspace(0.0, 1.0, 200), X)))
     forward = camera.frame()[:, 1]

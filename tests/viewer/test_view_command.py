@@ -1,4 +1,4 @@
-"""``view`` of one recording and of several, of parts of them, and what it says of those it cannot use."""
+"""``view`` of one recording and of several, of parts of them, and errors for unusable ones."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -62,7 +62,7 @@ def test_a_part_has_the_times_of_the_whole(log: Path, tmp_path: Path) -> None:
     assert states(path, canvas.TRUTH) == [(0.0, Contact.FREE.value)], "what comes later is not shown"
 
 
-def test_several_are_shown_and_one_that_cannot_be_used_is_named(
+def test_several_are_shown_and_an_unusable_one_is_named(
     log: Path, shown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = tmp_path / "other.mcap"

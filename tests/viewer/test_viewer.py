@@ -1,4 +1,4 @@
-"""The viewer's recordings read back: what is in them, when it appears and when it goes."""
+"""The viewer's recordings read back: their entities, and when these appear and end."""
 
 import json
 import subprocess
@@ -173,7 +173,7 @@ def test_geometry_appears_with_its_segment_and_is_cleared_after_it(written: Path
     assert unknown == [], "a plane without covariance has no uncertainty to draw"
 
 
-def test_what_is_drawn_fades_with_its_probability_and_only_surroundings_have_the_contacts_colour(
+def test_drawings_fade_with_probability_and_only_surroundings_have_the_contacts_colour(
     written: Path,
 ) -> None:
     for number, (entity, opacity) in enumerate(zip(MESHES, canvas.OPACITY, strict=True)):
@@ -213,7 +213,7 @@ def test_posteriors_and_minima_are_whole_and_nan_stays_nan(written: Path, segmen
     assert np.array_equal(residual, expected, equal_nan=True)
 
 
-def test_events_say_when_how_sure_and_where(written: Path) -> None:
+def test_events_have_time_probability_and_geometry(written: Path) -> None:
     texts = [value[0] for _, value in rows(written, canvas.EVENTS, "TextLog:text")]
     assert "3.00 s" in texts[1]
     assert "edge along" in texts[2]
@@ -318,9 +318,7 @@ def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
                 view.belief(due.pop(0))
 
 
-def test_a_contact_that_settles_gets_a_line_live(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
-) -> None:
+def test_a_settled_contact_is_reported_live(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
     """As it does on stdout: the line of the change says 0.8, that one more."""
     beliefs = [
         replace(b, probability=np.where(np.arange(7) == b.contact.column, 0.94, 0.01)) if i == 20 else b
@@ -333,7 +331,7 @@ def test_a_contact_that_settles_gets_a_line_live(
     assert "p 0.94" in texts[1]
 
 
-def test_what_motion_does_not_tell_apart_is_shown(
+def test_indistinguishable_contacts_are_shown(
     tmp_path: Path, poses: Poses, segmentation: Segmentation
 ) -> None:
     first, *rest = segmentation.segments
@@ -452,7 +450,7 @@ def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
     assert len({n for n in first if n}) <= 2, "no wall beside what the label is about"
 
 
-def test_live_tells_the_same_as_it_comes(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
+def test_live_and_offline_views_agree(tmp_path: Path, poses: Poses, segmentation: Segmentation) -> None:
     path = tmp_path / "live.rrd"
     play(path, poses, segmentation.filtered)
     assert total(path, canvas.BODY) == POSES // 2, "200 Hz are shown at 100 Hz"
@@ -483,7 +481,7 @@ def test_the_live_trail_is_one_unbroken_line(
     assert all(before[-1] == after[0] for before, after in pairwise(strips))
 
 
-def test_no_viewer_takes_all_and_needs_no_rerun(poses: Poses, segmentation: Segmentation) -> None:
+def test_the_null_viewer_accepts_everything_without_rerun(poses: Poses, segmentation: Segmentation) -> None:
     view: LiveView
     with NoViewer() as view:
         view.pose(next(iter(poses)))
@@ -545,7 +543,7 @@ def test_the_ellipsoid_about_a_point_is_at_two_standard_deviations(seed: int) ->
     assert np.allclose(distance, 4.0, rtol=0.05)
 
 
-def test_what_is_not_known_at_all_is_drawn_no_larger_than_the_element() -> None:
+def test_unbounded_uncertainty_is_drawn_no_larger_than_the_element() -> None:
     centre = np.zeros(3)
     for element in (
         Plane(Z, 0.0, 1e6 * np.eye(4)),
@@ -575,7 +573,7 @@ def test_an_element_that_is_not_finite_draws_nothing() -> None:
             assert len(form(element, nowhere, 0.1).vertices) == 0
 
 
-def test_round_is_the_object_and_square_what_it_touches() -> None:
+def test_the_object_is_round_and_the_surroundings_square() -> None:
     """Seen along the rod, or from above."""
     for element, axis in ((Line(Z, np.zeros(3)), 2), (Point(np.zeros(3)), 2), (Plane(Z, 0.0), 2)):
         counts = []
@@ -608,7 +606,7 @@ def test_a_cube_has_twelve_edges() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "not json", "[1, 2]", '[["a", 0, 0]]', "[[0, 0, NaN]]", "null"])
-def test_vertices_that_are_none_are_not_taken(text: str) -> None:
+def test_invalid_vertices_are_ignored(text: str) -> None:
     assert vertices_from_metadata({"recording": {"object_vertices_m": text}}) is None
     assert vertices_from_metadata({"other": {}}) is None
 

@@ -1,4 +1,4 @@
-"""How the viewer is started: on this machine, for this machine only, and without reports of its use."""
+"""Start of the viewer: locally, reachable from this machine only, and without analytics."""
 
 import os
 import shlex
@@ -20,7 +20,7 @@ from contact_tracker.viewer.sinks import to_viewer
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere files and addresses are others")
 
 
-def test_a_port_taken_by_another_program_is_said() -> None:
+def test_a_port_in_use_by_another_program_is_reported() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(ViewerError, match="not by a rerun viewer"):
@@ -35,7 +35,7 @@ def free_port() -> int:
 
 @pytest.fixture
 def at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty home folder, and nothing in the environment that says how rerun should behave."""
+    """An empty home folder, and no settings of rerun in the environment."""
     for name in ("CI", "FORCE_RERUN_ANALYTICS", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
         monkeypatch.delenv(name, raising=False)
     home = tmp_path / "home"
@@ -62,7 +62,7 @@ def windowless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path) -
     os.kill(int(note.read_text()), signal.SIGKILL)
 
 
-def test_a_viewer_that_cannot_start_is_said(monkeypatch: pytest.MonkeyPatch, free_port: int) -> None:
+def test_a_viewer_that_cannot_start_is_reported(monkeypatch: pytest.MonkeyPatch, free_port: int) -> None:
     monkeypatch.setenv("RERUN_CLI_PATH", str(Path(sys.executable).with_name("no such viewer")))
     with pytest.raises(ViewerError, match="did not start"):
         LiveViewer(sink=to_viewer(free_port))
@@ -89,13 +89,13 @@ def test_a_viewer_that_does_not_answer_is_ended(
 
 
 @LINUX
-def test_a_viewer_notes_and_sends_nothing_of_its_use(windowless: None, at_home: Path, free_port: int) -> None:
+def test_a_viewer_has_no_analytics(windowless: None, at_home: Path, free_port: int) -> None:
     LiveViewer(sink=to_viewer(free_port)).close()
     assert list(at_home.rglob("*analytics*")) == []
 
 
 @pytest.mark.parametrize("asked", [{}, {"FORCE_RERUN_ANALYTICS": "1"}, {"CI": "1"}])
-def test_a_viewer_is_started_on_this_machine_with_what_the_user_says_of_statistics(
+def test_a_viewer_is_started_locally_with_the_users_choice_on_analytics(
     asked: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_home: Path, free_port: int
 ) -> None:
     for name, value in asked.items():
@@ -111,7 +111,7 @@ def test_a_viewer_is_started_on_this_machine_with_what_the_user_says_of_statisti
 
 
 @LINUX
-def test_a_viewer_is_not_reached_from_elsewhere(windowless: None, free_port: int) -> None:
+def test_a_viewer_is_reachable_from_this_machine_only(windowless: None, free_port: int) -> None:
     """Of the addresses of this machine alone, one is asked for, and only that one answers."""
     LiveViewer(sink=to_viewer(free_port)).close()
     socket.create_connection(("127.0.0.1", free_port), timeout=5).close()
@@ -119,7 +119,7 @@ def test_a_viewer_is_not_reached_from_elsewhere(windowless: None, free_port: int
         socket.create_connection(("127.0.0.2", free_port), timeout=5)
 
 
-def test_a_viewer_is_not_what_lies_in_the_folder_at_hand(
+def test_a_viewer_is_not_taken_from_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
 ) -> None:
     """Recordings are opened where they lie, and so may other files that came with them."""
@@ -136,7 +136,7 @@ def test_a_viewer_is_not_what_lies_in_the_folder_at_hand(
     [(None, None), (SILENT, None), ("debug", "RUST_LOG=debug")],
     ids=["no", "ours", "theirs"],
 )
-def test_a_viewer_logs_as_the_user_says(
+def test_a_viewer_logs_at_the_users_level(
     given: str | None, kept: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free_port: int
 ) -> None:
     monkeypatch.delenv("RUST_LOG", raising=False)
@@ -150,7 +150,7 @@ def test_a_viewer_logs_as_the_user_says(
 
 
 @pytest.mark.parametrize("level", [SILENT, "debug"])
-def test_rerun_keeps_its_log_to_itself(level: str) -> None:
+def test_rerun_does_not_print_its_log(level: str) -> None:
     """It would write lines, and colours, of its own; this is the quickest way to some."""
     program = "import rerun as rr; rr.RecordingStream('test').memory_recording()"
     command = [sys.executable, "-c", program]

@@ -39,7 +39,7 @@ def test_a_page_is_served_to_this_machine_only_and_ends_with_the_command() -> No
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_a_taken_port_is_said(which: int) -> None:
+def test_a_port_in_use_is_reported(which: int) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         ports = [*free_ports()]
         ports[which] = other.getsockname()[1]
@@ -66,7 +66,7 @@ def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_who_lacks_the_notebook_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_notebook_extra_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun_notebook", None)
     monkeypatch.delitem(sys.modules, "contact_tracker.viewer.notebook", raising=False)
     result = contact_tracker.segment(contact_tracker.Trajectory(smooth_poses(400)))

@@ -1,4 +1,4 @@
-"""Lines of action tell contacts apart that motion does not, whatever the frames, with noise and bias."""
+"""Lines of action distinguish contacts that motion does not, in any frames, with noise and bias."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def log_evidence_of(made: Pressed) -> np.ndarray:
 
 @pytest.mark.parametrize("disturbed", [False, True], ids=["clean", "noise and bias"])
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_the_contact_is_told(contact: Contact, disturbed: bool) -> None:
+def test_the_contact_is_identified(contact: Contact, disturbed: bool) -> None:
     right = []
     for seed in range(5):
         found = log_evidence_of(pressed(contact, seed, noise=disturbed, bias=disturbed))
@@ -42,7 +42,7 @@ def test_the_contact_is_told(contact: Contact, disturbed: bool) -> None:
     assert sum(right) >= 4
 
 
-def test_a_free_object_is_told() -> None:
+def test_a_free_object_is_identified() -> None:
     made = pressed(Contact.FV)
     found = evidence_of(made).log_evidence(int(made.poses.stamp_ns[0]), made.touch_ns - 1)
     assert found is not None
@@ -90,7 +90,7 @@ def test_a_wrench_in_the_world_is_the_same() -> None:
     np.testing.assert_allclose(again.moment_nm, made.wrenches.moment_nm, atol=1e-9)
 
 
-def test_what_is_not_measured_says_nothing() -> None:
+def test_missing_measurements_have_no_evidence() -> None:
     made = pressed(Contact.VF)
     early = made.wrenches.stamp_ns < made.touch_ns
     silent = Wrenches(*(column[early] for column in vars(made.wrenches).values()))
@@ -98,7 +98,7 @@ def test_what_is_not_measured_says_nothing() -> None:
     assert evidence_of(made).log_evidence(made.touch_ns, made.touch_ns + 10) is None
 
 
-def test_a_gap_leaves_the_answer() -> None:
+def test_a_gap_does_not_change_the_result() -> None:
     made = pressed(Contact.VF)
     middle = made.touch_ns + 2_000_000_000
     kept = np.abs(made.wrenches.stamp_ns - middle) > 500_000_000
@@ -106,8 +106,8 @@ def test_a_gap_leaves_the_answer() -> None:
     assert log_evidence_of(replace(made, wrenches=holed)).argmax() == Contact.VF.column
 
 
-def test_two_contacts_in_one_window_say_nothing() -> None:
-    """Each alone does not fit: better nothing than the least bad."""
+def test_two_contacts_in_one_window_have_no_evidence() -> None:
+    """Neither fits alone, so there is no evidence."""
     one, other = pressed(Contact.FV, 0), pressed(Contact.VF, 0)
     late = other.poses.stamp_ns >= other.touch_ns
     after = other.poses.stamp_ns[late] + one.end_ns - other.touch_ns + 5_000_000
@@ -121,7 +121,7 @@ def test_two_contacts_in_one_window_say_nothing() -> None:
     assert evidence_of(both).log_evidence(both.touch_ns, both.end_ns) is None
 
 
-def test_rubbish_is_dropped_and_the_rest_sorted() -> None:
+def test_invalid_wrenches_are_dropped_and_the_rest_sorted() -> None:
     numbers = np.ones((6, 3))
     numbers[1, 0], numbers[2, 2] = np.nan, np.inf
     numbers[3] = 1e9

@@ -1,4 +1,4 @@
-"""What the hand carries is found in free motion, also where some of that is no free motion."""
+"""The load of the hand is estimated from free motion, also if some of it is misclassified contact."""
 
 import numpy as np
 import pytest

@@ -13,7 +13,7 @@ from contact_tracker.recording import need_truth, open_log, read_wrenches
 
 
 @pytest.mark.parametrize(("number", "least"), [(0, 0.9), (1, 0.9), (2, 0.7), (3, 0.7)])
-def test_wrenches_tell_what_motion_does_not(shared_recordings: Path, number: int, least: float) -> None:
+def test_wrenches_decide_what_motion_leaves_open(shared_recordings: Path, number: int, least: float) -> None:
     path, model = str(shared_recordings / "physics" / "singular" / f"singular_0{number}.mcap"), load_model()
     log = open_log(path)
     poses = Poses.join(list(log.batches()))

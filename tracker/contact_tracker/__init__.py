@@ -1,6 +1,6 @@
-"""Tell from the motion of a rigid object how it touches its world.
+"""Identify the contacts of a rigid object with its surroundings from its motion.
 
-The names below are imported when they are asked for, so that the command line starts quickly.
+Names are imported on first use, so that the command line starts quickly.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writing of files."""
 
 import errno
 import os
@@ -13,12 +13,12 @@ from typing import Final
 from contact_tracker.regular_file import why_not_regular
 
 _MOST_SHOWN: Final = 60
-"""Bytes of the target's name in that of a temporary file, which has 255 at most, on some disks 143."""
+"""Bytes of the target's name in that of a temporary file; names have at most 255, on some systems 143."""
 _NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 
 def why_not_replaceable(path: Path) -> str | None:
-    """Why no file can take the place of what is at ``path`` (or where a link there leads), or None."""
+    """Why ``path`` (or the target of a link there) cannot be replaced by a file, or None."""
     try:
         mode = os.lstat(os.path.realpath(path)).st_mode
     except FileNotFoundError:
@@ -28,28 +28,27 @@ def why_not_replaceable(path: Path) -> str | None:
     return why_not_regular(mode)
 
 
-def whatever_is_there() -> None:
-    """The check of ``whole_file`` where any file may be replaced."""
+def accept_any() -> None:
+    """The check of ``whole_file`` that accepts any file."""
 
 
 @contextmanager
-def whole_file(path: Path, check: Callable[[], None] = whatever_is_there) -> Iterator[Path]:
-    """Give a temporary file beside ``path``; it becomes ``path`` on success and vanishes on any failure.
+def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[Path]:
+    """Give a temporary file that replaces ``path`` on success and is removed on any failure.
 
-    It lies in the same folder, so that the last step is one rename, and does not end in the suffix of
-    ``path``, so that nobody takes it for a result. Its name cannot be known beforehand. A file that is
-    replaced leaves its mode, and where that is permitted its owner and group. What processes of this host
-    that were killed have left of ``path`` is removed.
+    It is in the same folder, so that the last step is a rename, and has another suffix, so that it is not
+    taken for a result. Its name is unpredictable. A replaced file passes on its mode, and where permitted
+    its owner and group. Temporary files of ``path`` left by killed processes of this host are removed.
 
     Parameters
     ----------
-    check : called right before the rename: what it raises leaves the file at ``path`` as it is.
+    check : called right before the rename; if it raises, the file at ``path`` is unchanged.
 
     Raises
     ------
     OSError
-        If ``path`` is something else than a file: a rename would replace even a device. Of what fails with
-        the temporary file it is told as of ``path``.
+        ``path`` is not a regular file (a rename would replace even a device), or writing failed; errors of
+        the temporary file name ``path``.
     """
     refusal = why_not_replaceable(path)
     if refusal is not None:
@@ -59,7 +58,7 @@ def whole_file(path: Path, check: Callable[[], None] = whatever_is_there) -> Ite
     _sweep(target)
     temporary = target.with_name(f"{_begin(target)}{os.getpid()}.{os.urandom(8).hex()}.part")
     try:
-        # only its user reads what replaces a file that perhaps others may not read
+        # private, as others may not be allowed to read the replaced file
         descriptor = os.open(
             str(temporary),
             os.O_CREAT | os.O_EXCL | os.O_RDWR | _NO_LINK,
@@ -74,7 +73,7 @@ def whole_file(path: Path, check: Callable[[], None] = whatever_is_there) -> Ite
             yield temporary
             _finish(temporary, descriptor, replaced)
         finally:
-            os.close(descriptor)  # Windows renames and removes no open file
+            os.close(descriptor)  # Windows cannot rename or remove open files
         check()
         os.replace(temporary, target)
     except OSError as error:
@@ -86,7 +85,7 @@ def whole_file(path: Path, check: Callable[[], None] = whatever_is_there) -> Ite
 
 
 def _status(target: Path) -> os.stat_result | None:
-    """Whose ``target`` is, and who may read and write it; None where there is none."""
+    """Owner and mode of ``target``; None if it does not exist."""
     try:
         return os.lstat(target)
     except FileNotFoundError:
@@ -94,28 +93,29 @@ def _status(target: Path) -> os.stat_result | None:
 
 
 def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
-    """See that ``temporary`` is still the file that was made, and give it the owner and mode of the other."""
+    """Check that ``temporary`` is still the file that was made; give it the owner and mode of
+    ``replaced``."""
     if not os.path.samestat(os.fstat(descriptor), os.lstat(str(temporary))):
         raise OSError(errno.EBUSY, "another file was put in its place", str(temporary))
     if replaced is None or os.name != "posix":
         return
     for owner, group in ((replaced.st_uid, -1), (-1, replaced.st_gid)):
-        with suppress(OSError):  # only root gives files away, and others only to groups of theirs
+        with suppress(OSError):  # only root may change owners, others only to their groups
             os.fchown(descriptor, owner, group)
     mode = stat.S_IMODE(replaced.st_mode) & 0o777
-    if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group reads no more than everybody does
+    if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group gets no more rights than others
         mode &= ~0o070 | mode << 3
     os.fchmod(descriptor, mode)
 
 
 def _begin(target: Path) -> str:
-    """How the names of temporary files of ``target`` begin that this host makes."""
+    """Prefix of the names of this host's temporary files of ``target``."""
     shown = os.fsencode(target.name)[:_MOST_SHOWN].decode("utf-8", "ignore")
     return f".{shown}.{_of_host(target)}."
 
 
 def _of_host(target: Path) -> str:
-    """This host's name, and a number for it and the name of ``target``, however long they are."""
+    """A part of this host's name, and a hash of it and of the name of ``target``."""
     import hashlib
 
     host = platform.node()
@@ -125,33 +125,33 @@ def _of_host(target: Path) -> str:
 
 
 def _sweep(target: Path) -> None:
-    """Remove what processes of this host that have ended left of ``target``."""
-    if os.name != "posix":  # elsewhere nothing tells which processes live
+    """Remove temporary files of ``target`` left by ended processes of this host."""
+    if os.name != "posix":  # process ids cannot be checked elsewhere
         return
     pattern = re.compile(rf"\..*\.{_of_host(target)}\.([0-9]{{1,10}})\.[0-9a-f]{{16}}\.part", re.DOTALL)
-    with suppress(OSError):  # a folder that can be written to but not read
+    with suppress(OSError):  # a folder that is writable but not readable
         for name in os.listdir(target.parent):
             found = pattern.fullmatch(name)
-            if found and not _lives(int(found[1])):
+            if found and not _is_running(int(found[1])):
                 _remove_unlocked(str(target.with_name(name)))
 
 
-def _lives(pid: int) -> bool:
+def _is_running(pid: int) -> bool:
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except OSError:  # it belongs to somebody else
+    except OSError:  # a process of another user
         return True
     try:
         state = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
-    except (OSError, IndexError):  # a system that does not tell
+    except (OSError, IndexError):  # a system without /proc
         return True
-    return state not in (b"Z", b"X")  # ended, but nobody has asked how
+    return state not in (b"Z", b"X")  # zombie or dead
 
 
 def _remove_unlocked(path: str) -> None:
-    """Remove a regular file that no process has locked, one of another container for example."""
+    """Remove a regular file unless a process has locked it, for example in another container."""
     import fcntl
 
     with suppress(OSError):
@@ -167,7 +167,7 @@ def _remove_unlocked(path: str) -> None:
 
 
 def _lock(descriptor: int) -> None:
-    """Show others that this process still writes; on disks without locks its number has to do."""
+    """Lock the file while it is written; on file systems without locks the process id has to do."""
     if os.name == "posix":
         import fcntl
 

@@ -1,33 +1,33 @@
-"""What can go wrong, as one tree.
+"""The tree of errors.
 
 ::
 
     ContactTrackerError
     |-- InputError            the input cannot be used                    (exit code 1)
     |   |-- UnreadableRecording   not a recording, or nothing in it can be read
-    |   |-- NoPoses               a recording without a pose source that we know
-    |   |-- InvalidPose           poses that did not pass the gate, from Python
-    |   |-- StateError            a saved state that cannot be carried on
-    |   `-- NoTruth               evaluation was asked of a recording without truth
+    |   |-- NoPoses               a recording without a known pose source
+    |   |-- InvalidPose           poses from Python that did not pass the gate
+    |   |-- StateError            a saved state that cannot be resumed
+    |   `-- NoTruth               evaluation of a recording without ground truth
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
         |-- AmbiguousSource       several pose sources: choose with --topic / --frame
         |-- MissingExtra          a format needs a library that is not installed
         |-- ModelError            a model file with a missing or impossible value
-        `-- KnowledgeError        what the user says to know is impossible or cannot be read
+        `-- KnowledgeError        prior knowledge that is impossible or cannot be read
 
-A damaged recording of which a part can be read is no error: what is readable is processed and the
-damage is reported as a status (exit code 3). A fit that does not converge is a status as well.
+A partly readable recording is not an error: the readable part is processed and the damage reported as a
+status (exit code 3). A fit that does not converge is a status as well.
 """
 
 
 def printable(text: str) -> str:
-    """``text`` in one line; whatever could steer a terminal is written as an escape."""
+    """``text`` in one line, with control characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class ContactTrackerError(Exception):
-    """Base of all errors raised on purpose; its text is one line that says what to do."""
+    """Base of all errors raised on purpose; its text is one line with the remedy."""
 
     def __init__(self, text: str) -> None:
         super().__init__(printable(text))
@@ -46,7 +46,7 @@ class NoPoses(InputError):
 
 
 class InvalidPose(InputError):
-    """A pose that the gate (``motion.pose_validation``) would not have passed on."""
+    """A pose that the gate (``motion.pose_validation``) would reject."""
 
 
 class StateError(InputError):
@@ -54,7 +54,7 @@ class StateError(InputError):
 
 
 class NoTruth(InputError):
-    """The recording carries no truth to evaluate against."""
+    """The recording has no ground truth."""
 
 
 class ViewerError(ContactTrackerError):
@@ -66,15 +66,16 @@ class UsageError(ContactTrackerError):
 
 
 class AmbiguousSource(UsageError):
-    """Several pose sources; one has to be chosen."""
+    """There are several pose sources; one has to be chosen."""
 
 
 class MissingExtra(UsageError):
-    """An input or output needs a library that comes with an extra of this package."""
+    """An input or output needs a library of an extra of this package."""
 
 
 class ModelError(UsageError):
-    """A model parameter is missing, unknown, of the wrong type or out of range; with no key, the model is."""
+    """A model parameter (``key``) or the model (no key) is missing, unknown, of the wrong type or out of
+    range."""
 
     def __init__(self, key: str, reason: str) -> None:
         super().__init__(f"model parameter {key}: {reason}" if key else f"model: {reason}")
@@ -86,8 +87,8 @@ class ModelError(UsageError):
 
 
 class KnowledgeError(UsageError):
-    """What is given as known has a key that is missing, unknown, of the wrong type or out of range; with no
-    key, it cannot be read."""
+    """A ``key`` of the prior knowledge is missing, unknown, of the wrong type or out of range; without a key,
+    it cannot be read."""
 
     def __init__(self, key: str, reason: str) -> None:
         super().__init__(f"known {key}: {reason}" if key else f"what is known: {reason}")
@@ -99,4 +100,4 @@ class KnowledgeError(UsageError):
 
 
 class SlowUpdate(UserWarning):
-    """Numpy does the work of the compiled kernels. The command line says it in one line."""
+    """Numpy replaces the compiled kernels. The command line reports it in one line."""

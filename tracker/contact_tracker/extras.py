@@ -1,4 +1,4 @@
-"""Libraries that come with extras: what is missing is named in one line."""
+"""Import of libraries of extras; a missing one is reported in one line."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,12 +10,12 @@ from contact_tracker.errors import MissingExtra
 
 @contextmanager
 def extra(name: str, purpose: str) -> Iterator[None]:
-    """Import libraries of the extra ``name`` within; ``purpose`` says what for.
+    """A context for imports of libraries of the extra ``name``, needed for ``purpose``.
 
     Raises
     ------
     MissingExtra
-        One of them is not installed.
+        A library is not installed.
     """
     try:
         yield

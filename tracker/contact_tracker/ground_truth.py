@@ -1,4 +1,4 @@
-"""What really held: labelled intervals, as simulated recordings carry them."""
+"""Ground truth: labelled intervals, as in simulated recordings."""
 
 import json
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ from contact_tracker.states import Contact
 
 UNSCORED = "?"
 _GAP_NS = 100_000_000
-"""Shorter gaps between intervals lie between two poses."""
+"""Shorter gaps between intervals count as the step between two poses."""
 
 
 @dataclass(frozen=True)
 class FurtherTruth:
-    """Another contact at the same time, from ``start_ns`` to ``end_ns`` (both included)."""
+    """A further contact at the same time, from ``start_ns`` to ``end_ns`` (both included)."""
 
     start_ns: int
     end_ns: int
@@ -30,10 +30,10 @@ class FurtherTruth:
 
 @dataclass(frozen=True)
 class TruthInterval:
-    """``contact`` held from ``start_ns`` to ``end_ns`` (both included); None is not to be scored.
+    """``contact`` held from ``start_ns`` to ``end_ns`` (both included); None is not scored.
 
-    ``motion`` is normal, rest, translation or one-axis; ``singular`` says that the motion of this
-    interval cannot tell its contact from others. ``further`` contacts hold at the same time.
+    ``motion`` is normal, rest, translation or one-axis; ``singular``: the motion of this interval cannot
+    distinguish its contact from others. ``further`` contacts hold at the same time.
     """
 
     start_ns: int
@@ -52,12 +52,12 @@ class Truth:
     intervals: tuple[TruthInterval, ...]
 
     def at(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Index of the interval in force at each stamp: the last that has started, -1 before all."""
+        """Index of the last interval that has started at each stamp, -1 before the first."""
         starts = np.array([i.start_ns for i in self.intervals], np.int64)
         return np.searchsorted(starts, stamp_ns, side="right") - 1
 
     def between(self, first_ns: int, last_ns: int) -> "Truth":
-        """What of it lies between two stamps (both included), cut to them."""
+        """The intervals between two stamps (both included), cut to them."""
         return Truth(
             tuple(
                 replace(i, start_ns=max(i.start_ns, first_ns), end_ns=min(i.end_ns, last_ns))
@@ -67,11 +67,11 @@ class Truth:
         )
 
     def without_geometry(self) -> "Truth":
-        """When which contact held, but not where."""
+        """The intervals without geometry."""
         return Truth(tuple(replace(interval, geometry=None) for interval in self.intervals))
 
     def changes(self) -> list[tuple[int, Contact | None]]:
-        """From when on what holds; None where no interval says it for longer than 0.1 s."""
+        """Stamps of changes with the contact from there on; None for gaps of over 0.1 s."""
         found: list[tuple[int, Contact | None]] = []
         for interval, following in zip(self.intervals, (*self.intervals[1:], None), strict=True):
             found.append((interval.start_ns, interval.contact))
@@ -84,7 +84,7 @@ class Truth:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> "Truth":
-        """Parse ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth where it is neither."""
+        """Parse ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth for anything else."""
         try:
             data = json.loads(text)
             rows = data["intervals"] if isinstance(data, dict) else data
@@ -97,7 +97,7 @@ class Truth:
 
     @classmethod
     def from_changes(cls, stamp_ns: Sequence[int], labels: Sequence[str], end_ns: int) -> "Truth":
-        """Intervals from messages at each change; the last one lasts until ``end_ns``."""
+        """Intervals from labels at each change; the last one lasts until ``end_ns``."""
         ends = [*(s - 1 for s in stamp_ns[1:]), end_ns]
         try:
             contacts = [None if label == UNSCORED else Contact(label) for label in labels]

@@ -1,5 +1,5 @@
-"""Interrupts (Ctrl-C) where they would do harm: they wait for imports; children leave them to parents, and
-end with these."""
+"""Safe handling of interrupts (Ctrl-C): they wait for imports, and child processes leave them to their
+parent, with which they end."""
 
 import _thread
 import signal
@@ -15,38 +15,38 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
-"""What people and systems end a command with."""
+"""Signals by which users and systems end a command."""
 _AGAIN_S: Final = 0.02
 _IMPORTS: Final = "<frozen importlib."
 _is_due = False
 
 
 def wait_for_imports() -> None:
-    """From now on an interrupt is a ``KeyboardInterrupt`` that waits until no module is being imported.
+    """Make an interrupt a ``KeyboardInterrupt`` that waits until no module is being imported.
 
-    Extension modules that meet one half way make errors of their own of it, or leave a module that lacks a
-    part. Where Python cannot raise one, as in a destructor, it comes again.
+    Extension modules that are interrupted in their import raise other errors, or leave an incomplete module.
+    Where Python cannot raise it, as in a destructor, it is repeated.
     """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # jobs in the background ignore it
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # background jobs ignore it
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _unraisable
 
 
 def is_due() -> bool:
-    """Whether an interrupt came where Python could not raise it, and has not been raised since."""
+    """Whether an interrupt is pending because Python could not raise it."""
     return _is_due
 
 
 def ignore() -> None:
-    """Nothing is left to interrupt but the end itself."""
+    """Ignore interrupts during the exit."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
 def kept_from_children() -> Iterator[None]:
-    """Processes that are started meanwhile are never interrupted; an interrupt of this one waits for the end.
+    """Processes started in this context are never interrupted; an interrupt of this one waits for its end.
 
-    A terminal interrupts all processes of a command, but one of them has to say what becomes of the others.
+    A terminal interrupts all processes of a command, but only one of them has to end the others.
     """
     with deferred("SIGINT"), _blocked():
         yield
@@ -54,10 +54,10 @@ def kept_from_children() -> Iterator[None]:
 
 @contextmanager
 def deferred(*names: str) -> Iterator[None]:
-    """The signals with these names, as far as there are such and somebody heeds them, wait for the end."""
+    """Defer the signals with these names, if they exist and are not ignored, to the end of the context."""
     arrived: list[int] = []
     handlers = {}
-    if threading.current_thread() is threading.main_thread():  # only there can handlers be set
+    if threading.current_thread() is threading.main_thread():  # handlers can be set only there
         for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
                 handlers[number] = signal.signal(number, lambda number, _: arrived.append(number))
@@ -72,13 +72,13 @@ def deferred(*names: str) -> Iterator[None]:
 
 @contextmanager
 def _blocked() -> Iterator[None]:
-    """Children inherit that it is blocked in this thread; to us it may still come by way of another one."""
+    """Block interrupts in this thread, which children inherit; another thread may still receive them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # starting it would let interrupts through again
+    resource_tracker.ensure_running()  # starting it later would unblock interrupts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -87,9 +87,9 @@ def _blocked() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """In a process of ``multiprocessing``: end once its parent has, however that came.
+    """In a process of ``multiprocessing``: end with the parent, even if that is killed.
 
-    With nobody left to ask for more it would wait for ever.
+    Otherwise it would wait for work forever.
     """
     from multiprocessing import parent_process
     from os import _exit
@@ -118,12 +118,12 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
 def _interrupt_again() -> None:
     global _is_due
     _is_due = True
-    main = _thread.get_ident()  # only there are signals handled
+    main = _thread.get_ident()  # signals are handled only there
 
     def after_a_while() -> None:
         time.sleep(_AGAIN_S)
         if hasattr(signal, "pthread_kill"):
-            signal.pthread_kill(main, signal.SIGINT)  # wakes it up if it waits for something
+            signal.pthread_kill(main, signal.SIGINT)  # wakes it up if it is waiting
         else:
             _thread.interrupt_main()
 
@@ -138,6 +138,6 @@ def _unraisable(raised: "UnraisableHookArgs", /) -> Any:
 
 
 def _unraisable_after(raised: "UnraisableHookArgs", /) -> Any:
-    """Objects that an interrupt has left half made fail once more as they go: that tells nobody anything."""
+    """Suppress errors of destructors of objects that an interrupt left incomplete."""
     if issubclass(raised.exc_type, KeyboardInterrupt):
         _interrupt_again()

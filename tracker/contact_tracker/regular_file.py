@@ -1,4 +1,4 @@
-"""Files of the user that are read whole: regular ones, of a size that is known beforehand."""
+"""Reading of whole files: only regular ones of limited size."""
 
 import errno
 import os
@@ -7,23 +7,23 @@ from pathlib import Path
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """The content of a file; devices would have no end, and pipes would wait for somebody to write.
+    """The content of a regular file; devices may be endless, and pipes may block.
 
     Raises
     ------
     OSError
-        If it cannot be read, is something else than a file, or has more than ``most_bytes``.
+        It cannot be read, is not a regular file, or has more than ``most_bytes``.
     """
     _check(os.stat(path), most_bytes)
     with open(path, "rb", opener=_open_at_once) as file:
-        _check(os.fstat(file.fileno()), most_bytes)  # what is there by now
+        _check(os.fstat(file.fileno()), most_bytes)  # it may have been replaced
         content = file.read(most_bytes + 1)
-    _check_size(len(content), most_bytes)  # some files have a content and no size
+    _check_size(len(content), most_bytes)  # some files have content but size 0
     return content
 
 
 def why_not_regular(mode: int) -> str | None:
-    """Why what has this ``st_mode`` is no file, or None."""
+    """Why a path with this ``st_mode`` is not a regular file, or None."""
     if stat.S_ISREG(mode):
         return None
     return "it is a folder" if stat.S_ISDIR(mode) else "it is not a regular file"

@@ -1,4 +1,4 @@
-"""The seven contact states, their order in every array, and how they contain each other."""
+"""The seven contact states, their order in arrays, and their containment."""
 
 from enum import StrEnum
 from typing import Final
@@ -17,16 +17,16 @@ class Contact(StrEnum):
 
     @property
     def codimension(self) -> int:
-        """Constraints that the contact puts on each pose: 3, 2, 2, 1, 1, 1 and 0."""
+        """Number of constraints on each pose: 3, 2, 2, 1, 1, 1 and 0."""
         return _CODIMENSION[self]
 
     @property
     def column(self) -> int:
-        """Position of this state in every seven-column array."""
+        """Index of this state in all seven-column arrays."""
         return STATES.index(self)
 
     def contains(self, other: "Contact") -> bool:
-        """Whether every motion that keeps this contact keeps ``other`` too."""
+        """Whether every motion that keeps this contact also keeps ``other``."""
         return other in _CONTAINS[self]
 
 

@@ -232,9 +232,7 @@ def _observe(
     for tick in closed:
         before = state
         state, online = tracker.update(state, tick, detail, judges)
-        followed.append(
-            TrackedTick(tick_evidence(before, state), state, tracker.answer(state, online))
-        )
+        followed.append(TrackedTick(tick_evidence(before, state), state, tracker.answer(state, online)))
     return state, followed
 
 

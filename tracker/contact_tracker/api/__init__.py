@@ -1,4 +1,4 @@
-"""The functions and classes that programs use; ``contact_tracker`` itself hands them out."""
+"""The public functions and classes, which ``contact_tracker`` exports."""
 
 from contact_tracker.api.offline import Result, segment
 from contact_tracker.api.online import Tracker

@@ -1,4 +1,4 @@
-"""What users give in several forms: a model, its noise, what is known."""
+"""Conversion of arguments in several forms: model, noise, prior map."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -18,14 +18,14 @@ Noise = str | tuple[float, float] | None
 
 
 def model_from(model: ModelLike, noise: Noise = None) -> Model:
-    """A model by name, by file or itself, with the noise of a pose where it is given.
+    """A model given by name, file or value, with the given noise of a pose.
 
     Raises
     ------
     ModelError
         There is no such model, or it has a wrong value.
     UsageError
-        The noise is none.
+        The noise is invalid.
     """
     found = model if isinstance(model, Model) else load_model(os.fspath(model))
     if noise is None:
@@ -40,9 +40,9 @@ def model_from(model: ModelLike, noise: Noise = None) -> Model:
 
 
 def knowledge_of(known: Known, note: Callable[[str], None]) -> PriorMap:
-    """What is known: a TOML file, a table of the same keys, or itself; raises KnowledgeError.
+    """The prior map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
 
-    ``note`` is called with a line for each thing that is no error but has to be known.
+    ``note`` is called with one line for each warning.
     """
     if known is None:
         return EMPTY_MAP

@@ -1,4 +1,4 @@
-"""What held when, from a whole trajectory."""
+"""Segmentation of a whole trajectory."""
 
 import os
 from collections import deque
@@ -43,13 +43,13 @@ Rows = Literal["ticks", "segments"]
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The segments of a trajectory and what is believed of each tick.
+    """The segments of a trajectory and the belief of each tick.
 
     Parameters
     ----------
     trajectory : the poses.
     segmentation : segments and smoothed beliefs in columns.
-    report : what the tracker has adapted to.
+    report : the tracker's adaptation.
     notes : warnings from before the first pose.
     """
 
@@ -60,23 +60,23 @@ class Result:
 
     @property
     def segments(self) -> tuple[Segment, ...]:
-        """One contact each, in order, covering every tick."""
+        """The segments in order of time, with one label each; they cover all ticks."""
         return self.segmentation.segments
 
     @property
     def beliefs(self) -> Beliefs:
-        """One per tick, with the label of its segment and smoothed probabilities."""
+        """One belief per tick, with the label of its segment and smoothed probabilities."""
         return self.segmentation.beliefs
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What was dropped or repaired, by kind (docs/conventions.md)."""
+        """Numbers of dropped and repaired poses, by kind (docs/conventions.md)."""
         outliers = {"outlier": self.segmentation.outliers} if self.segmentation.outliers else {}
         return {**self.trajectory.counts, **outliers}
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A line for each thing that has to be known; damage of the recording is one."""
+        """One line per warning, including damage of the recording."""
         damage = self.trajectory.damage
         found = () if self.report is None else tuple(warnings(self.report))
         return (*self.notes, *self.trajectory.notes, *found, *(() if damage is None else (damage,)))
@@ -92,7 +92,7 @@ class Result:
         return to_pandas(*self._columns(rows))
 
     def to_polars(self, rows: Rows = "ticks") -> "polars_table.DataFrame":
-        """The same of polars."""
+        """A DataFrame of polars, like ``to_pandas``."""
         with extra("tables", "a DataFrame of polars"):
             from contact_tracker.exports.polars_table import to_polars
 
@@ -101,32 +101,32 @@ class Result:
     def to_parquet(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write a Parquet file with a row per tick.
 
-        It appears whole or not at all. A recording is replaced only with ``overwrite``.
+        Writing is atomic. A recording is replaced only with ``overwrite``.
 
         Raises
         ------
         MissingExtra
             pyarrow is not installed.
         UsageError
-            What is there is a recording, or read by this very result.
+            The existing file is a recording, or an input of this result.
         OSError
             The file cannot be written.
         """
         self._write(path, overwrite, ".parquet")
 
     def to_mcap(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write what Foxglove draws, beside the channels of the recording; raises as ``to_parquet`` does.
+        """Write a copy of the recording with channels for Foxglove; raises as ``to_parquet`` does.
 
-        Of a trajectory that is not from a recording there are its frames, beliefs and scene alone.
+        For a trajectory that is not from a recording there are only frames, beliefs and scene.
         """
         self._write(path, overwrite, ".mcap")
 
     def to_html(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write a report that needs no other file; raises as ``to_parquet`` does."""
+        """Write a self-contained report; raises as ``to_parquet`` does."""
         self._write(path, overwrite, ".html")
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the output that the suffix of ``path`` says, as ``segment -o`` does."""
+        """Write the output selected by the suffix of ``path``, like ``segment -o``."""
         self._write(path, overwrite, *SUFFIXES)
 
     def plot(self, curves: bool = True) -> "Figure":
@@ -220,20 +220,20 @@ def segment(
     Parameters
     ----------
     trajectory : a ``Trajectory``, the path of a recording, or a table as for ``Trajectory.from_dataframe``.
-    model : the name of a shipped model, a TOML file, or a model that is loaded.
-    known : a TOML file of what is known (docs/knowledge.md), or a table of the same keys.
-    noise : standard deviations of a pose per axis, where they are known: ``"0.3mm,0.15deg"``, or a pair in
-        metres and radians.
-    wrench : the wrench of the hand or robot on the object, which decides where motion cannot tell contacts
-        apart: the topic in the recording, or ``Wrenches`` about the body's origin and in its axes.
-    mass_kg : of the object, where it is known; else free motion shows it.
+    model : the name of a shipped model, a TOML file, or a loaded model.
+    known : a TOML file of prior knowledge (docs/knowledge.md), or a table of the same keys.
+    noise : standard deviations of a pose per axis, if known: ``"0.3mm,0.15deg"``, or a pair in metres and
+        radians.
+    wrench : the wrench of the hand or robot on the object, which decides between contacts that motion cannot
+        distinguish: the topic in the recording, or ``Wrenches`` about the body's origin and in its axes.
+    mass_kg : of the object, if known; else estimated from free motion.
 
     Raises
     ------
     InputError
         The trajectory cannot be used.
     UsageError
-        The call is wrong: an argument, the model, or what is known.
+        An argument, the model or the prior knowledge is invalid.
     """
     given = model_from(model, noise)
     notes = list[str]()

@@ -1,4 +1,4 @@
-"""What holds now, pose by pose."""
+"""Online tracking, pose by pose."""
 
 import operator
 import os
@@ -18,17 +18,17 @@ from contact_tracker.tracking.belief import Belief
 
 
 class Tracker:
-    """Follows the contacts of one object while its poses come in.
+    """Tracks the contacts of one object online.
 
     Parameters
     ----------
     model, known, noise : as of ``segment``.
-    lag_s : answers are of that long ago (s), and better.
+    lag_s : delay of the beliefs (s), for which they are smoothed.
 
     Raises
     ------
     UsageError
-        An argument is wrong.
+        An argument is invalid.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Tracker:
     def update(
         self, stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]
     ) -> Belief | None:
-        """Take in one pose.
+        """Update with one pose.
 
         Parameters
         ----------
@@ -58,48 +58,48 @@ class Tracker:
 
         Returns
         -------
-        The newest belief if the pose closes a tick (0.1 s as a rule), else None. What the gate drops or holds
-        back is counted in ``counts``.
+        The newest belief if the pose completes a tick (usually 0.1 s), else None. Poses dropped or held back
+        by the gate are counted in ``counts``.
 
         Raises
         ------
         InvalidPose
-            It is no pose: the stamp is no integer, or the numbers are not three and four.
+            The stamp is not an integer, or there are not three and four numbers.
         """
         return _newest(self._advance(self._gate.admit(_pose(stamp_ns, position_m, quat_xyzw))))
 
     def finish(self) -> list[Belief]:
-        """The stream has ended: beliefs of the last, partial tick and of what the lag has held back."""
+        """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
         beliefs = self._advance(self._gate.finish())
         self._state, rest = adaptation.finish(self._state)
         return [*beliefs, *rest]
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What was dropped or repaired so far, by kind (docs/conventions.md)."""
+        """Numbers of poses dropped or repaired so far, by kind (docs/conventions.md)."""
         outliers = {"outlier": self._state.outliers} if self._state.outliers else {}
         return {**self._gate.counts, **outliers}
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A line for each thing that has to be known of the stream so far."""
+        """One line per warning so far."""
         found = adaptation.report(self._state)
         return (*self._notes, *(() if found is None else warnings(found)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Keep all that is known in a file, whole or not at all; raises OSError."""
+        """Save the state to a file, atomically; raises OSError."""
         save(Path(path), (self._state, self._gate, tuple(self._notes)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """A tracker that carries on where another was saved, to the last bit. Nothing in the file is run.
+        """A tracker from a saved state; it continues with bit-identical results. No code in the file is run.
 
         Raises
         ------
         StateError
-            The file is not that of a tracker, is damaged, or was saved by another version.
+            The file is not a tracker's state, is damaged, or was saved by another version.
         OSError
-            It cannot be read.
+            The file cannot be read.
         """
         match load(Path(path)):
             case (AdaptiveState() as state, PoseGate() as gate, tuple() as notes):
@@ -121,7 +121,7 @@ def _newest(beliefs: list[Belief]) -> Belief | None:
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:
-    """As plain numbers, which need not be sound yet."""
+    """A pose of plain numbers, not validated yet."""
     try:
         stamp = operator.index(stamp_ns)
     except TypeError as error:

@@ -1,4 +1,4 @@
-"""Poses that have passed the gate, from a recording, from arrays or from a table."""
+"""Validated poses from a recording, arrays or a table."""
 
 import os
 from collections import Counter
@@ -28,20 +28,20 @@ _ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The poses ``T_world_body`` of one object, as far as the gate has passed them on.
+    """The poses ``T_world_body`` of one object that have passed the pose gate.
 
     Parameters
     ----------
     poses : in order of time, with unit quaternions.
-    counts : what was dropped or repaired, by kind (docs/conventions.md).
-    name : of the recording, for people.
-    path : of the recording, None where there is none that can be read again.
-    source : where in the recording they come from.
+    counts : numbers of dropped and repaired poses, by kind (docs/conventions.md).
+    name : of the recording, for display.
+    path : of the recording, None if there is none that can be read again.
+    source : the source in the recording.
     damage : one line if the recording is truncated or damaged.
-    log_offset_ns : by how much later than its stamp a pose was logged.
-    vertices_m : (V, 3) of the object in the body frame, where the recording says them.
-    notes : a line of each thing that has to be known of the recording.
-    by_log_time : whether the stamps are log times, since the headers of the poses have none.
+    log_offset_ns : delay from a pose's stamp to its log time.
+    vertices_m : (V, 3) of the object in the body frame, if the recording has them.
+    notes : one line for each warning about the recording.
+    by_log_time : whether the stamps are log times, as the headers have none.
     """
 
     poses: Poses
@@ -68,16 +68,16 @@ class Trajectory:
 
         Parameters
         ----------
-        stamps : (N,) times in ``unit``, from any zero; or numpy ``datetime64``, which has its own unit.
-        positions_m : (N, 3) places of the body's origin in the world (m).
+        stamps : (N,) times in ``unit``, from any origin; or numpy ``datetime64``, which has its own unit.
+        positions_m : (N, 3) positions of the body's origin in the world (m).
         quaternions : (N, 4) rotations from body to world, their components in ``order``.
 
         Raises
         ------
         UsageError
-            The arrays do not fit each other, or a word is none of those above.
+            The arrays' shapes differ, or ``unit`` or ``order`` is unknown.
         NoPoses
-            Nothing has passed the gate; the message says why.
+            No pose has passed the gate; the message says why.
         """
         stamp_ns, is_time, in_range = _nanoseconds(stamps, unit)
         place, turn = _rows(positions_m, "positions_m", 3), _rows(quaternions, "quaternions", 4)
@@ -105,20 +105,21 @@ class Trajectory:
         quat_xyzw: Sequence[str] = ("qx", "qy", "qz", "qw"),
         unit: Unit | None = None,
     ) -> Self:
-        """Poses from a table of pandas or polars, or from any mapping of names to columns.
+        """Poses from a table of pandas or polars, or any mapping of names to columns.
 
         Parameters
         ----------
         stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw.
-        unit : of the stamps; by default what the end of their name says (``_ns``, ``_us``, ``_ms``), else
-            seconds. Columns of dates have their own.
+        unit : of the stamps; by default by the suffix of their name (``_ns``, ``_us``, ``_ms``), else
+        seconds.
+            Columns of dates have their own.
 
         Raises
         ------
         UsageError
-            A column is not there, or holds no numbers.
+            A column is missing or not numeric.
         NoPoses
-            Nothing has passed the gate.
+            No pose has passed the gate.
         """
         if len(position_m) != 3 or len(quat_xyzw) != 4:
             raise UsageError("position_m names three columns and quat_xyzw four, x y z w")
@@ -145,7 +146,7 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """From the first pose to the last."""
+        """Time from the first pose to the last."""
         return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9 if len(self) else 0.0
 
     def __len__(self) -> int:
@@ -155,7 +156,7 @@ class Trajectory:
         return iter(self.poses)
 
     def batches(self) -> Iterator[Poses]:
-        """The poses in columns of many at once."""
+        """The poses in columns, many at once."""
         return self.poses.batches()
 
     def __repr__(self) -> str:
@@ -177,17 +178,17 @@ def read(
     Parameters
     ----------
     path : a recording of any kind (docs/formats.md), or a folder of its parts.
-    topic : take poses of this topic, where there are several.
-    parent, child : take poses of this frame in that; transforms between them are composed.
-    relative_to : a frame, or the topic of another body, which may move: poses relative to it.
-    unit : of the times of a table; by default as their column is named, or else as they look.
+    topic : the topic of the poses, if there are several.
+    parent, child : poses of the frame ``child`` in ``parent``; transforms between them are composed.
+    relative_to : a frame, or the topic of another body, which may move, in which poses are given.
+    unit : of the times of a table; by default by the column's name, else guessed from the values.
 
     Raises
     ------
     UnreadableRecording, NoPoses
-        There is nothing that can be used.
+        There are no usable poses.
     AmbiguousSource
-        There are several sources: choose.
+        There are several sources; choose one.
     MissingExtra
         The format needs a library that is not installed.
     """
@@ -228,7 +229,7 @@ def _refuse_other(unit: str) -> None:
 def _nanoseconds(
     stamps: ArrayLike, unit: str
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Stamps, which of them are a time at all, and which of these are in range."""
+    """Stamps, which of them are finite times, and which of these are in range."""
     _refuse_other(unit)
     given = np.asarray(stamps)
     if given.ndim != 1:
@@ -246,7 +247,7 @@ def _nanoseconds(
     sound = np.where(in_range, numbers, 0)
     if sound.dtype.kind in "iu":
         return sound.astype(np.int64) * TIMES_NS[unit], is_time, in_range
-    whole = np.floor(sound)  # so that seconds since 1970 lose nothing to the factor
+    whole = np.floor(sound)  # keeps the precision of seconds since 1970
     rest_ns = np.round((sound - whole) * TIMES_NS[unit]).astype(np.int64)
     return whole.astype(np.int64) * TIMES_NS[unit] + rest_ns, is_time, in_range
 
@@ -268,6 +269,6 @@ def _column(table: Any, name: str) -> NDArray[Any]:
         meant = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(names[:20])}"
         raise UsageError(f"no column {name!r}{meant}")
     column = table[name]
-    if getattr(getattr(column, "dtype", None), "tz", None) is not None:  # dates of pandas with a zone
+    if getattr(getattr(column, "dtype", None), "tz", None) is not None:  # pandas dates with a time zone
         return np.asarray(column.to_numpy("datetime64[ns]"))
     return np.asarray(column.to_numpy() if hasattr(column, "to_numpy") else column)

@@ -1,4 +1,4 @@
-"""The function of a batch on a Dask cluster (the extra ``cluster``)."""
+"""Batch jobs on a Dask cluster (extra ``cluster``)."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -16,18 +16,18 @@ T = TypeVar("T")
 _CONNECT_S: Final = 15
 _LEAST: Final = 64
 _AHEAD: Final = 3
-"""So many tasks for each thread are with the scheduler at once, ``_LEAST`` at least, not all of them."""
+"""Tasks per thread that are submitted at a time, at least ``_LEAST``, instead of all at once."""
 _LOOK_EVERY_S: Final = 10.0
 
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Jobs]:
-    """The workers of the scheduler at ``address``, which see the same files and the same dataset.
+    """The workers of the scheduler at ``address``, which must have access to the same files and dataset.
 
     Raises
     ------
     UsageError
-        Nobody is there, or a worker has another version of this package or none.
+        There is no scheduler, or a worker has another version of this package or none.
     """
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)

@@ -1,4 +1,4 @@
-"""What is in the files of a recording, as a hash, and what they look like from outside, as a signature."""
+"""Hash of the content of a recording's files, and signature of their metadata."""
 
 import hashlib
 import os
@@ -13,21 +13,21 @@ _BLOCK: Final = 2**20
 
 
 class Content(NamedTuple):
-    """32 hexadecimal digits that change with the content (BLAKE2b), and its size."""
+    """A hash of the content (BLAKE2b, 32 hexadecimal digits), and its size in bytes."""
 
     digits: str
     size_bytes: int
 
 
 def files_of(name: str) -> list[str]:
-    """The files that a recording of this machine consists of; raises UnreadableRecording."""
+    """The files of a local recording; raises UnreadableRecording."""
     beside = os.path.join(name, _METADATA)
     return [*([beside] if os.path.isfile(beside) else []), *parts_of(name)]
 
 
 def signature_of(name: str) -> str:
-    """Size, time of the last change and inode of its files: while they are the same, so is the content, as
-    far as nobody sets the time back. Empty if it cannot be read."""
+    """Size, modification time and inode of its files; equal signatures mean equal content, unless the time
+    was set back. Empty if it cannot be read."""
     try:
         states = [os.stat(path) for path in files_of(name)]
     except (OSError, UnreadableRecording, ValueError):
@@ -36,14 +36,14 @@ def signature_of(name: str) -> str:
 
 
 def read_content(name: str) -> Content:
-    """What its files hold.
+    """Hash and size of a recording's files.
 
     Raises
     ------
     UnreadableRecording
-        There is none, or one of its files is something else than a file.
+        It does not exist, or one of its files is not a regular file.
     OSError
-        One cannot be read.
+        A file cannot be read.
     """
     found, size = hashlib.blake2b(digest_size=16), 0
     for path in files_of(name):

@@ -1,7 +1,7 @@
-"""The folder of a dataset: a file of segments for each recording, and the summary of all (docs/batch.md).
+"""The folder of a dataset: a file of segments per recording, and a summary of all (docs/batch.md).
 
-Answers are appended to a journal as they come and merged into the summary now and then: what a killed process
-has recorded is there.
+Answers are appended to a journal at once and merged into the summary at intervals, so that none is lost if
+the process is killed.
 """
 
 import json
@@ -29,11 +29,11 @@ _JOURNAL: Final = "journal.jsonl"
 _SIGNATURE_COLUMNS: Final[dict[str, Kind]] = {"recording": "text", "signature": "text"}
 _SAVE_EVERY_S: Final = 60.0
 _SAVE_SHARE: Final = 0.02
-"""Of the time, at most so much goes into merging."""
+"""Largest share of the time spent on merging."""
 
 
 class Entry(NamedTuple):
-    """What has to be at hand of a row."""
+    """The values of a row that are kept in memory."""
 
     content_hash: str | None
     settings_hash: str
@@ -43,7 +43,7 @@ class Entry(NamedTuple):
 
 
 class Dataset:
-    """An open dataset; nobody else writes it meanwhile. Made by ``open_dataset``."""
+    """An open dataset, locked against other writers. Made by ``open_dataset``."""
 
     def __init__(self, folder: Path, journal: IO[bytes]) -> None:
         self.folder = folder
@@ -56,7 +56,7 @@ class Dataset:
         self._read()
 
     def known(self, name: str, settings: Settings) -> Known | None:
-        """What the result of a recording was made of, if that was with these settings and it is there."""
+        """The content from which a recording's result was made, if it exists for these settings."""
         key = rows.shown(name)
         entry = self._entries.get(key)
         if entry is None or entry.content_hash is None or entry.settings_hash != settings.settings_hash:
@@ -74,11 +74,11 @@ class Dataset:
         return Known(self._signatures.get(key, ""), entry.content_hash)
 
     def exit_code(self, name: str) -> int:
-        """That of a recording whose result is there."""
+        """Exit code of a recording with a result."""
         return self._entries[rows.shown(name)].exit_code
 
     def record(self, answer: Answer) -> None:
-        """Keep an answer, and save all of them from time to time."""
+        """Append an answer to the journal, and save at intervals."""
         line = {"recording": rows.shown(answer.name), "signature": answer.signature, "row": answer.row}
         self._journal.write(json.dumps(line).encode() + b"\n")
         self._journal.flush()
@@ -90,7 +90,7 @@ class Dataset:
             self._next_save_s = time.monotonic() + max(_SAVE_EVERY_S, took_s / _SAVE_SHARE)
 
     def save(self) -> None:
-        """Merge what is new into the summary."""
+        """Merge new answers into the summary."""
         new = (
             (_SUMMARY, SUMMARY_COLUMNS, list(self._new_rows.values())),
             (
@@ -114,13 +114,13 @@ class Dataset:
     def _read(self) -> None:
         names = ("recording", *Entry._fields)
         if (self.folder / _SUMMARY).exists():
-            known: dict[str, str] = {}  # there are few settings: one text for all of them
+            known: dict[str, str] = {}  # settings repeat: share their text
             for key, content, settings, *others in read_rows(self.folder / _SUMMARY, names):
                 self._entries[key] = Entry(content, known.setdefault(settings, settings), *others)
         if (self.folder / _SIGNATURES).exists():
             self._signatures = dict(read_rows(self.folder / _SIGNATURES, tuple(_SIGNATURE_COLUMNS)))
         for line in (self.folder / _JOURNAL).read_bytes().splitlines():
-            with suppress(ValueError, TypeError, KeyError, AttributeError):  # the last one may be half a line
+            with suppress(ValueError, TypeError, KeyError, AttributeError):  # the last line may be incomplete
                 self._take(json.loads(line))
         if self._new_rows or self._new_signatures:
             self.save()
@@ -139,16 +139,16 @@ class Dataset:
 
 @contextmanager
 def open_dataset(folder: Path) -> Iterator[Dataset]:
-    """Open or make the dataset in ``folder``; all that was recorded is saved at the end, whatever happens.
+    """Open or make the dataset in ``folder``; answers are saved at the end, also on errors.
 
     Raises
     ------
     UsageError
-        The folder holds something else, or another process writes it.
+        The folder has other content, or another process writes it.
     StateError
-        A file of it is damaged.
+        A file of the dataset is damaged.
     OSError
-        It cannot be written.
+        The dataset cannot be written.
     """
     _check(folder)
     folder.mkdir(exist_ok=True)
@@ -184,7 +184,7 @@ def _check(folder: Path) -> None:
 
 
 def _lock(journal: IO[bytes], folder: Path) -> None:
-    """As long as the file is open; where the system has no such locks, nothing is checked."""
+    """Lock the dataset while the journal is open; does nothing on systems without such locks."""
     if os.name != "posix":
         return
     import fcntl
@@ -193,7 +193,7 @@ def _lock(journal: IO[bytes], folder: Path) -> None:
         fcntl.flock(journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise UsageError(f"cannot write {folder}: another process is writing it") from None
-    except OSError:  # a disk without locks
+    except OSError:  # a file system without locks
         return
 
 

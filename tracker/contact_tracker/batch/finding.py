@@ -1,4 +1,4 @@
-"""The recordings that names and folders stand for, without reading them."""
+"""Finding recordings by names and in folders, without reading them."""
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,28 +9,28 @@ from contact_tracker.batch.content import signature_of
 from contact_tracker.errors import UnreadableRecording
 
 SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
-"""Of the files in a folder that are taken; a table may hold something else than poses: it is named."""
+"""Suffixes of recordings in folders; tables, which may have no poses, have to be named."""
 _METADATA: Final = "metadata.yaml"
 
 
 class Found(NamedTuple):
-    """A recording by its absolute ``name`` or URL; ``signature`` is empty where only a worker can tell it, or
-    nothing is there."""
+    """A recording with its absolute ``name`` or URL; ``signature`` is empty if only a worker can determine it
+    or there is no file."""
 
     name: str
     signature: str
 
     @property
     def is_missing(self) -> bool:
-        """Whether nothing is there that could be read."""
+        """Whether there is no readable file."""
         return not self.signature and not remote.is_remote(self.name)
 
 
 def find(names: Iterable[str]) -> Iterator[Found]:
-    """Each recording once, folders replaced by the recordings in them in the order of their names.
+    """Each recording once, with folders replaced by the recordings in them, by name.
 
-    A folder with a ``metadata.yaml`` is one recording. What is not there is found all the same: that it
-    cannot be read is its result.
+    A folder with a ``metadata.yaml`` is one recording. Missing ones are included; their result is that they
+    cannot be read.
 
     Raises
     ------
@@ -53,14 +53,14 @@ def _found(name: str) -> Iterator[Found]:
         if files is None:
             yield Found(name, "")
             return
-        inside = _some(name, recordings_among(files))
+        inside = _require_recordings(name, recordings_among(files))
         yield from (Found(one, remote.joined(files[part] for part in parts)) for one, parts in inside.items())
     else:
         yield from (Found(one, signature_of(one)) for one in recordings_in(os.path.abspath(name)))
 
 
 def recordings_in(name: str) -> list[str]:
-    """The recordings that a file or a folder of this machine stands for, in the order of their names.
+    """The recordings of a local file or folder, by name.
 
     Raises
     ------
@@ -69,10 +69,10 @@ def recordings_in(name: str) -> list[str]:
     """
     if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
         return [name]
-    return list(_some(name, recordings_among(_files_in(name))))
+    return list(_require_recordings(name, recordings_among(_files_in(name))))
 
 
-def _some(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
+def _require_recordings(folder: str, inside: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
     if not inside:
         raise UnreadableRecording(
             f"{folder}: this folder holds no recording ({', '.join(SUFFIXES)}); name others one by one"

@@ -1,4 +1,4 @@
-"""Recordings in remote stores, by fsspec (the extra ``remote``): listed, and copied while they are read."""
+"""Recordings in remote stores, listed and copied by fsspec (extra ``remote``)."""
 
 import os
 import posixpath
@@ -22,14 +22,14 @@ _VALIDATORS: Final = (
     "created",
     "Content-MD5",
 )
-"""What stores say of a version of a file. Of those that say none, nothing but the content tells."""
+"""Keys of a file's version in stores' metadata; without one only the content can be compared."""
 
 MOST_BYTES: Final = 64 * 2**30
-"""A recording that is copied is at most so long, all its files together."""
+"""Largest recording that is copied, all files together (bytes)."""
 _LEFT_BYTES: Final = 2**30
-"""So much of the disk with the copies is left free."""
+"""Space that is left free on the disk with the copies (bytes)."""
 _FILE_BYTES: Final = 4096
-"""A file takes as much of a disk, also if it is empty."""
+"""Space that even an empty file takes (bytes)."""
 
 
 def is_remote(name: str) -> bool:
@@ -40,7 +40,7 @@ def is_remote(name: str) -> bool:
 def files_in(url: str) -> Mapping[str, str] | None:
     """The URLs of all files in a folder with their signatures; None if ``url`` is a file.
 
-    What ends in ``/`` is a folder, what has a suffix is none, and of the rest the store knows.
+    A URL that ends in ``/`` is a folder, one with a suffix is a file; otherwise the store is asked.
 
     Raises
     ------
@@ -50,20 +50,20 @@ def files_in(url: str) -> Mapping[str, str] | None:
         The folder cannot be listed.
     """
     filesystem, path = _opened(url)
-    with _told_of(url):
+    with _store_errors(url):
         return _files_in(filesystem, path) if _is_folder(filesystem, url, path) else None
 
 
 def signature_of(url: str) -> str:
-    """Size and version of a file, or of all in a folder, as the store tells them; empty where it does not.
+    """Size and version of a file, or of all in a folder, by the store; empty if it has none.
 
     Raises
     ------
     UnreadableRecording
-        It is not there, or cannot be reached.
+        It does not exist or cannot be reached.
     """
     filesystem, path = _opened(url)
-    with _told_of(url):
+    with _store_errors(url):
         if not _is_folder(filesystem, url, path):
             return _signature(filesystem.info(path))
         depth = url.rstrip("/").count("/") + 1
@@ -76,24 +76,24 @@ def signature_of(url: str) -> str:
 
 
 def joined(signatures: Iterable[str]) -> str:
-    """That of several files; empty if one of them is."""
+    """The signature of several files; empty if one of them is."""
     given = list(signatures)
     return " ".join(given) if all(given) else ""
 
 
 @contextmanager
 def local_copy(url: str) -> Iterator[str]:
-    """A copy on this machine, as long as it is needed.
+    """A local copy, removed at the end of the context.
 
     Raises
     ------
     UnreadableRecording
-        It cannot be copied, is longer than ``MOST_BYTES``, or there is no room for it.
+        It cannot be copied, is larger than ``MOST_BYTES``, or the disk is full.
     """
     filesystem, path = _opened(url)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
         target = os.path.join(folder, posixpath.basename(path.rstrip("/")) or "recording")
-        with _told_of(url):
+        with _store_errors(url):
             if _is_folder(filesystem, url, path):
                 copy_folder(filesystem, path, target)
             else:
@@ -102,7 +102,7 @@ def local_copy(url: str) -> Iterator[str]:
 
 
 def copy_folder(filesystem: Any, path: str, target: str) -> None:
-    """Copy all files below ``path``; a name that leads elsewhere is none of them."""
+    """Copy all files below ``path``; names that lead outside are rejected."""
     begin = path.rstrip("/") + "/"
     os.makedirs(target, exist_ok=True)
     copier = _Copier(filesystem, target)
@@ -118,14 +118,14 @@ def copy_folder(filesystem: Any, path: str, target: str) -> None:
 
 
 class _Copier:
-    """Copies files into ``folder``, all together no longer than they may be."""
+    """Copies files into ``folder``, up to the allowed total size."""
 
     def __init__(self, filesystem: Any, folder: str) -> None:
         self._filesystem, self._folder = filesystem, folder
         self._copied = 0
 
     def copy(self, name: str, target: str, info: Mapping[str, Any]) -> None:
-        """Copy a file; raises OSError if it is too long, whatever ``info`` says of its size."""
+        """Copy a file; raises OSError if it is too large, whatever size ``info`` declares."""
         from fsspec.callbacks import Callback
 
         self._check(info.get("size") or 0, 0)
@@ -136,7 +136,7 @@ class _Copier:
         self._copied += max(size, _FILE_BYTES)
 
     def _check(self, size: int, done: int) -> None:
-        """Of a file of at least ``size`` bytes, ``done`` of them are copied."""
+        """Check the space for a file of at least ``size`` bytes, of which ``done`` are copied."""
         if self._copied + size > MOST_BYTES:
             raise OSError(f"it is longer than {MOST_BYTES >> 30} GiB: copy it to a disk, and read it there")
         if shutil.disk_usage(self._folder).free < size - done + _LEFT_BYTES:
@@ -144,7 +144,7 @@ class _Copier:
 
 
 def _is_folder(filesystem: Any, url: str, path: str) -> bool:
-    """What has a suffix is not asked for: some stores send all of it as the answer."""
+    """Whether a URL is a folder; stores are not asked about a suffix, as some would send the whole file."""
     return url.endswith("/") or (not posixpath.splitext(path)[1] and bool(filesystem.isdir(path)))
 
 
@@ -154,8 +154,8 @@ def _files_in(filesystem: Any, path: str) -> dict[str, str]:
 
 
 @contextmanager
-def _told_of(url: str) -> Iterator[None]:
-    """Each store raises errors of its own."""
+def _store_errors(url: str) -> Iterator[None]:
+    """Convert the errors of stores to UnreadableRecording."""
     try:
         yield
     except Exception as error:
@@ -169,7 +169,7 @@ def _opened(url: str) -> tuple[Any, str]:
         return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
     except ImportError as error:  # the library for this store
         raise MissingExtra(f"{url}: {' '.join(str(error).split())}") from error
-    except Exception as error:  # each store raises its own
+    except Exception as error:  # stores have no common error
         raise UnreadableRecording(f"{url}: {_line(error)}") from error
 
 

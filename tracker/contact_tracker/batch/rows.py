@@ -1,4 +1,4 @@
-"""The row of the summary that a recording gets, whatever comes of it; the columns are in docs/batch.md."""
+"""The summary row of a recording, also of a failed one; its columns are in docs/batch.md."""
 
 import json
 from collections.abc import Iterable
@@ -54,12 +54,12 @@ SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
 
 
 def shown(name: str) -> str:
-    """The name of a recording as it stands in the column ``recording``: text, whatever bytes are in it."""
+    """The name of a recording as text for the column ``recording``, whatever bytes it has."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def file_of(name: str) -> str:
-    """Where the Parquet files of a recording are, below the folders ``segments`` and ``ticks``."""
+    """The path of a recording's Parquet files, below the folders ``segments`` and ``ticks``."""
     import hashlib
 
     digits = hashlib.blake2b(shown(name).encode(), digest_size=16).hexdigest()
@@ -68,7 +68,7 @@ def file_of(name: str) -> str:
 
 @dataclass
 class Tally:
-    """Counts of the segments of one recording on their way to its file."""
+    """Counts of the segments of one recording while they are written."""
 
     ticks: int = 0
     segments: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_STATES, 0))
@@ -88,7 +88,7 @@ class Tally:
 
 
 def base(name: str, settings: Settings) -> Row:
-    """A row with nothing in it but what was asked for."""
+    """A row with the recording and settings only."""
     return dict.fromkeys(SUMMARY_COLUMNS) | {
         "recording": shown(name),
         "exit_code": exit_codes.DONE,
@@ -100,16 +100,16 @@ def base(name: str, settings: Settings) -> Row:
 
 
 def failure(name: str, settings: Settings, exit_code: int, error: str, content_hash: str | None) -> Row:
-    """The row of a recording of which there are no segments.
+    """The row of a recording without segments.
 
-    ``content_hash`` is None where another run may do better, with the same content and settings.
+    ``content_hash`` is None if another run with the same content and settings may succeed.
     """
     found = {"exit_code": exit_code, "error": printable(error), "content_hash": content_hash}
     return base(name, settings) | found
 
 
 def adapted_cells(adapted: Any) -> Row:
-    """What the tracker has adapted to."""
+    """The cells of the tracker's adaptation."""
     if adapted is None:
         return {}
     report = report_json(adapted)
@@ -118,5 +118,5 @@ def adapted_cells(adapted: Any) -> Row:
 
 
 def counts_text(counts: Any) -> str:
-    """JSON of what was dropped or repaired, by kind."""
+    """JSON of the counts of dropped and repaired poses, by kind."""
     return json.dumps({kind: int(count) for kind, count in sorted(counts.items()) if count})

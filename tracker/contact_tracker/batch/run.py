@@ -1,4 +1,4 @@
-"""All recordings of a batch: those whose result is there are passed over, the others get one."""
+"""A batch run: recordings without an up-to-date result get one."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
@@ -19,8 +19,8 @@ _GIVEN_UP: Final = "the process that segmented it was ended twice, as happens wh
 
 @dataclass
 class Outcome:
-    """How many recordings have a new row (``done``) and are ``unchanged``; of both, how many are ``bad``
-    (without a result) and ``damaged`` (with one of what can be read)."""
+    """Numbers of recordings with a new row (``done``) and of ``unchanged`` ones; of both, those without a
+    result (``bad``) and those with a partial one (``damaged``)."""
 
     done: int = 0
     unchanged: int = 0
@@ -33,13 +33,13 @@ class Outcome:
 
 
 class Batch:
-    """Brings a ``dataset`` up to date.
+    """Updates a ``dataset``.
 
     Parameters
     ----------
-    report : is called with each new row.
-    set_done : is called with how many recordings are done.
-    looks_at_content : take no recording for unchanged because its files look it.
+    report : called with each new row.
+    set_done : called with the number of recordings that are done.
+    compares_content : whether to compare contents even if the signatures are equal.
     """
 
     def __init__(
@@ -48,24 +48,24 @@ class Batch:
         dataset: Dataset,
         report: Callable[[rows.Row], None],
         set_done: Callable[[int], None],
-        looks_at_content: bool = False,
+        compares_content: bool = False,
     ) -> None:
         self.outcome = Outcome()
         self._settings = settings
         self._dataset = dataset
         self._report = report
         self._set_done = set_done
-        self._looks_at_content = looks_at_content
+        self._looks_at_content = compares_content
 
     def run(
         self, recordings: Iterable[Found], workers: Callable[[], AbstractContextManager[Jobs]]
     ) -> Outcome:
-        """Give each of the ``recordings`` its row; ``workers`` are opened if there is anything to do.
+        """Make or keep the row of each of the ``recordings``; ``workers`` are opened if needed.
 
         Raises
         ------
         ContactTrackerError, OSError
-            The dataset cannot be written, or nobody is there to work. What was recorded until then is kept.
+            The dataset cannot be written, or there are no workers. Answers until then are kept.
         """
         jobs = self._jobs(recordings)
         first = next(jobs, None)
@@ -82,7 +82,7 @@ class Batch:
         return self.outcome
 
     def _jobs(self, recordings: Iterable[Found]) -> Iterator[tuple[Any, ...]]:
-        """The arguments of ``segment_recording`` for those that take work."""
+        """The arguments of ``segment_recording`` for recordings that may have changed."""
         folder = str(self._dataset.folder)
         for found in recordings:
             known = self._dataset.known(found.name, self._settings)

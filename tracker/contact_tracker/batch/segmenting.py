@@ -1,4 +1,4 @@
-"""What is done to one recording: read, segmented, written, and summarised in a row."""
+"""Segmentation of one recording: reading, writing, and its summary row."""
 
 import os
 from collections.abc import Iterator
@@ -35,14 +35,14 @@ TICKS: Final = _RECORDING | BELIEF_COLUMNS
 
 
 class Known(NamedTuple):
-    """A recording as it was when its result was made, which is still there."""
+    """A recording at the time of its existing result."""
 
     signature: str
     content_hash: str
 
 
 class Answer(NamedTuple):
-    """The ``row`` of a recording; None if what is known of it still holds, whose ``signature`` may be new."""
+    """The new ``row`` of a recording, None if it is unchanged, and its current ``signature``."""
 
     name: str
     signature: str
@@ -50,10 +50,10 @@ class Answer(NamedTuple):
 
 
 def segment_recording(name: str, known: Known | None, settings: Settings, folder: str) -> Answer:
-    """Write the segments of a recording into the dataset in ``folder``, unless it still is as ``known``.
+    """Write the segments of a recording into the dataset in ``folder``, unless it is unchanged (``known``).
 
-    The result depends on the content of the recording, its name and the settings alone. What is wrong with
-    a recording is in its row; no exception tells of it.
+    The result depends on the recording's content, its name and the settings alone. Errors of a recording are
+    reported in its row, not raised.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def _code(error: ContactTrackerError) -> int:
 def _answer(
     name: str, path: str, signature: str, known: Known | None, settings: Settings, folder: Path
 ) -> Answer:
-    """Of a recording that is at ``path`` on this machine."""
+    """The answer for a recording at the local ``path``."""
     try:
         content = read_content(path)
     except OSError as error:
@@ -118,7 +118,7 @@ def _answer(
 
 
 def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
-    """The row, once the files are written."""
+    """Write the files; returns the row."""
     log, wrenches = _open(path, settings), _wrenches(path, settings)
     stream, tally = _Counted(log), Tally()
     evidence = None if wrenches is None else wrenches.evidence
@@ -189,7 +189,7 @@ def _wrenches(path: str, settings: Settings) -> RecordedEvidence | None:
 
 
 class _Unread(UnreadableRecording):
-    """The system did not give what is in the file."""
+    """The system failed to read a file."""
 
 
 @contextmanager
@@ -201,7 +201,7 @@ def _reading() -> Iterator[None]:
 
 
 class _Counted:
-    """Poses on their way, as ``poses.Batched``."""
+    """Poses that are counted as they are read, as ``poses.Batched``."""
 
     def __init__(self, log: PoseLog) -> None:
         self._log = log
@@ -236,7 +236,7 @@ def _remove(folder: Path, file: str, *kinds: str) -> None:
 
 
 def _innermost(error: Exception) -> str:
-    """The file and line where it was raised."""
+    """The file and line where an error was raised."""
     step = error.__traceback__
     while step is not None and step.tb_next is not None:
         step = step.tb_next

@@ -1,4 +1,4 @@
-"""How recordings are segmented, the same for all of a run, with a hash by which a result is known again."""
+"""Settings of a run for all its recordings, with a hash that identifies results."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from contact_tracker.saved_state.encoding import fingerprint
 
 
 class WrenchSettings(NamedTuple):
-    """The topic of measured wrenches, and the mass of the object where it is known."""
+    """The topic of measured wrenches, and the mass (kg) of the object if known."""
 
     topic: str
     mass_kg: float | None
@@ -18,15 +18,15 @@ class WrenchSettings(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """What decides on a result besides the recording.
+    """All that determines a result besides the recording.
 
     Parameters
     ----------
-    topic, frame, relative_to : which poses to take, as of ``recording.open_log``.
+    topic, frame, relative_to : selection of poses, as of ``recording.open_log``.
     time_unit : of the times of tables, as of ``recording.open_log``.
-    with_ticks : write what is believed of each tick, too.
-    wrench : where the wrenches are that decide where motion cannot tell contacts apart.
-    model_hash : of the model with its noise, and of what is known.
+    with_ticks : whether to write the beliefs of all ticks, too.
+    wrench : measured wrenches, which decide between contacts that motion cannot distinguish.
+    model_hash : of the model with its noise, and of the prior map.
     settings_hash : of all but ``with_ticks``, and of the version.
     """
 

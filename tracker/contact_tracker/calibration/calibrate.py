@@ -6,7 +6,7 @@ from typing import Final
 
 from contact_tracker.calibration.learn import Lesson, learn
 from contact_tracker.calibration.learned import How, Learned
-from contact_tracker.calibration.study import Judged, Source, Study, judge, look
+from contact_tracker.calibration.study import ModelScore, Source, Study, score_model, study_recording
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoTruth
 from contact_tracker.evaluation.evaluate import Evaluation
@@ -31,13 +31,13 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A recording judged by the initial model and by one learned from other recordings.
+    """A recording scores by the initial model and by one learned from other recordings.
 
     ``chain`` is the log probability of its true states under the transitions of either, where they are known.
     """
 
-    before: Judged
-    after: Judged
+    before: ModelScore
+    after: ModelScore
     chain: tuple[float, float] | None
 
 
@@ -72,7 +72,7 @@ def calibrate(plan: Plan, run: Runner) -> Calibration:
         The log-loss is to be searched, and there is no truth.
     """
     fit = plan.wants(How.RESIDUALS) or plan.wants(How.CONTACTS)
-    studies = run(look, [(source, plan.start, plan.folds > 0, fit) for source in plan.sources])
+    studies = run(study_recording, [(source, plan.start, plan.folds > 0, fit) for source in plan.sources])
     if plan.wants(How.SEARCH) and not any(study.has_truth for study in studies):
         raise NoTruth("a search is for the least log-loss: that needs recordings with truth")
     left_out: tuple[str, ...] = ()
@@ -103,8 +103,8 @@ def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Runne
     """Learn from the recordings in ``rows``."""
 
     def loss(model: Model) -> float:
-        judged = run(judge, [(plan.sources[row], model) for row in rows if studies[row].has_truth])
-        return mean_log_loss([j.evaluation for j in judged if j.evaluation is not None])
+        scores = run(score_model, [(plan.sources[row], model) for row in rows if studies[row].has_truth])
+        return mean_log_loss([j.evaluation for j in scores if j.evaluation is not None])
 
     return learn(plan.start, [studies[row] for row in rows], plan.wanted, loss)
 
@@ -118,13 +118,13 @@ def _hold_out(plan: Plan, studies: Sequence[Study], run: Runner) -> list[HeldOut
         _learn(plan, studies, [row for row in everything if row % plan.folds != fold], run).model
         for fold in range(plan.folds)
     ]
-    after = run(judge, [(plan.sources[row], models[row % plan.folds]) for row in everything])
+    after = run(score_model, [(plan.sources[row], models[row % plan.folds]) for row in everything])
     held_out = []
     for row, study in enumerate(studies):
         chain = None
         if study.labelled:
             learned = models[row % plan.folds]
             chain = (study.chain.expect(plan.start).log_evidence, study.chain.expect(learned).log_evidence)
-        assert study.judged is not None
-        held_out.append(HeldOut(study.judged, after[row], chain))
+        assert study.score is not None
+        held_out.append(HeldOut(study.score, after[row], chain))
     return held_out

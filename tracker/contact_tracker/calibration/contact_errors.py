@@ -6,7 +6,7 @@ from typing import Final
 
 from contact_tracker.calibration.floors import POSITION, ROTATION, doubt, learn_floors
 from contact_tracker.calibration.learned import rounded, value_of, with_value
-from contact_tracker.calibration.segment_residuals import Stretch
+from contact_tracker.calibration.segment_residuals import ContactSegment
 from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.states import CONTACTS
 
@@ -15,7 +15,7 @@ SHOWN: Final = 5.0
 """Standard errors by which residuals must exceed the common floor; neighbours are correlated."""
 
 
-def learn_contact_errors(model: Model, stretches: Sequence[Stretch], keys: Sequence[str]) -> Model:
+def learn_contact_errors(model: Model, segments: Sequence[ContactSegment], keys: Sequence[str]) -> Model:
     """The errors ``keys`` of each contact: its own floor beyond the common one, in quadrature.
 
     Contacts with too few residuals, or whose residuals the common floor explains, have none.
@@ -25,7 +25,7 @@ def learn_contact_errors(model: Model, stretches: Sequence[Stretch], keys: Seque
     bare = model
     for key in keys:
         bare = with_value(bare, key, ZERO)
-    mine = [[s for s in stretches if s.column == column] for column in range(len(CONTACTS))]
+    mine = [[s for s in segments if s.column == column] for column in range(len(CONTACTS))]
     alone = [learn_floors(bare, some, [FLOOR_OF[key] for key in keys])[0] for some in mine]
     for key in keys:
         floor = FLOOR_OF[key]

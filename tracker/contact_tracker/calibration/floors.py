@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from contact_tracker.calibration.learned import value_of, with_value
-from contact_tracker.calibration.segment_residuals import CLIP, Residuals, Stretch, refined
+from contact_tracker.calibration.segment_residuals import CLIP, ContactSegment, Residuals, refined
 from contact_tracker.config.parameters import Model
 from contact_tracker.states import CONTACTS
 
@@ -43,7 +43,7 @@ class Floor:
 
 
 def learn_floors(
-    model: Model, stretches: Sequence[Stretch], keys: Sequence[str]
+    model: Model, segments: Sequence[ContactSegment], keys: Sequence[str]
 ) -> tuple[Model, tuple[Floor, ...]]:
     """The floors ``keys`` at which clipped whitened squares have their expected mean.
 
@@ -53,17 +53,17 @@ def learn_floors(
     -------
     The model, and each floor overall and by contact.
     """
-    stretches, all_residuals = list(stretches), []
+    segments, all_residuals = list(segments), []
     for turn in range(ROUNDS):
         before = model
-        both = [refined(s, model, FIRST_STEPS if turn == 0 else 2) for s in stretches]
-        stretches, all_residuals = [s for s, _ in both], [r for _, r in both]
+        both = [refined(s, model, FIRST_STEPS if turn == 0 else 2) for s in segments]
+        segments, all_residuals = [s for s, _ in both], [r for _, r in both]
         model = _solved(model, all_residuals, keys)
         if _moved(before, model) < CONVERGED:
             break
     floors = [Floor(key, "all", _of(model, all_residuals, key), _size(all_residuals, key)) for key in keys]
     for column, contact in enumerate(CONTACTS):
-        mine = [r for s, r in zip(stretches, all_residuals, strict=True) if s.column == column]
+        mine = [r for s, r in zip(segments, all_residuals, strict=True) if s.column == column]
         floors += [
             Floor(key, contact.value, _of(model, mine, key), _size(mine, key))
             for key in keys
@@ -98,9 +98,9 @@ def _whitened_sq(model: Model, all_residuals: Sequence[Residuals], key: str) -> 
     return lambda floor: np.minimum(square / (free * (variance + floor**2)), CLIP**2)
 
 
-def doubt(model: Model, stretches: Sequence[Stretch], key: str) -> float:
+def doubt(model: Model, segments: Sequence[ContactSegment], key: str) -> float:
     """Standard errors by which residuals exceed the floors of ``model``; 0 with too few."""
-    all_residuals = [refined(s, model, FIRST_STEPS)[1] for s in stretches]
+    all_residuals = [refined(s, model, FIRST_STEPS)[1] for s in segments]
     if _size(all_residuals, key) < FEWEST:
         return 0.0
     found = _whitened_sq(model, all_residuals, key)(float(value_of(model, key)))

@@ -37,12 +37,12 @@ def learn(
     for key in keys[How.STREAM]:
         name = key.rpartition(".")[2]
         model = with_value(model, key, float(np.exp(np.mean([np.log(vars(s)[name]) for s in studies]))))
-    stretches = [stretch for study in studies for stretch in study.stretches]
+    segments = [segment for study in studies for segment in study.segments]
     if keys[How.RESIDUALS]:
-        model, floors = learn_floors(model, stretches, keys[How.RESIDUALS])
+        model, floors = learn_floors(model, segments, keys[How.RESIDUALS])
     for key in (*keys[How.STREAM], *keys[How.RESIDUALS]):
         model = with_value(model, key, rounded(value_of(model, key)))
-    model = learn_contact_errors(model, stretches, keys[How.CONTACTS])
+    model = learn_contact_errors(model, segments, keys[How.CONTACTS])
     if keys[How.COUNTS]:
         learning = learn_transitions(model, [study.chain for study in studies])
         model, rounds = learning.model, learning.log_posterior

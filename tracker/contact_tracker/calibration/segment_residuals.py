@@ -29,7 +29,7 @@ STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class ContactSegment:
     """A contact (``column``) with geometry ``x`` (S,) on the moving ticks of ``window``.
 
     The variances of the window are the sensor's alone.
@@ -52,9 +52,9 @@ class Residuals(NamedTuple):
     free: Array
 
 
-def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretch]:
+def fit_contact_segments(observed: Observed, label: Ints, model: Model) -> list[ContactSegment]:
     """Fit each run of one contact in ``label`` (T,) that is long enough."""
-    stretches = []
+    segments = []
     for column, first, end in runs(label):
         first, end = first + MARGIN_TICKS, end - MARGIN_TICKS
         moving = first + np.flatnonzero(observed.activity[first:end] >= MOVING)
@@ -65,22 +65,22 @@ def find_stretches(observed: Observed, label: Ints, model: Model) -> list[Stretc
                 model.noise.extra_contact_variance[column]
             )
             fitted = fit_window(contact, noisy, scales)
-            stretches.append(Stretch(column, window, fitted.x[0]))
-    return stretches
+            segments.append(ContactSegment(column, window, fitted.x[0]))
+    return segments
 
 
-def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residuals]:
-    """The stretch with its geometry at the least (robust) whitened squares under the floors of ``model``."""
-    contact = CONTACT_MODELS[stretch.column]
-    anchors = contact.anchors(stretch.window.zeta[:, 9:12].mean(axis=0))
+def refined(segment: ContactSegment, model: Model, steps: int) -> tuple[ContactSegment, Residuals]:
+    """The segment with its geometry at the least (robust) whitened squares under the floors of ``model``."""
+    contact = CONTACT_MODELS[segment.column]
+    anchors = contact.anchors(segment.window.zeta[:, 9:12].mean(axis=0))
     pull = contact.family.SPREAD / model.geometry.reach_m**2
     place = contact.family.place(anchors)
-    x = stretch.x
-    own = stretch.window.with_error(model.noise.extra_contact_variance[stretch.column])
+    x = segment.x
+    own = segment.window.with_error(model.noise.extra_contact_variance[segment.column])
     noisy = own.with_error(_floors_sq(model))
 
     def measured(many: Array) -> tuple[Array, Array, Array]:
-        measurement = contact.measure(many, stretch.window.zeta)
+        measurement = contact.measure(many, segment.window.zeta)
         return measurement.residual, residual_noise(measurement, noisy), measurement.lever_sq
 
     def cost(x: Array) -> float:
@@ -105,7 +105,7 @@ def refined(stretch: Stretch, model: Model, steps: int) -> tuple[Stretch, Residu
         if not cost(ahead_x) < cost(x):
             break
         x = ahead_x
-    return replace(stretch, x=x), found
+    return replace(segment, x=x), found
 
 
 def _floors_sq(model: Model) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.calibration.e_step import BelievedStates, KnownStates
-from contact_tracker.calibration.segment_residuals import Stretch, find_stretches
+from contact_tracker.calibration.segment_residuals import ContactSegment, fit_contact_segments
 from contact_tracker.calibration.tick_stream import UNKNOWN, Observed, labels, observe
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoPoses
@@ -31,7 +31,7 @@ CONFIDENT: Final = 0.95
 
 @dataclass(frozen=True)
 class Source:
-    """Which poses of which file; ``believe_truth`` says that its truth, if it has one, is learned from, and
+    """A selection of poses of a file; ``believe_truth``: its ground truth, if any, is learned from, and
     ``knowledge`` what is known of object and surroundings."""
 
     name: str
@@ -44,8 +44,8 @@ class Source:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """How a model does on a recording of ``seconds``: against the truth if there is one, and by itself."""
+class ModelScore:
+    """Scores of a model on a recording of ``seconds``: against any ground truth, and its evidence (nats)."""
 
     evaluation: Evaluation | None
     log_evidence: float
@@ -54,11 +54,11 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What learning needs of one recording.
+    """The statistics of one recording for learning.
 
-    ``labelled`` says that ``chain`` and ``stretches`` are from truth, not from belief; ``has_truth`` that it
-    can be judged by truth all the same; ``judged`` is by the
-    model that calibration starts from, None where no pass was needed; ``damage`` of the file, if any.
+    ``labelled``: ``chain`` and ``segments`` are from ground truth, not from beliefs; ``has_truth``: the
+    recording has ground truth for scores; ``score`` is that of the initial model, None if no pass was needed;
+    ``damage`` of the file, if any.
     """
 
     name: str
@@ -67,15 +67,15 @@ class Study:
     sigma_position_m: float
     sigma_rotation_rad: float
     chain: KnownStates | BelievedStates
-    stretches: tuple[Stretch, ...]
+    segments: tuple[ContactSegment, ...]
     has_truth: bool
-    judged: Judged | None
+    score: ModelScore | None
     damage: str | None
 
 
-def look(source: Source, model: Model, judge_it: bool, fit_it: bool) -> Study:
-    """Read a recording; ``judge_it`` by a pass of ``model`` (without truth there is one anyway), ``fit_it``
-    where stretches of contact are wanted.
+def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) -> Study:
+    """Read a recording; ``score_it``: score ``model`` (always if there is no ground truth); ``fit_it``: fit
+    contact segments.
 
     Raises
     ------
@@ -85,32 +85,32 @@ def look(source: Source, model: Model, judge_it: bool, fit_it: bool) -> Study:
     poses, truth, damage = _read(source)
     observed = observe(poses, model)
     assert observed is not None
-    believed = truth if source.believe_truth else None
+    used_truth = truth if source.believe_truth else None
     chain: KnownStates | BelievedStates | None = None
-    judged, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
-    if believed is not None:
-        label = labels(observed.middle_ns, believed)
+    score, label = None, np.full(len(observed.activity), UNKNOWN, np.int64)
+    if used_truth is not None:
+        label = labels(observed.middle_ns, used_truth)
         chain = KnownStates(label, np.array([hazard_exposure(a) for a in observed.activity]))
-    if judge_it or chain is None:
-        judged, belief, found = _pass(poses, truth, model, source.knowledge)
+    if score_it or chain is None:
+        score, belief, found = _pass(poses, truth, model, source.knowledge)
         if chain is None:
             chain, label = belief, _confident(found, observed)
     return Study(
         source.name,
-        believed is not None,
+        used_truth is not None,
         _duration_s(poses),
         observed.sigma_position_m,
         observed.sigma_rotation_rad,
         chain,
-        tuple(find_stretches(observed, label, model)) if fit_it else (),
+        tuple(fit_contact_segments(observed, label, model)) if fit_it else (),
         truth is not None,
-        judged,
+        score,
         damage,
     )
 
 
-def judge(source: Source, model: Model) -> Judged:
-    """How ``model`` does on a recording."""
+def score_model(source: Source, model: Model) -> ModelScore:
+    """Score ``model`` on a recording."""
     poses, truth, _ = _read(source)
     return _pass(poses, truth, model, source.knowledge)[0]
 
@@ -128,7 +128,7 @@ def _read(source: Source) -> tuple[Poses, Truth | None, str | None]:
 
 def _pass(
     poses: Poses, truth: Truth | None, model: Model, knowledge: PriorMap
-) -> tuple[Judged, BelievedStates, Segmentation]:
+) -> tuple[ModelScore, BelievedStates, Segmentation]:
     recorded = RecordedPass()
     found = segment(poses, model, knowledge=knowledge, watch=recorded.note)
     steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
@@ -136,7 +136,7 @@ def _pass(
     _, log_evidence = hmm.smooth(trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)
     belief = BelievedStates.of(trellis, recorded.exposure, model)
-    return Judged(evaluation, log_evidence, _duration_s(poses)), belief, found
+    return ModelScore(evaluation, log_evidence, _duration_s(poses)), belief, found
 
 
 def _duration_s(poses: Poses) -> float:

@@ -72,7 +72,7 @@ def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -
 def log_prior(model: Model) -> float:
     """Log density, up to a constant, of the prior under which each M-step is the most probable model."""
     t = model.transitions
-    empty = replace(t, counts=nothing_seen())
+    empty = replace(t, counts=zero_counts())
     rate, weight = leave_per_s(t), t.prior_changes
     rates = weight * (np.log(rate) - rate / t.leave_per_s).sum()
     rows = (initial(empty), *destinations(empty)), (initial(t), *destinations(t))
@@ -80,7 +80,7 @@ def log_prior(model: Model) -> float:
     return float(rates) + shares
 
 
-def nothing_seen() -> TransitionCounts:
+def zero_counts() -> TransitionCounts:
     """Counts of no recording."""
     zeros = (0.0,) * len(STATES)
     return TransitionCounts(zeros, zeros, (zeros,) * len(STATES))

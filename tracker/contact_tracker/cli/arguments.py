@@ -1,4 +1,4 @@
-"""Arguments that several commands share, and their types; a bad value is a usage error before any work."""
+"""Arguments shared by several commands, and their types; a bad value is a usage error before any work."""
 
 import argparse
 import math
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
 LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
-"""A longer time in seconds, about 30 years, is a slip of the hand."""
+"""Longest time in seconds, about 30 years; more is taken for a mistake."""
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
-    """``LOG`` and which of its poses to take."""
+    """``LOG`` and the selection of its poses."""
     parser.add_argument("log", metavar="LOG", help=LOG_HELP)
     _add_choice(parser)
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
-    """The same for several: ``LOG...``."""
+    """``LOG...`` and the selection of their poses."""
     parser.add_argument("logs", metavar="LOG", nargs="+", help=LOG_HELP)
     _add_choice(parser)
 
@@ -89,7 +89,7 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 
 def model_of(args: argparse.Namespace) -> "Model":
-    """The model that ``--model`` and ``--noise`` ask for; raises ModelError."""
+    """The model of ``--model`` and ``--noise``; raises ModelError."""
     from contact_tracker.cli.terminal import detail
     from contact_tracker.config.loading import load_model, model_file
     from contact_tracker.hypotheses import compiled
@@ -138,8 +138,8 @@ def _number(text: str) -> float:
 
 
 def output_file(*suffixes: str) -> Callable[[str], Path]:
-    """The type of an output file with one of ``suffixes`` (or in capitals), in a folder that exists; devices
-    are refused."""
+    """The type of an output file with one of ``suffixes`` (in any case) in an existing folder; devices are
+    refused."""
 
     def check(text: str) -> Path:
         path = Path(text)

@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _names(logs: list[str]) -> Iterator[str]:
-    """As given; those on standard input end with a line, or with a NUL where there is one."""
+    """Names as given; those on standard input are separated by newlines, or by NUL if there is one."""
     for log in logs:
         if log != "-":
             yield log

@@ -1,4 +1,4 @@
-"""``contact-tracker calibrate``: a model of one's own, learned from recordings."""
+"""``contact-tracker calibrate``: a model learned from recordings."""
 
 import argparse
 import os
@@ -168,7 +168,7 @@ def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], N
 
 
 def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
-    """From what the file was made, as comment lines; no date, and no folder but relative to this one."""
+    """The origin of the file as comment lines, without dates and absolute paths."""
     names = " ".join(Path(study.name).name for study in found.studies)
     keys = ", ".join(learned.key for learned in found.plan.wanted)
     texts = (
@@ -181,7 +181,7 @@ def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
 
 
 def _command(args: argparse.Namespace) -> str:
-    """The command line, without what does not change the result."""
+    """The command line, without options that do not change the result."""
     start = os.path.relpath(args.start) if Path(args.start).suffix else args.start
     output = os.path.relpath(args.output)
     words = ["contact-tracker", "calibrate", *map(os.path.relpath, args.logs)]

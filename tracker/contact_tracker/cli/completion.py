@@ -1,6 +1,5 @@
-"""``--print-completion``: what a shell needs to complete commands, options and files.
-
-shtab, which writes it, comes with the extra ``completion``.
+"""``--print-completion``: shell completion of commands, options and files, by shtab (extra
+``completion``).
 """
 
 import argparse
@@ -12,11 +11,11 @@ from contact_tracker.extras import extra
 
 SHELLS: Final = ("bash", "zsh", "tcsh")
 _FILES: Final = ("LOG", "FILE", "NAME|FILE")
-"""Arguments that are files, by the names under which help shows them."""
+"""Metavariables of file arguments."""
 
 
 class PrintCompletion(argparse.Action):
-    """Prints the completion of the whole parser and leaves."""
+    """Prints the completion of the whole parser and exits."""
 
     def __call__(self, parser: argparse.ArgumentParser, _: Any, shell: Any, *__: Any) -> NoReturn:
         with extra("completion", "completion"):
@@ -30,7 +29,7 @@ class PrintCompletion(argparse.Action):
 
 
 def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Of the parser and of those of its commands."""
+    """Actions of the parser and of its commands' parsers."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     for name in recordings(args.logs, "evaluate"):
         try:
             evaluations[name], damage = _evaluate(name, args, model, knowledge)
-        except (InputError, AmbiguousSource) as error:  # the others are still worth their figures
+        except (InputError, AmbiguousSource) as error:  # continue with the others
             fail(str(error))
             code = INPUT if isinstance(error, InputError) else USAGE
             continue

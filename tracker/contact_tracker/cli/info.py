@@ -1,4 +1,4 @@
-"""``contact-tracker info``: which poses a recording holds, and how good they are."""
+"""``contact-tracker info``: the pose sources of a recording, and their quality."""
 
 import argparse
 import json
@@ -19,7 +19,7 @@ List the sources of poses in a recording with their topics, frames, rates, gaps 
 noise, and whatever else the recording holds."""
 EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
 TRACKED_SOURCES: Final = 4
-"""A tracker takes seconds to adapt to a source: of so many it is shown what it adapts to."""
+"""Most sources for which the adaptation is shown, which takes seconds each."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if summary.damage is not None:
         warn(f"{args.log}: {summary.damage}")
     if not summary.sources and args.log != "-":
-        open_log(args.log)  # raises what it says of the reason
+        open_log(args.log)  # raises an error with the reason
     if not any(source.poses for source in summary.sources):
         raise NoPoses(f"{args.log}: no pose in it that can be used")
     return DONE if summary.damage is None else DAMAGED
@@ -68,7 +68,7 @@ def _is_chosen(source: "SourceSummary", args: argparse.Namespace) -> bool:
 
 
 def _with_noise(source: "SourceSummary") -> "SourceSummary":
-    """With the sensor noise, by the first valid poses."""
+    """The source with its sensor noise, estimated from the first valid poses."""
     from dataclasses import replace
 
     from contact_tracker.motion.sensor_noise import estimate_noise
@@ -80,7 +80,7 @@ def _with_noise(source: "SourceSummary") -> "SourceSummary":
 
 
 def _adapted(source: "SourceSummary") -> "Report | None":
-    """What the default tracker adapts to, by the first valid poses."""
+    """The default tracker's adaptation to the first valid poses."""
     from contact_tracker import adaptation
     from contact_tracker.config.loading import load_model
     from contact_tracker.tracking.belief import Detail

@@ -1,4 +1,4 @@
-"""Several recordings, or several objects in one: the input and the output of each."""
+"""Input and output of each of several recordings, or of several objects in one."""
 
 import argparse
 import re
@@ -10,12 +10,12 @@ from typing import Final
 from contact_tracker.errors import UsageError
 
 PLACE: Final = "{}"
-"""Stands for the name of a recording, and of an object, in the name of an output."""
+"""Placeholder for the name of a recording, and of an object, in an output's name."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One recording and source. ``name`` is unlike those of the other jobs; ``output`` None is stdout."""
+    """One recording and source. ``name`` is unique among the jobs; ``output`` None is stdout."""
 
     log: str
     topic: str | None
@@ -24,7 +24,7 @@ class Job:
     output: Path | None
 
     def arguments(self, args: argparse.Namespace) -> argparse.Namespace:
-        """``args`` of this job alone."""
+        """``args`` for this job alone."""
         own = {"log": self.log, "topic": self.topic, "frame": self.frame, "output": self.output}
         return argparse.Namespace(**{**vars(args), **own})
 
@@ -35,7 +35,7 @@ def jobs_of(args: argparse.Namespace) -> list[Job]:
     Raises
     ------
     UsageError
-        Two jobs would write the same file, or a recording would have to be read twice that cannot be.
+        Two jobs have the same output, or a recording that can be read only once is needed twice.
     InputError
         With ``args.all``, a recording cannot be read or has no source of poses.
     """

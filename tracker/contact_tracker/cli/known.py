@@ -1,4 +1,4 @@
-"""Arguments that say what the user knows; ``--known FILE`` says all of it, the others the usual of it."""
+"""Arguments for prior knowledge: ``--known FILE`` for all of it, and shortcuts for common parts."""
 
 import argparse
 import math
@@ -41,7 +41,7 @@ def add_known(parser: argparse.ArgumentParser) -> None:
 
 
 def knowledge_of(args: argparse.Namespace) -> "PriorMap":
-    """What the arguments say; raises KnowledgeError."""
+    """The prior map of the arguments; raises KnowledgeError."""
     from contact_tracker.prior_map_files.loading import knowledge_from, merged, read_table
 
     folder = Path(args.known).parent if args.known is not None else Path()
@@ -50,7 +50,7 @@ def knowledge_of(args: argparse.Namespace) -> "PriorMap":
 
 
 def _shortcuts(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """The same as tables of the file."""
+    """The shortcuts as tables of the file."""
     tables: list[dict[str, Any]] = []
     if args.up is not None:
         spread = {"spread_deg": args.up[3]} if len(args.up) > 3 else {}
@@ -64,7 +64,7 @@ def _shortcuts(args: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def _numbers(example: str, *counts: int) -> Callable[[str], list[float]]:
-    """The type of a list of so many finite numbers, as in ``example``."""
+    """The type of a list of finite numbers, one of ``counts`` of them, as in ``example``."""
 
     def parse(text: str) -> list[float]:
         try:

@@ -1,4 +1,4 @@
-"""``contact-tracker live``: what holds now, from the data up to now."""
+"""``contact-tracker live``: the present contact, from the data up to now."""
 
 import argparse
 import sys
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
-    """``sink``: of the live view, where it is not the viewer's window."""
+    """Follow a stream; ``sink`` is that of a live view other than the viewer's window."""
     from contact_tracker import adaptation
     from contact_tracker.cli.source import Source, paced
     from contact_tracker.recording import Follow, open_log
@@ -121,7 +121,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             saved = SavedStream(args.state, state, log, source, shown, follow)
             state = saved.state
 
-        def tell(beliefs: "list[Belief]") -> None:
+        def report(beliefs: "list[Belief]") -> None:
             for belief in beliefs:
                 with deferred(*SIGNALS):  # what is printed is in the file, and whole
                     printer.show(belief)
@@ -133,7 +133,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             for pose in paced(source, args.rate) if args.rate else source:
                 viewer.pose(pose)
                 state, beliefs = adaptation.advance(state, pose)
-                tell(beliefs)
+                report(beliefs)
                 if saved is not None and saved.keep(state):
                     ended = 128 + saved.signal
                     break
@@ -143,7 +143,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             ended = int(leave.code or DONE)
         if saved is None:
             state, beliefs = adaptation.finish(state)
-            tell(beliefs)
+            report(beliefs)
         else:
             saved.save(state)
     source.outliers = state.outliers
@@ -165,7 +165,7 @@ def _viewer(args: argparse.Namespace, source: "Source", sink: "Sink | None") -> 
 
 
 class _Ticks:
-    """The file that gets all ticks, if there is one."""
+    """The output file of all ticks, if there is one."""
 
     def __init__(self, path: Path | None, check: Callable[[], None]) -> None:
         self._path, self._check = path, check
@@ -190,7 +190,7 @@ class _Ticks:
         self._open.__exit__(*error)
 
     def add(self, belief: "Belief") -> None:
-        """The next."""
+        """Append a belief."""
         if self._append is None:
             return
         self._new.append(belief)
@@ -200,7 +200,7 @@ class _Ticks:
 
 
 class _Printer:
-    """What is done with each belief: a JSON line, or a line where the contact changed or became settled."""
+    """Prints each belief as JSON, or a line where the contact changes or becomes settled."""
 
     def __init__(self, as_json: bool, source: "Source", status: StatusLine) -> None:
         from contact_tracker.outputs.changes import Changes, FormationChanges

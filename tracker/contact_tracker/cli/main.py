@@ -1,6 +1,6 @@
 """Entry point: the parser, and the one place that turns errors into messages and exit codes.
 
-Commands import what computes only when they run, so that ``--help`` and a mistyped option answer at once.
+Commands import the tracker only when they run, so that ``--help`` and usage errors are fast.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from typing import Any, Final, NoReturn
 from contact_tracker import __version__, viewer
 from contact_tracker.cli import batch, calibrate, evaluate, info, live, segment, simulate, view
 from contact_tracker.cli.completion import SHELLS, PrintCompletion
-from contact_tracker.cli.suggestions import meant, meant_option
+from contact_tracker.cli.suggestions import option_suggestion, suggestion
 from contact_tracker.cli.terminal import Verbosity, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.exit_codes import DAMAGED, DONE, INPUT, INTERRUPTED, USAGE
@@ -36,7 +36,7 @@ exit codes: {DONE} done, {INPUT} the input cannot be used, {USAGE} wrong usage,
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports its errors like every other mistake of the user: in one line."""
+    """Reports its errors in one line, like all usage errors."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
@@ -47,12 +47,12 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             names = list(action.choices)
-            text = f"{value!r} is none of {', '.join(names)}{meant(str(value), names)}"
+            text = f"{value!r} is none of {', '.join(names)}{suggestion(str(value), names)}"
             raise argparse.ArgumentError(action, text)
 
 
 class Version(argparse.Action):
-    """Shows the version; which code computes is found out only then."""
+    """Shows the version, with the implementation of the update in use."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         from contact_tracker.hypotheses import compiled
@@ -108,7 +108,7 @@ def _add_verbosity(parser: argparse.ArgumentParser) -> None:
 def run(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (without the program's name) and return its exit code."""
     _prepare_streams()
-    # matrices are small here: more threads only wait for each other
+    # the matrices are too small for more threads
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     os.environ.setdefault("RUST_LOG", viewer.SILENT)
@@ -119,7 +119,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     try:
         sys.stdout.flush()
     except OSError as error:
-        # What stdout could not take is lost already; without this, the interpreter would try once more.
+        # The output is lost already; without this, the interpreter would write it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if code == DONE and not isinstance(error, BrokenPipeError):
             fail(f"cannot write to stdout: {error.strerror}")
@@ -136,7 +136,7 @@ def _run(argv: Sequence[str] | None) -> int:
         args, unknown = parser.parse_known_args(argv)
         if unknown:
             raise UsageError(
-                f"unrecognized arguments: {' '.join(unknown)}{meant_option(unknown, *args.parsers)} "
+                f"unrecognized arguments: {' '.join(unknown)}{option_suggestion(unknown, *args.parsers)} "
                 f"(see contact-tracker {args.command} --help)"
             )
         set_verbosity(args.verbosity)
@@ -144,7 +144,7 @@ def _run(argv: Sequence[str] | None) -> int:
         return code
     except SystemExit as leave:  # argparse after --help or --version; a signal
         return int(leave.code or DONE)
-    except BrokenPipeError:  # the reader has what it wanted
+    except BrokenPipeError:  # the reader has closed the pipe
         return DONE
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -160,14 +160,14 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _end_in_order(*names: str) -> None:
-    """Have these signals, as far as there are such and nobody ignores them, clear away what was begun."""
+    """Make these signals, where they exist and are not ignored, clean up before the exit."""
     for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup does
             signal.signal(number, lambda number, _: sys.exit(128 + number))
 
 
 def _prepare_streams() -> None:
-    """Streams that the caller closed become empty ones; no name in a recording is too odd to be printed."""
+    """Replace closed streams by empty ones, and make all names in recordings printable."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115

@@ -1,4 +1,4 @@
-"""The recordings that a command reads one by one, from the files and folders that the user names."""
+"""The recordings of a command, from files and folders given by the user."""
 
 from contact_tracker.errors import UsageError
 

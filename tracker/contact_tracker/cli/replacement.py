@@ -1,4 +1,4 @@
-"""What a command reads, which it never replaces, and the option to replace recordings."""
+"""The files that a command reads and never overwrites, and the option to overwrite recordings."""
 
 import argparse
 from collections.abc import Iterable
@@ -10,12 +10,12 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
 
 
 def files_read(logs: Iterable[str], model: str, known: str | None) -> list[str]:
-    """The files that a command reads: all parts of ``logs``, the model, what is known with its meshes.
+    """The files that a command reads: all parts of ``logs``, the model, the prior map with its meshes.
 
     Raises
     ------
     UnreadableRecording, KnowledgeError
-        There is no such recording, or the file of what is known cannot be read.
+        A recording or the prior-map file cannot be read.
     """
     from contact_tracker.config.loading import model_file
     from contact_tracker.prior_map_files.loading import files_named

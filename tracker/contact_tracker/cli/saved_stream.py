@@ -1,4 +1,4 @@
-"""The stream of ``live --state``: carried on from a file, and kept in it."""
+"""The stream of ``live --state``: resumed from a file, and saved to it."""
 
 import signal
 import time
@@ -19,20 +19,20 @@ EVERY_S: Final = 10.0
 
 
 class SavedStream:
-    """Saves between two poses only: a signal ends the stream after the pose under way, a second one at once.
+    """Saves between poses only: a signal ends the stream after the current pose, a second one at once.
 
     Parameters
     ----------
-    path : of the file; the stream begins anew where there is none.
+    path : of the file; without one the stream starts from the beginning.
     initial : the state before the first pose.
-    log, source, shown : which are to carry on.
+    log, source, shown : the log, source and reported changes, to be resumed.
 
     Raises
     ------
     StateError
-        The file is no state, or of another source.
+        The file is not a state, or of another source.
     UsageError
-        It was saved with another model, lag or knowledge.
+        It was saved with another model, lag or prior map.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class SavedStream:
                 signal.signal(number, self._stop)
 
     def keep(self, state: AdaptiveState) -> bool:
-        """After each pose: save from time to time; whether to end."""
+        """Save at intervals, after each pose; returns whether to end."""
         now_s = time.monotonic()
         if not self.signal and now_s - self._saved_s >= EVERY_S:
             self.save(state)

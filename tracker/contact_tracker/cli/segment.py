@@ -1,4 +1,4 @@
-"""``contact-tracker segment``: what held when, from the whole recording."""
+"""``contact-tracker segment``: the contacts of a whole recording over time."""
 
 import argparse
 import os
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
                 show(job.name)
             try:
                 done = _segment(job.arguments(args), model, knowledge, executor)
-            except (InputError, AmbiguousSource) as error:  # the others are still worth their segments
+            except (InputError, AmbiguousSource) as error:  # continue with the others
                 fail(str(error))
                 done = INPUT if isinstance(error, InputError) else USAGE
             code = code or done
@@ -127,7 +127,7 @@ def _write(
     args: argparse.Namespace,
     check: Callable[[], None],
 ) -> None:
-    """Piece by piece where that is possible: what is written need not be kept."""
+    """Write incrementally where the format allows it, to save memory."""
     from contact_tracker.exports.writing import write_outcome, write_pieces
     from contact_tracker.motion.poses import Poses
     from contact_tracker.tracking.belief import Detail

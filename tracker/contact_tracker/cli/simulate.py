@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _when(further: "Further") -> str:
-    """When a second contact holds, in words; nothing where it always does."""
+    """The time of a second contact in words; empty if it always holds."""
     since = "" if further.start_s is None else f" from {further.start_s:g} s"
     return since + ("" if further.end_s is None else f" to {further.end_s:g} s")
 

@@ -1,4 +1,4 @@
-"""The poses of a recording that the arguments name: cut to the asked interval, counted, paced."""
+"""The poses of a recording by the arguments: cut to the interval, counted, paced."""
 
 import argparse
 import time
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_WAIT_S: Final = 1e6
-"""More than a system may be asked to sleep for at once."""
+"""Longest sleep at a time (s), below limits of systems."""
 
 
 class Source:
-    """Poses on their way through one command; its counts are final once iteration has ended.
+    """The poses of one command; its counts are final after iteration.
 
-    ``name`` is the recording as the user names it, ``args`` has the interval. ``origin_ns`` is the stamp of
-    the recording's first pose: times for people count from there.
+    ``name`` is the recording as given by the user, ``args`` has the interval. ``origin_ns`` is the stamp of
+    the recording's first pose, from which displayed times count.
     """
 
     def __init__(self, log: PoseLog, name: str, args: argparse.Namespace) -> None:
@@ -45,7 +45,7 @@ class Source:
         self.outliers = 0
 
     def __iter__(self) -> Iterator[Pose]:
-        """The poses of the interval; raises NoPoses at the end where there were none."""
+        """The poses of the interval; raises NoPoses at the end if there were none."""
         any_pose, late = self.used > 0, 0
         for pose in self._log:
             if not any_pose:
@@ -67,15 +67,15 @@ class Source:
 
     @property
     def is_stdin(self) -> bool:
-        """Whether what was read cannot be read again."""
+        """Whether the input is standard input, which cannot be read again."""
         return self._name == "-"
 
     def carry_on(self, origin_ns: int, first_ns: int, last_ns: int, used: int) -> None:
-        """Go on where another reading has stopped."""
+        """Continue where another reading has stopped."""
         self.origin_ns, self.first_ns, self.last_ns, self.used = origin_ns, first_ns, last_ns, used
 
     def _warn_of_late(self, said: int) -> int:
-        """Name the sources that have shown up since so many; how many there are now."""
+        """Warn of late sources beyond the first ``said``; returns their number."""
         for other in self._log.late_sources[said:]:
             warn(
                 f"{self._name}: another source of poses shows up: {other}; going on with {self._log.source}: "
@@ -84,7 +84,7 @@ class Source:
         return len(self._log.late_sources)
 
     def batches(self) -> Iterator[Poses]:
-        """The same in columns, for those who wait for no single pose."""
+        """The poses in columns, of many at once; with more delay than iteration."""
         any_pose = False
         for poses in self._log.batches():
             if not any_pose:
@@ -109,26 +109,26 @@ class Source:
             raise NoPoses(f"{self._name}: no pose {where}{self._noted()}")
 
     def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
-        """``found`` piece by piece, and the outliers in it."""
+        """The pieces of ``found``, while outliers are counted."""
         for piece in found:
             self.outliers += piece.outliers
             yield piece
 
     @property
     def expected(self) -> int | None:
-        """About how many poses there are, where the index of the recording tells."""
+        """Approximate number of poses, if the recording's index has it."""
         is_shared = self._log.source.type.endswith("TFMessage")  # of several frames
         is_cut = self._start_ns > 0 or self._end_ns is not None
         return None if is_shared or is_cut else self._log.source.messages
 
     @property
     def counts(self) -> dict[str, int]:
-        """What was dropped or repaired, by kind."""
+        """Numbers of dropped or repaired poses, by kind."""
         kinds = {**self._log.counts, "outlier": self.outliers}
         return {kind: count for kind, count in kinds.items() if count}
 
     def outcome(self, poses: Poses, found: "Segmentation", adapted: "Report | None") -> "Outcome":
-        """All of it, for outputs that are made of the whole."""
+        """The outcome for outputs of a whole recording."""
         from contact_tracker.exports.outcome import Outcome
         from contact_tracker.recording import read_metadata
         from contact_tracker.viewer.hull import vertices_from_metadata
@@ -148,8 +148,7 @@ class Source:
         )
 
     def finish(self, adapted: "Report | None") -> int:
-        """Say what was read, what was not used of it, and what the tracker has adapted to; returns the exit
-        code."""
+        """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
         motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
         say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
         if adapted is not None:
@@ -173,7 +172,7 @@ class Source:
 
 
 def paced(poses: Iterable[Pose], rate: float) -> Iterator[Pose]:
-    """``poses`` as they once came, ``rate`` times as fast."""
+    """``poses`` in real time, ``rate`` times as fast."""
     first_ns: int | None = None
     begin_s = time.monotonic()
     for pose in poses:

@@ -1,4 +1,4 @@
-"""What a misspelt command or option was probably meant to be."""
+"""Suggestions for misspelt commands and options."""
 
 import argparse
 from collections.abc import Iterable, Mapping
@@ -6,27 +6,27 @@ from difflib import get_close_matches
 from typing import Final
 
 _CLOSE: Final = 0.7
-"""Similarity of two words (difflib ratio) from which on one may be meant by the other."""
+"""Similarity of two words (difflib ratio) from which on one is suggested for the other."""
 
 
-def meant(word: str, names: Iterable[str]) -> str:
-    """``; did you mean NAME?``, or nothing where no name is near."""
+def suggestion(word: str, names: Iterable[str]) -> str:
+    """``; did you mean NAME?``, or empty if no name is similar."""
     bare = {name.lstrip("-"): name for name in names}  # dashes are alike in all options
     near = get_close_matches(word.lstrip("-"), list(bare), 1, _CLOSE)
     return f"; did you mean {bare[near[0]]}?" if near else ""
 
 
-def meant_option(
+def option_suggestion(
     words: Iterable[str], parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]
 ) -> str:
-    """The same of the first word that looks like an option of ``parser``, or is one of other commands."""
+    """The same for the first word that resembles an option of ``parser``, or is one of other commands."""
     for word in words:
         if word.startswith("-"):
             option = word.partition("=")[0]
             others = [name for name, other in commands.items() if option in _options(other)]
             if others:
                 return f"; {option} is an option of {' and '.join(others)}"
-            return meant(option, _options(parser))
+            return suggestion(option, _options(parser))
     return ""
 
 

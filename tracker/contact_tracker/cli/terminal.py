@@ -1,6 +1,6 @@
-"""All that a command prints. Whatever names are in it, they do not steer the terminal.
+"""Output of commands, with control characters escaped.
 
-Data go to stdout, messages to stderr; progress and status only where somebody watches.
+Data go to stdout, messages to stderr; progress and status only to a terminal.
 """
 
 import logging
@@ -19,13 +19,13 @@ _RED: Final = "31"
 
 
 def show(text: str) -> None:
-    """Lines of data."""
+    """Print lines of data."""
     for line in text.split("\n"):
         print(printable(line))
 
 
 class Verbosity(IntEnum):
-    """How much is said on stderr."""
+    """Amount of messages on stderr."""
 
     QUIET = 0
     """Warnings and errors."""
@@ -37,19 +37,19 @@ _verbosity = Verbosity.USUAL
 
 
 def set_verbosity(verbosity: Verbosity) -> None:
-    """From now on."""
+    """Set the verbosity of all messages."""
     global _verbosity
     _verbosity = verbosity
 
 
 def say(message: str) -> None:
-    """A message beside the data, in one line."""
+    """Print a message on stderr, in one line."""
     if _verbosity >= Verbosity.USUAL:
         _write(message)
 
 
 def detail(message: str) -> None:
-    """The same, for those who have asked for more."""
+    """Print a message that is shown only with higher verbosity."""
     if _verbosity >= Verbosity.VERBOSE:
         _write(message)
 
@@ -67,20 +67,20 @@ def _write(message: str, kind: str = "") -> None:
 
 
 def _coloured(text: str, colour: str) -> str:
-    """On a terminal that can show it, unless the user wants none (https://no-color.org)."""
+    """Coloured text on terminals that support it, unless NO_COLOR is set (https://no-color.org)."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb" or not sys.stderr.isatty():
         return text
     return f"\x1b[1;{colour}m{text}\x1b[0m"
 
 
 def take_over_warnings() -> None:
-    """Have what Python and libraries warn of, and what these log, come out as our own warnings do."""
+    """Print warnings and log messages of Python and libraries like our own warnings."""
     warnings.showwarning = _show_warning  # type: ignore[assignment]
     logging.lastResort = _LogLine(logging.WARNING)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any) -> None:
-    """In one line, without where in the code it was raised."""
+    """Print a warning in one line, without its place in the code."""
     text = " ".join(str(message).split())
     warn(text if issubclass(category, SlowUpdate) else f"{category.__name__}: {text}")
 
@@ -92,8 +92,8 @@ class _LogLine(logging.Handler):
 
 @contextmanager
 def progress(label: str, unit: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """A counter on a terminal's stderr, a bar where the ``total`` is known; gives the function that sets how
-    many units are done."""
+    """A counter on a terminal's stderr, a bar if ``total`` is known; gives the function that sets the number
+    of units done."""
     with _bar(desc=printable(label), unit=f" {unit}", total=total) as bar:
 
         def set_done(done: int) -> None:
@@ -128,5 +128,5 @@ class StatusLine:
 def _bar(**options: Any) -> Any:
     from tqdm import tqdm
 
-    disable = True if _verbosity < Verbosity.USUAL else None  # None: where there is no terminal
+    disable = True if _verbosity < Verbosity.USUAL else None  # None: if there is no terminal
     return tqdm(file=sys.stderr, disable=disable, leave=False, mininterval=0.1, miniters=1, **options)

@@ -1,4 +1,4 @@
-"""``contact-tracker view``: everything about recordings in the rerun viewer."""
+"""``contact-tracker view``: recordings and their segmentation in the rerun viewer."""
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         for log in logs:
             try:
                 code = _view(log, args, model, knowledge, show) or code
-            except (InputError, AmbiguousSource) as error:  # the others are still worth a look
+            except (InputError, AmbiguousSource) as error:  # continue with the others
                 if len(logs) == 1:
                     raise
                 fail(str(error))
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 def _shower(
     args: argparse.Namespace, check: Callable[[], None], are_several: bool
 ) -> "Iterator[Callable[[Shown], None]]":
-    """What shows one recording, where the arguments say: in a file, a window or a browser."""
+    """The function that shows a recording in a file, a window or a browser, by the arguments."""
     from contact_tracker.viewer.offline import show, write_rrd
     from contact_tracker.viewer.sinks import to_viewer
 

@@ -1,4 +1,4 @@
-"""Processes that help one command: they start when it begins and end with it."""
+"""Worker processes of one command."""
 
 import argparse
 from collections.abc import Iterator
@@ -25,7 +25,8 @@ def add_processes(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def workers(processes: int) -> "Iterator[Executor | None]":
-    """One less than ``processes``, None without any; raises as ``processes.helpers`` does."""
+    """An executor with one process less than ``processes``, None without any; raises as
+    ``processes.helpers``."""
     if processes == 1:
         yield None
         return

@@ -34,7 +34,7 @@ MAY_BE_ZERO: Final = frozenset(
 )
 _LEAST_WINDOW_TICKS: Final = 10
 MOST_BYTES: Final = 1_000_000
-"""No TOML file that somebody means to give is larger."""
+"""Largest TOML file (bytes)."""
 
 
 def load_model(name_or_path: str = "default") -> Model:

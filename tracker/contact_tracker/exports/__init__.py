@@ -1,4 +1,4 @@
-"""Results as files and objects of other programs: tables, figures, reports, Foxglove, subtitles.
+"""Export of results: tables, figures, reports, Foxglove, subtitles.
 
-Libraries that only some of them need are imported where they are used, and come with extras.
+Optional libraries are imported where they are used, and installed by extras.
 """

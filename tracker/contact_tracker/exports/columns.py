@@ -1,4 +1,4 @@
-"""Beliefs and segments as flat columns, one schema whatever touches (docs/conventions.md)."""
+"""Beliefs and segments as flat columns of one schema for all contacts (docs/conventions.md)."""
 
 from collections.abc import Iterable
 from typing import Any, Final, Literal
@@ -11,7 +11,7 @@ from contact_tracker.tracking.belief import Belief, Segment
 
 Kind = Literal["integer", "number", "text"]
 Columns = dict[str, list[Any]]
-"""Values by column; None is unknown or does not apply."""
+"""Values by column; None is unknown or not applicable."""
 
 _AXES: Final = ("x", "y", "z")
 PROBABILITIES: Final = tuple(f"p_{state.value.replace('-', '')}" for state in STATES)
@@ -36,7 +36,7 @@ _JOINT: Final[dict[str, Kind]] = {
     **{f"joint_point_{axis}_m": "number" for axis in _AXES},
     "joint_pitch_m_per_rad": "number",
 }
-"""Of the joint as it stands in the world."""
+"""Columns of the joint's axis in the world frame."""
 _TICK: Final[dict[str, Kind]] = {"stamp_ns": "integer", "onset_ns": "integer"}
 _SPAN: Final[dict[str, Kind]] = {"start_ns": "integer", "end_ns": "integer"}
 _NUMBER: Final[Kind] = "number"
@@ -84,12 +84,12 @@ def _joint_cells(joint: Joint | None) -> dict[str, Any]:
 
 
 def _kinds(one: Belief | Segment) -> str:
-    """All that touch at once, with blanks, as ``e-f v-f``; empty for free."""
+    """All simultaneous contacts, separated by blanks (``e-f v-f``); empty for free."""
     return "" if one.contact is Contact.FREE else " ".join((one.contact, *(f.contact for f in one.further)))
 
 
 class _Rows:
-    """Columns that grow row by row; neighbours often share their geometry."""
+    """Columns built by rows; consecutive rows often share their geometry."""
 
     def __init__(self, kinds: dict[str, Kind]) -> None:
         self.columns: Columns = {name: [] for name in kinds}

@@ -1,4 +1,4 @@
-"""A figure for papers and notebooks, drawn by matplotlib, which comes with the extra ``plot``."""
+"""A figure for papers and notebooks, drawn by matplotlib (extra ``plot``)."""
 
 from typing import Final
 
@@ -13,11 +13,11 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.viewer.palette import COLOUR, Colour
 
 _NAMED: Final = 0.03
-"""A segment that is so much of the whole has room for its name."""
+"""Smallest share of the recording for which a segment is labelled."""
 
 
 def draw_figure(found: Segmentation, origin_ns: int, curves: WindowCurves | None = None) -> Figure:
-    """A ribbon of the segments, below it their posteriors, and the paper's curves if there are any.
+    """A ribbon of the segments, below it their posteriors, and the paper's curves if given.
 
     Time counts from ``origin_ns``.
     """
@@ -52,7 +52,7 @@ def draw_figure(found: Segmentation, origin_ns: int, curves: WindowCurves | None
 
 
 def _draw_curves(axes: Axes, curves: WindowCurves, origin_ns: int) -> None:
-    """As the paper's Fig. 5, each at the end of its window."""
+    """Draw the curves like the paper's Fig. 5, each value at the end of its window."""
     seconds = (curves.stamp_ns - origin_ns) * 1e-9
     for contact, curve in zip(CONTACTS, curves.normalised.T, strict=True):
         axes.plot(seconds, curve, color=_fraction(COLOUR[contact]), label=contact.value)

@@ -1,6 +1,6 @@
-"""What Foxglove draws: beliefs to plot, frames and the touching elements, beside a recording's channels.
+"""Messages for Foxglove: beliefs to plot, frames and the touching elements, added to a recording.
 
-foxglove-sdk, which knows the messages, comes with the extra ``foxglove``.
+The messages are those of foxglove-sdk (extra ``foxglove``).
 """
 
 import json
@@ -32,28 +32,28 @@ from contact_tracker.viewer.shapes import Mesh
 
 WORLD: Final = "world"
 BODY: Final = "object"
-"""Frames of poses that name none."""
+"""Default frames of poses without names."""
 _FRAME_NS: Final = 10_000_000
-"""Frames are written at 100 Hz at most."""
+"""Shortest interval between frames: 100 Hz."""
 _OPAQUE: Final = 0.8
 _PALE: Final = 0.2
 _RANGE_NS: Final = 2**32 * 1_000_000_000
 _TEXT_SIZE: Final = 0.2
-"""Of the object's radius."""
+"""Size relative to the object's radius."""
 
 
 def write_mcap(outcome: Outcome, path: Path, log: str | None, log_offset_ns: int = 0) -> None:
-    """Write the recording ``log`` once more, with beliefs, frames and scene beside its channels.
+    """Write a copy of the recording ``log`` with beliefs, frames and scene added.
 
     Parameters
     ----------
-    log : None where it cannot be read again, or there is none; then only what is ours is written.
-    log_offset_ns : by how much later than its stamp a pose was logged; what is ours is logged alike.
+    log : None if it cannot be read again or does not exist; then only the result is written.
+    log_offset_ns : delay from a pose's stamp to its log time, applied to the result's log times.
 
     Raises
     ------
     UsageError
-        A stamp cannot be represented: they lie between 0 and 2^32 s.
+        A stamp is outside of 0 to 2^32 s.
     OSError
         The file cannot be written.
     """
@@ -123,7 +123,7 @@ def _frames(outcome: Outcome) -> Iterator[RawMessage]:
 
 
 def _scene(outcome: Outcome) -> Iterator[RawMessage]:
-    """What is drawn from each change on; each message replaces all of the one before."""
+    """The scene from each change on; each message replaces the previous one."""
     channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
     solid = None if outcome.vertices_m is None else hull(outcome.vertices_m)
     for segment in outcome.found.segments:
@@ -165,7 +165,7 @@ def _kinds(segment: Segment, part: SegmentPart) -> str:
 
 
 def _poses_of(outcome: Outcome, part: SegmentPart) -> Any:
-    """The poses of a part of a segment, one at least."""
+    """The poses of a part of a segment, at least one."""
     stamps_ns = outcome.poses.stamp_ns
     first = min(int(np.searchsorted(stamps_ns, part.start_ns)), len(stamps_ns) - 1)
     last = int(np.searchsorted(stamps_ns, part.end_ns, side="right"))
@@ -194,7 +194,7 @@ def _entity(
 
 
 def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> Any:
-    """None of a mesh without triangles."""
+    """The triangles of a mesh; None if it is empty."""
     if not len(mesh.triangles):
         return None
     return fox.TriangleListPrimitive(

@@ -1,4 +1,4 @@
-"""A whole recording and what was found in it: what reports and scenes are made of."""
+"""A whole recording with its segmentation, as input of reports and scenes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,17 +10,17 @@ from contact_tracker.tracking.segmentation import Segmentation
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """``poses`` that were used and what was ``found``.
+    """The ``poses`` that were used and the segmentation ``found``.
 
     Parameters
     ----------
-    name : of the recording, for people.
-    origin_ns : times for people count from there.
+    name : of the recording, for display.
+    origin_ns : stamp from which displayed times count.
     counts : what was dropped or repaired, by kind (docs/conventions.md).
-    warnings : one line of each thing that has to be known.
-    noise : what the tracker has adapted to, in words; empty where it is not known.
-    world, body : names of the frames of the poses; empty where they have none.
-    vertices_m : (V, 3) of the object in the body frame, where known.
+    warnings : one line each.
+    noise : the noise that the tracker has adapted to, in words; empty if unknown.
+    world, body : frame names of the poses; empty if they have none.
+    vertices_m : (V, 3) of the object in the body frame, if known.
     """
 
     name: str

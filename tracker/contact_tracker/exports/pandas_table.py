@@ -1,4 +1,4 @@
-"""Columns as a DataFrame of pandas, which comes with the extra ``pandas``."""
+"""Columns as a DataFrame of pandas (extra ``pandas``)."""
 
 from typing import Final
 
@@ -11,5 +11,5 @@ _TYPES: Final = {"integer": "int64", "number": "float64", "text": "string"}
 
 
 def to_pandas(columns: Columns, kinds: dict[str, Kind]) -> DataFrame:
-    """The columns with types that do not depend on the values."""
+    """The columns as a DataFrame, with types independent of the values."""
     return DataFrame({name: Series(columns[name], dtype=_TYPES[kind]) for name, kind in kinds.items()})

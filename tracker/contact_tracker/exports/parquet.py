@@ -1,4 +1,4 @@
-"""Parquet files, written piece by piece, and tables that grow; pyarrow comes with the extra ``parquet``."""
+"""Parquet files, written incrementally, and updates of tables, by pyarrow (extra ``parquet``)."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from contact_tracker.exports.columns import Columns, Kind
 
 _TYPES: Final = {"integer": pyarrow.int64(), "number": pyarrow.float64(), "text": pyarrow.string()}
 _SMALL: Final = {"write_statistics": False, "use_dictionary": False, "store_schema": False}
-"""Without what helps to search in large files: of a few rows that is more than half."""
+"""Options for files of a few rows, without statistics, which would be more than half of them."""
 _GROUP: Final = 100_000
 
 
@@ -24,7 +24,7 @@ def open_parquet(
 ) -> Iterator[Callable[[Columns], None]]:
     """Give the function that appends rows of the columns ``kinds``; OSError if the file cannot be written.
 
-    ``is_small`` says that there are few rows: the file has what they need, and no more.
+    ``is_small`` is for few rows: the file has no statistics.
     """
     schema = _schema(kinds)
     with ParquetWriter(path, schema, compression="zstd", **(_SMALL if is_small else {})) as writer:
@@ -37,12 +37,12 @@ def open_parquet(
 
 
 def read_rows(path: Path, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-    """The rows of some columns, in their order.
+    """The rows of some columns, in file order.
 
     Raises
     ------
     StateError
-        The file is damaged, or has no such column.
+        The file is damaged or lacks a column.
     """
     with _damage_of(path), ParquetFile(path) as file:
         missing = set(names) - set(file.schema_arrow.names)
@@ -55,8 +55,8 @@ def read_rows(path: Path, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
 def write_merged(
     kinds: dict[str, Kind], before: Path, rows: Sequence[dict[str, Any]], key: str, path: Path
 ) -> None:
-    """Write to ``path`` the rows of the file ``before``, if it is there, with those replaced that have the
-    ``key`` of one of ``rows``, and sorted by it. Equal rows make equal files.
+    """Write to ``path`` the rows of the file ``before``, if it exists, updated with ``rows`` of the same
+    ``key`` and sorted by it. Equal rows make equal files.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Columns as a DataFrame of polars, which comes with the extra ``polars``."""
+"""Columns as a DataFrame of polars (extra ``polars``)."""
 
 from typing import Final
 
@@ -11,5 +11,5 @@ _TYPES: Final = {"integer": polars.Int64(), "number": polars.Float64(), "text": 
 
 
 def to_polars(columns: Columns, kinds: dict[str, Kind]) -> DataFrame:
-    """The columns with types that do not depend on the values."""
+    """The columns as a DataFrame, with types independent of the values."""
     return DataFrame(columns, schema={name: _TYPES[kind] for name, kind in kinds.items()})

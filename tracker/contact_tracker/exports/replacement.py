@@ -1,4 +1,4 @@
-"""What may be replaced: nothing that is read, and a recording only when that is asked for."""
+"""Protection of input files and recordings against being overwritten."""
 
 import os
 import sys
@@ -13,18 +13,18 @@ from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError
 def check_output(
     path: Path | None, overwrite: bool, read: Iterable[str] = (), how: str = "--overwrite"
 ) -> Callable[[], None]:
-    """Refuse to write onto one of the files ``read``, whatever it is called, or onto a recording.
+    """Refuse to overwrite one of the files ``read``, under any name, or a recording.
 
-    ``how`` to have a recording replaced after all is part of the message.
+    The message contains ``how`` to overwrite a recording after all.
 
     Returns
     -------
-    The same check once more, for ``whole_file``: files may be renamed and linked while the work is done.
+    The same check for ``whole_file``, as files may be renamed and linked in the meantime.
 
     Raises
     ------
     UsageError
-        Says what to do instead.
+        The message says what to do instead.
     """
     names = tuple(read)
     check = partial(_check, path, overwrite, how, names, tuple(map(_status, names)))
@@ -39,7 +39,7 @@ def _check(
     names: tuple[str, ...],
     before: tuple[os.stat_result | None, ...],
 ) -> None:
-    """``before`` are the files that the ``names`` led to at first."""
+    """Check again; ``before`` are the files of ``names`` at the first check."""
     if path is None or not path.exists():
         return
     there = os.stat(path)
@@ -52,7 +52,7 @@ def _check(
 
 
 def _status(name: str) -> os.stat_result | None:
-    """None for what cannot be looked at: who reads it says why."""
+    """The status of a file, None on errors, which reading it reports."""
     with suppress(OSError, ValueError):
         return os.fstat(sys.stdin.fileno()) if name == "-" else os.stat(name)
     return None

@@ -1,6 +1,6 @@
-"""One HTML file to look at: ribbon, posteriors, geometry in 3D, what was noted. It loads nothing else.
+"""A report in one self-contained HTML file: ribbon, posteriors, geometry in 3D, notes.
 
-plotly, which draws and is contained in the file, comes with the extra ``report``.
+The file includes plotly, which draws it (extra ``report``).
 """
 
 from collections.abc import Iterator
@@ -30,13 +30,13 @@ _ABOUT_GEOMETRY: Final = (
     "what is less probable than 0.5, or largely unobserved, is hidden at first.</p>"
 )
 MOST_TICKS: Final = 4000
-"""More are thinned out in the plot of the posteriors."""
+"""Most ticks in the plot of the posteriors; more are thinned out."""
 MOST_PATH_POSES: Final = 3000
 MOST_DRAWN: Final = 60
-"""The elements of so many segments are drawn, the longest of them."""
+"""Number of longest segments whose elements are drawn."""
 _PROBABLE: Final = 0.5
 _UNOBSERVED: Final = 2
-"""Elements with so many ways to lie otherwise may be far off."""
+"""Elements with this many unobserved directions may be far off."""
 _STYLE: Final = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:24px auto;padding:0 16px;color:#222}"
     "h1{font-size:22px;margin:0 0 4px}h2{font-size:17px;margin:26px 0 6px}table{border-collapse:collapse}"
@@ -108,7 +108,7 @@ def _geometry(outcome: Outcome) -> Figure:
             within = _poses_in(poses, segment)
             drawing = draw_all(_touching(segment, within), within, extent, camera.up)
             assert drawing is not None
-            camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
+            camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns)
             figure.add_traces(list(_elements(outcome, segment, within, drawing, solid)))
     figure.update_layout(
         height=620,
@@ -123,7 +123,7 @@ def _geometry(outcome: Outcome) -> Figure:
 
 
 def _camera(camera: Camera) -> dict[str, Any]:
-    """In plotly's own units, in which the scene is about one long."""
+    """Camera in plotly's units, in which the scene has about size one."""
     eye = camera.frame() @ np.array(EYE)
     eye = 1.9 * eye / np.linalg.norm(eye)
     return {
@@ -133,14 +133,14 @@ def _camera(camera: Camera) -> dict[str, Any]:
 
 
 def _poses_in(poses: Poses, segment: Segment) -> Poses:
-    """The poses of a segment, one at least."""
+    """The poses of a segment, at least one."""
     first, last = np.searchsorted(poses.stamp_ns, [segment.start_ns, segment.end_ns + 1])
     first = min(int(first), len(poses) - 1)
     return poses[first : max(int(last), first + 1)]
 
 
 def _touching(segment: Segment, within: Poses) -> tuple[ContactGeometry, ...]:
-    """What touches in the middle of a segment."""
+    """The touching elements in the middle of a segment."""
     at_ns = int(within.stamp_ns[len(within) // 2])
     parts = segment.parts
     return next((one for one in parts if one.start_ns <= at_ns <= one.end_ns), parts[0]).geometries
@@ -167,9 +167,9 @@ def _path(outcome: Outcome) -> Iterator[Scatter3d]:
 def _elements(
     outcome: Outcome, segment: Segment, within: Poses, drawing: Drawing, solid: Hull | None
 ) -> Iterator[Mesh3d | Scatter3d]:
-    """The pair, and the object's hull where it is known, at the middle of the segment.
+    """The touching pair, and the object's hull if known, at the middle of the segment.
 
-    ``within`` are the segment's poses, ``drawing`` what is drawn of them.
+    ``within`` are the segment's poses, ``drawing`` the drawing of the pair.
     """
     assert segment.geometry is not None
     middle = within[len(within) // 2 : len(within) // 2 + 1]
@@ -182,7 +182,7 @@ def _elements(
         "name": name,
         "legendgroup": name,
         "hovertext": escape(text, quote=False).replace("&lt;br&gt;", "<br>"),
-        "visible": True if _is_seen(segment) else "legendonly",
+        "visible": True if _is_determined(segment) else "legendonly",
     }
     colour = COLOUR[segment.contact]
     yield _mesh(on_environment.vertices, on_environment.triangles, colour, 0.45, showlegend=True, **common)
@@ -206,8 +206,8 @@ def _elements(
         )
 
 
-def _is_seen(segment: Segment) -> bool:
-    """Whether the motion has shown where the contact lies."""
+def _is_determined(segment: Segment) -> bool:
+    """Whether the motion has determined the contact's geometry."""
     pair = (segment.geometry.object, segment.geometry.environment) if segment.geometry else ()
     return segment.probability >= _PROBABLE and all(len(one.unobserved) < _UNOBSERVED for one in pair)
 

@@ -8,10 +8,10 @@ from contact_tracker.tracking.belief import Segment
 
 
 def write_srt(segments: Iterable[Segment], file: TextIO, origin_ns: Callable[[], int]) -> None:
-    """One subtitle per segment, and where others join or leave per part of it; times count from what
-    ``origin_ns`` gives, in milliseconds.
+    """One subtitle per segment, or per part between changes of its further contacts; times count from the
+    stamp that ``origin_ns`` returns.
 
-    What ends before it has lasted a millisecond is shown for one.
+    Each lasts at least a millisecond.
     """
     parts = ((segment, part) for segment in segments for part in segment.parts)
     for number, (segment, part) in enumerate(parts, start=1):

@@ -1,4 +1,4 @@
-"""Which suffixes name an output, and the libraries that some of them take. Importing this costs nothing."""
+"""Suffixes of outputs, and the libraries that some of them need. Importing this is cheap."""
 
 from importlib import import_module
 from pathlib import Path
@@ -8,7 +8,7 @@ from contact_tracker.extras import extra
 
 
 class Library(NamedTuple):
-    """The ``module`` of ours that needs it, its ``extra``, and what for."""
+    """The ``module`` of this package that needs a library, its ``extra``, and the purpose."""
 
     module: str
     extra: str
@@ -24,11 +24,11 @@ SUFFIXES: Final = (".csv", ".jsonl", *LIBRARIES, ".srt")
 TICKS: Final = (".jsonl", ".parquet")
 """Outputs with a row per tick."""
 WHOLE: Final = (".mcap", ".html")
-"""Outputs that are made of all of a recording at once: it is kept in memory until then."""
+"""Outputs that need the whole recording in memory."""
 
 
 def require_library(path: Path) -> None:
-    """Raise MissingExtra, before any work, if a library is not installed that writing ``path`` takes."""
+    """Raise MissingExtra, before any work, if a library for writing ``path`` is not installed."""
     library = LIBRARIES.get(path.suffix.lower())
     if library is not None:
         with extra(library.extra, library.purpose):

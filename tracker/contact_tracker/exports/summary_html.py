@@ -1,4 +1,4 @@
-"""A few lines of HTML: a ribbon and a table of segments, for notebooks and at the top of reports."""
+"""HTML of a ribbon and a table of segments, for notebooks and reports."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -15,7 +15,7 @@ _CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
 
 
 def ribbon_html(segments: Sequence[Segment], height_px: int = 22) -> str:
-    """Segments side by side, as wide as they last, pale where unsure; below them their further contacts."""
+    """Segments by duration, paler with lower probability; below them their further contacts."""
     first = [_bar(_lasts_ns(s), s.contact, s.probability) for s in segments]
     lanes = [_lane(first, height_px)]
     for number in range(max((len(s.further) for s in segments), default=0)):
@@ -59,9 +59,8 @@ def _lasts_ns(segment: Segment) -> int:
 
 
 def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
-    """A row per segment, of the first ``MOST_ROWS`` of them, and per contact that joins it; times in seconds
-    after ``origin_ns``.
-    """
+    """A row per segment, up to ``MOST_ROWS``, and per further contact; times in seconds after
+    ``origin_ns``."""
     titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
     head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
     rows = []
@@ -91,7 +90,7 @@ def _row(texts: Sequence[str]) -> str:
 
 
 def notes_html(counts: Mapping[str, int], warnings: Sequence[str]) -> str:
-    """What was dropped or repaired, and what has to be known."""
+    """Counts of dropped and repaired poses, and warnings."""
     noted = ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
     parts = [f"<p>noted: {escape(noted)}</p>"] if noted else []
     parts += [f"<p><b>warning:</b> {escape(printable(text))}</p>" for text in warnings]

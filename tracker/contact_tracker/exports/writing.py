@@ -1,10 +1,10 @@
-"""The writer of each output, by the suffix of its file."""
+"""Writers of the outputs, by suffix."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from contact_tracker.atomic_file import whatever_is_there, whole_file
+from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.exports.columns import BELIEF_COLUMNS, belief_columns
 from contact_tracker.exports.outcome import Outcome
 from contact_tracker.exports.subtitles import write_srt
@@ -16,11 +16,11 @@ from contact_tracker.tracking.segmentation import Segmentation
 
 @contextmanager
 def open_ticks(
-    path: Path, check: Callable[[], None] = whatever_is_there
+    path: Path, check: Callable[[], None] = accept_any
 ) -> Iterator[Callable[[Iterable[Belief]], None]]:
-    """Give the function that appends beliefs to a file of JSON lines or Parquet, which appears at the end.
+    """Give the function that appends beliefs to a file of JSON lines or Parquet, which is written atomically.
 
-    On any failure it does not appear at all, nor if what is in its place then does not pass the ``check``.
+    There is no file after a failure, or if an existing one does not pass ``check`` at the end.
     """
     require_library(path)
     with whole_file(path, check) as temporary:
@@ -38,15 +38,15 @@ def write_pieces(
     found: Iterable[Segmentation],
     path: Path,
     origin_ns: Callable[[], int],
-    check: Callable[[], None] = whatever_is_there,
+    check: Callable[[], None] = accept_any,
 ) -> None:
-    """Write a segmentation as it comes, whole or not at all: CSV, JSON lines, Parquet or subtitles.
+    """Write a segmentation incrementally but atomically: CSV, JSON lines, Parquet or subtitles.
 
     Parameters
     ----------
-    path : its suffix says which, in whatever case.
-    origin_ns : gives the stamp from which times for people count, once the first piece is there.
-    check : of what is replaced, as of ``whole_file``.
+    path : its suffix, in any case, selects the format.
+    origin_ns : returns the stamp from which displayed times count, after the first piece.
+    check : of an existing file, as of ``whole_file``.
     """
     suffix = path.suffix.lower()
     if suffix in TICKS:
@@ -67,14 +67,14 @@ def write_outcome(
     path: Path,
     log: str | None = None,
     log_offset_ns: int = 0,
-    check: Callable[[], None] = whatever_is_there,
+    check: Callable[[], None] = accept_any,
 ) -> None:
-    """Write what is made of a whole recording, whole or not at all: MCAP for Foxglove or a report.
+    """Write an output of a whole recording atomically: MCAP for Foxglove or a report.
 
     Parameters
     ----------
     log, log_offset_ns : as of ``foxglove_scene.write_mcap``.
-    check : of what is replaced, as of ``whole_file``.
+    check : of an existing file, as of ``whole_file``.
     """
     require_library(path)
     with whole_file(path, check) as temporary:

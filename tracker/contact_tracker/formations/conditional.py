@@ -1,7 +1,6 @@
-"""How much better does a further contact explain ticks than motion that keeps the contacts known before?
+"""Evidence for a further contact, conditioned on the contacts that are known already (docs/theory.md, T35).
 
-Whatever these imply holds without a further contact as well, and is no evidence for one
-(docs/theory.md, T35).
+Constraints implied by the known contacts hold anyway and are no evidence for a further one.
 """
 
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ from contact_tracker.motion.window import Window
 Array = NDArray[np.float64]
 
 SAME_ROW: Final = 0.05
-"""Constraints whose gradients, of unit length, differ by less are one."""
+"""Unit gradients of constraints that differ by less count as one constraint."""
 JITTER: Final = 1e-9
 TINY: Final = 1e-30
 _MOVES: Final = lifted_pose.perturbations()
@@ -38,7 +37,7 @@ def coefficients(model: ContactModel, x: Array) -> Array:
 
 
 class ConditionalEvidence(NamedTuple):
-    """Of W ticks, for a further contact against motion that does without it, in nats."""
+    """Evidence (nats) of W ticks for a further contact against motion without it."""
 
     log_ratio: Array
     """(W,)"""
@@ -50,15 +49,15 @@ class ConditionalEvidence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ConditionalMotion:
-    """W ticks in which an object keeps some contacts, and how it could have moved meanwhile.
+    """W ticks in which an object keeps some contacts, and the motion that these leave free.
 
     Parameters
     ----------
-    new : (W, 25) lifted poses, of errors that last only what is new in them (T34).
-    moved : (W, 6, 25) what they change by when the pose turns about the body's axes or shifts along the
+    new : (W, 25) lifted poses; of correlated errors only the innovation (T34).
+    moved : (W, 6, 25) their derivatives by rotation about the body's axes and translation along the
         world's.
-    noise_sd : (W, 6) deviations of a tick in these directions.
-    excess_sd : (W, 6) and of what could not be predicted of the motion in it.
+    noise_sd : (W, 6) measurement noise of a tick in these directions (rad, m).
+    excess_sd : (W, 6) unpredictable part of the motion in these directions (rad, m).
     free : (W, 6, 6) factors F: motion that keeps the contacts has the covariance F F^T in a tick.
     """
 
@@ -80,7 +79,8 @@ class ConditionalMotion:
         )
 
     def keeping(self, c: Array, first: int = 0, end: int | None = None) -> "ConditionalMotion":
-        """The same motion where the ticks from ``first`` to ``end`` keep the constraints c (K, 25), too."""
+        """The same motion, with the constraints c (K, 25) kept in ticks ``first`` to ``end`` (excluded),
+        too."""
         some = slice(first, end)
         gradient = self.gradients(c)[some]
         whole = np.linalg.norm(gradient * self.excess_sd[some, None], axis=2, keepdims=True)
@@ -92,7 +92,7 @@ class ConditionalMotion:
         return replace(self, free=free)
 
     def cut(self, first: int, end: int) -> "ConditionalMotion":
-        """Some ticks."""
+        """Ticks ``first`` to ``end`` (excluded)."""
         some = slice(first, end)
         return ConditionalMotion(
             self.new[some], self.moved[some], self.noise_sd[some], self.excess_sd[some], self.free[some]
@@ -106,10 +106,10 @@ class ConditionalMotion:
         return np.asarray(np.swapaxes(self.moved @ c.T, 1, 2))
 
     def evidence(self, c: Array) -> ConditionalEvidence:
-        """For a contact with the constraints c (K, 25), tick by tick."""
+        """Evidence of each tick for a contact with the constraints c (K, 25)."""
         gradient, residual = self.gradients(c), self.new @ c.T
         noise, free = gradient * self.noise_sd[:, None], gradient @ self.free
-        scale = np.sqrt(np.square(noise).sum(axis=2)) + TINY  # nothing depends on the units of a row
+        scale = np.sqrt(np.square(noise).sum(axis=2)) + TINY  # makes the result independent of a row's units
         noise, free, residual = noise / scale[..., None], free / scale[..., None], residual / scale
         held = noise @ np.swapaxes(noise, 1, 2) + JITTER * np.eye(len(c))
         loose = held + free @ np.swapaxes(free, 1, 2)
@@ -120,7 +120,7 @@ class ConditionalMotion:
 
 
 def count_constraints(motion: ConditionalMotion, contacts: Sequence[Array]) -> int:
-    """How many independent constraints contacts c (K, 25) put on the motion together, in the median tick."""
+    """Number of independent constraints that contacts c (K, 25) impose together, in the median tick."""
     rows = motion.gradients(np.concatenate(contacts)) * np.repeat([1.0, LEVER_M], 3)
     rows /= np.linalg.norm(rows, axis=2, keepdims=True) + TINY
     values = np.linalg.svd(rows, compute_uv=False)

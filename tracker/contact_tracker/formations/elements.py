@@ -1,4 +1,4 @@
-"""Elements of a further contact at their greatest likelihood, as those of the first (docs/theory.md, T26)."""
+"""Maximum-likelihood elements of a further contact, as for the first (docs/theory.md, T26)."""
 
 from typing import NamedTuple
 
@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 
 
 class FittedElements(NamedTuple):
-    """A ``bank`` of one hypothesis with the elements x; ``information`` (P, P) of its ``window`` on them."""
+    """A ``bank`` of one hypothesis with the elements x, and their ``information`` (P, P) in its
+    ``window``."""
 
     model: ContactModel
     bank: Bank
@@ -36,7 +37,7 @@ class FittedElements(NamedTuple):
 
 
 def fit_elements(model: ContactModel, x: Array, window: Window, scales: EvidenceParameters) -> FittedElements:
-    """Go from near the minimum, x (S,), to it, with the noise of each tick of the window."""
+    """Refine x (S,) from near the minimum, with the noise of each tick of the window."""
     bank = accumulate_window(blank(model, 1).replace_columns(x=x[None]), model, window, scales)
     fitted, information = refine(bank, model, window, scales)
     return FittedElements(model, fitted, window, information)

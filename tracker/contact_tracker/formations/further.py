@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion, coefficients, count_constraints
 from contact_tracker.formations.elements import FittedElements, fit_elements
 from contact_tracker.formations.naming import named_by
 from contact_tracker.formations.presence import Presence, Run, most_probable
-from contact_tracker.formations.price import price
-from contact_tracker.formations.search import LEAST_RATIO, RELAXED, moments, relaxed_ratio, search
+from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import AS_WELL, DECISIVE, EvidenceParameters
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
@@ -22,24 +22,24 @@ from contact_tracker.states import CONTACTS, Contact
 
 Array = NDArray[np.float64]
 
-MOST: Final = 2
-"""Further contacts of a segment."""
-LEAST_TICKS: Final = 20
+MAX_FURTHER: Final = 2
+"""Most further contacts of a segment."""
+MIN_TICKS: Final = 20
 SPAN_TICKS: Final = 60
-HOP_TICKS: Final = 15
-"""Constraints are looked for in all ticks, and in spans of so many, this far apart."""
-TRIED_SPANS: Final = 2
+STRIDE_TICKS: Final = 15
+"""Constraints are searched in all ticks, and in spans of this length and stride."""
+MAX_SPANS: Final = 2
 SURE_NATS: Final = 2.5
 """Log odds (nats) against none from which a further contact, or a joint, is reported."""
-LEAST_GAIN: Final = 25.0
-"""Complexity (nats) of the elements of a single constraint at least, in short runs of ticks."""
-SAME_GAIN: Final = 0.9
-FITS: Final = 1.5
-"""A whitened residual beyond which elements are those of no contact."""
+MIN_COMPLEXITY: Final = 25.0
+"""Least complexity (nats) of the elements of a single constraint in short runs of ticks."""
+EQUAL_GAIN: Final = 0.9
+MAX_RMS: Final = 1.5
+"""Greatest RMS of whitened residuals of a contact's elements."""
 
 
 class KnownContact(NamedTuple):
-    """A contact and its elements x (S,)."""
+    """A contact model and its element parameters x (S,)."""
 
     model: ContactModel
     x: Array
@@ -51,9 +51,9 @@ class KnownContact(NamedTuple):
 
 
 class Further(NamedTuple):
-    """A further contact, in ``runs`` of ticks, ``log_odds`` nats more probable than none.
+    """A further contact in ``runs`` of ticks, with ``log_odds`` (nats) against none.
 
-    ``inseparable`` kinds explain as much.
+    ``inseparable`` are contact kinds that explain the motion as well.
     """
 
     elements: FittedElements
@@ -68,20 +68,19 @@ class Further(NamedTuple):
 
     @property
     def known(self) -> KnownContact:
-        """With its elements."""
+        """Its contact model and element parameters."""
         return KnownContact(self.elements.model, self.elements.x)
 
 
 Ranks = tuple[tuple[frozenset[int], int], ...]
-"""Of each set of further contacts that hold at once, by number: the constraints of these and the first
-together."""
+"""Pairs of a set of further contacts (indices) that hold at once, and the number of constraints that these
+and the first contact impose together."""
 
 
 class Formation(NamedTuple):
-    """What touches beside the first contact of a segment.
+    """The further contacts of a segment.
 
-    ``is_open``: more constraints are kept than those of the contacts that are named, by motion that does not
-    show which.
+    ``is_open`` : whether the motion keeps more constraints than the contacts found explain.
     """
 
     further: tuple[Further, ...]
@@ -89,11 +88,11 @@ class Formation(NamedTuple):
     ranks: Ranks = ()
 
 
-NOTHING: Final = Formation((), False)
+NO_FORMATION: Final = Formation((), False)
 
 
 class Candidate(NamedTuple):
-    """Elements, when they touch, and what speaks for them."""
+    """Elements of a possible contact, their runs and their evidence."""
 
     known: KnownContact
     presence: Presence
@@ -102,7 +101,7 @@ class Candidate(NamedTuple):
 
 
 class FormationTicks(NamedTuple):
-    """The ticks of a segment, and what is needed to weigh them."""
+    """The ticks of a segment, and the parameters to evaluate contacts on them."""
 
     window: Window
     scales: EvidenceParameters
@@ -112,12 +111,12 @@ class FormationTicks(NamedTuple):
 
     @property
     def kinds(self) -> tuple[Contact, ...]:
-        """Kinds that the prior map allows."""
+        """Contact kinds that the prior map allows."""
         return tuple(filter(self.knowledge.allows, CONTACTS))
 
     def geometry_of(self, elements: FittedElements) -> ContactGeometry | None:
-        """Elements with covariance in the user's frames, by the names of those known; None where there are no
-        such elements."""
+        """Elements with covariance in the user's frames, named as in the prior map; None where a complete map
+        lacks them."""
         named = named_by(self.knowledge, elements.geometry(self.scales, self.origin_m))
         complete = self.knowledge.object_complete, self.knowledge.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
@@ -125,15 +124,16 @@ class FormationTicks(NamedTuple):
 
     @property
     def log_change(self) -> Array:
-        """(W,) of a contact that joins or leaves right before each tick: it does so by moving."""
+        """(W,) log probability that a contact begins or ends before each tick; zero motion allows hardly
+        any."""
         moved = self.window.motion_ratio * (self.leave_per_s * self.scales.tick_s)
         return np.asarray(np.log(-np.expm1(-np.maximum(moved, 1e-4))))
 
 
 def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
-    """All contacts beside the ``first``, which lasts through the segment."""
-    if len(segment.window) < LEAST_TICKS:
-        return NOTHING
+    """Find all contacts beside the ``first``, which lasts through the segment."""
+    if len(segment.window) < MIN_TICKS:
+        return NO_FORMATION
     free = ConditionalMotion.of(segment.window, segment.scales)
     found, is_open = _further_contacts(segment, first, free)
     return Formation(tuple(found), is_open, _ranks(free, first, found))
@@ -156,18 +156,18 @@ def _ranks(motion: ConditionalMotion, first: KnownContact, found: Sequence[Furth
 def _further_contacts(
     segment: FormationTicks, first: KnownContact, free: ConditionalMotion
 ) -> tuple[list[Further], bool]:
-    """Those of a formation, and whether it is open."""
+    """The further contacts of a segment, and whether the formation is open."""
     window, found, motion = segment.window, list[Further](), free.keeping(first.c)
-    while len(found) < MOST:
+    while len(found) < MAX_FURTHER:
         best = best_of(_candidates(segment, motion))
         if best is None:
             return found, False
-        some = _search_kinds(segment, motion, longest(best.presence))
-        best = best_of(possible(segment, [best, *some]))
+        some = _search_kinds(segment, motion, longest_run(best.presence))
+        best = best_of(allowed(segment, [best, *some]))
         if best is None:
             return found, True
-        best, elements = refined(segment, motion, best, longest(best.presence))
-        run = longest(best.presence)
+        best, elements = refine(segment, motion, best, longest_run(best.presence))
+        run = longest_run(best.presence)
         holding = [first, *(one.known for one in found if any(map(run.overlaps, one.runs)))]
         before = first.model.contact.codimension
         if len(holding) > 1:
@@ -176,7 +176,7 @@ def _further_contacts(
         geometry = segment.geometry_of(elements)
         uses_freedom = used_directions(window.cut(*run)) >= DIRECTIONS - more
         if geometry is None or more <= before or not uses_freedom:
-            # what is moved in fewer directions than it could be is held back by something else
+            # unused freedom: further constraints that this contact does not explain
             return found, True
         others = inseparable_kinds(segment, motion, best, some, run, more - before)
         found.append(Further(elements, geometry, best.presence.runs, best.presence.log_odds, others))
@@ -185,34 +185,34 @@ def _further_contacts(
     return found, False
 
 
-def possible(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """The candidates of kinds that the prior map allows."""
+def allowed(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
+    """The candidates whose kinds the prior map allows."""
     return [one for one in candidates if one.known.model.contact in segment.kinds]
 
 
-def refined(
+def refine(
     segment: FormationTicks, motion: ConditionalMotion, best: Candidate, run: Run
 ) -> tuple[Candidate, FittedElements]:
-    """The candidate with its elements at their greatest likelihood in a run, and the ticks by these."""
+    """The candidate with its elements refitted by maximum likelihood to ``run``, and the fit."""
     model = best.known.model
     elements = fit_elements(model, best.known.x, segment.window.cut(*run), segment.scales)
-    refined = weigh(segment, motion, KnownContact(model, elements.x))
+    refined = evaluate(segment, motion, KnownContact(model, elements.x))
     return (best if refined is None else refined), elements
 
 
 def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
-    """Single constraints that spans of the ticks may keep: every contact keeps one of them."""
-    for span, models in _promising(motion):
+    """Candidates for single constraints in promising spans: every contact keeps one of them."""
+    for span, models in _promising_spans(motion):
         for model in models:
-            yield from found_in(segment, motion, model, span)
+            yield from search_span(segment, motion, model, span)
 
 
-def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
-    """Spans that may keep a further constraint, the most promising first, and of which kinds."""
+def _promising_spans(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
+    """Spans that may keep a further constraint, largest gain first, with the models of its kinds."""
     ticks = len(motion)
     spans = [Run(0, ticks)]
-    if ticks > SPAN_TICKS + HOP_TICKS:
-        starts = [*range(0, ticks - SPAN_TICKS, HOP_TICKS), ticks - SPAN_TICKS]
+    if ticks > SPAN_TICKS + STRIDE_TICKS:
+        starts = [*range(0, ticks - SPAN_TICKS, STRIDE_TICKS), ticks - SPAN_TICKS]
         spans += [Run(start, start + SPAN_TICKS) for start in starts]
     rated = []
     for span in spans:
@@ -221,68 +221,67 @@ def _promising(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]
         if ratios:
             rated.append((len(part) * float(np.log1p(max(ratios.values()))), span, [*ratios]))
     rated.sort(key=lambda one: -one[0])
-    return [(span, models) for _, span, models in rated[:TRIED_SPANS]]
+    return [(span, models) for _, span, models in rated[:MAX_SPANS]]
 
 
 def promising_kinds(motion: ConditionalMotion) -> tuple[float, list[ContactModel]]:
-    """Kinds of single constraints that the ticks may keep in addition (usually none), with the largest gain
-    (nats) of any of them.
+    """The largest gain (nats) of a further single constraint, and the kinds that the ticks may keep.
 
     In few ticks a constraint counts only if its gain can exceed the complexity of its elements.
     """
-    least = float(np.expm1(2.0 * LEAST_GAIN / len(motion)))
+    least = float(np.expm1(2.0 * MIN_COMPLEXITY / len(motion)))
     ratios = {model: ratio for model, ratio in _ratios(motion).items() if ratio > least}
     return 0.5 * len(motion) * float(np.log1p(max(ratios.values(), default=0.0))), [*ratios]
 
 
 def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
     ratios = {model: relaxed_ratio(moments(model, motion)) for model in RELAXED}
-    return {model: ratio for model, ratio in ratios.items() if ratio > LEAST_RATIO}
+    return {model: ratio for model, ratio in ratios.items() if ratio > MIN_RATIO}
 
 
 def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
-    """The best elements of each kind in a run."""
+    """The best elements of each contact kind in a run."""
     models = [CONTACT_MODELS[kind.column] for kind in segment.kinds]
-    return [one for model in models for one in found_in(segment, motion, model, run)]
+    return [one for model in models for one in search_span(segment, motion, model, run)]
 
 
-def found_in(
+def search_span(
     segment: FormationTicks, motion: ConditionalMotion, model: ContactModel, span: Run
 ) -> Iterator[Candidate]:
-    """What a search in one span leads to, as it explains all ticks."""
+    """Search one span for elements of ``model``; the best is evaluated on all ticks."""
     part, window = motion.cut(*span), segment.window.cut(*span)
     for x in search(model, part, window, segment.scales.reach_m).x[:1]:
         known = KnownContact(model, x)
-        if np.sqrt(part.evidence(known.c).chi_sq.mean()) < FITS:
-            candidate = weigh(segment, motion, known)
+        if np.sqrt(part.evidence(known.c).chi_sq.mean()) < MAX_RMS:
+            candidate = evaluate(segment, motion, known)
             if candidate is not None:
                 yield candidate
 
 
-def weigh(segment: FormationTicks, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:
-    """When elements touch, and what speaks for that; None if nothing does."""
+def evaluate(segment: FormationTicks, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:
+    """The runs in which elements touch and the log odds of contact; None without a run."""
     scales = segment.scales
     ticks = motion.evidence(known.c)
     ratio = scales.likelihood_exponent * ticks.log_ratio
     presence = most_probable(ratio, segment.log_change)
     if not presence.runs:
         return None
-    run = longest(presence)
+    run = longest_run(presence)
     rows = np.concatenate([np.arange(*one) for one in presence.runs])
     gain = float(ticks.gain[rows].sum())
-    cost = price(known.model, known.x, motion.cut(*run), segment.window.cut(*run), scales)
+    cost = elements_complexity(known.model, known.x, motion.cut(*run), segment.window.cut(*run), scales)
     log_odds = presence.log_odds - scales.likelihood_exponent * min(cost, gain)
     rms = float(np.sqrt(ticks.chi_sq[rows].mean()))
     return Candidate(known, Presence(presence.runs, log_odds), gain, rms)
 
 
 def best_of(candidates: Iterable[Candidate]) -> Candidate | None:
-    """The most probable one that is probable at all."""
+    """The most probable candidate whose log odds exceed ``SURE_NATS``."""
     sure = [one for one in candidates if one.presence.log_odds > SURE_NATS]
     return max(sure, key=lambda one: one.presence.log_odds) if sure else None
 
 
-def longest(presence: Presence) -> Run:
+def longest_run(presence: Presence) -> Run:
     return max(presence.runs, key=lambda run: run.end - run.first)
 
 
@@ -294,17 +293,17 @@ def inseparable_kinds(
     run: Run,
     new: int,
 ) -> tuple[Contact, ...]:
-    """Kinds that explain as much as the ``best``, which puts ``new`` constraints on the motion.
+    """Contact kinds that explain the motion as well as ``best``, which adds ``new`` constraints to it.
 
-    A kind that is contained in one of these explains as much if it has as many constraints. The elements of
-    the best were refined on the ticks of ``run``; those of others that fit less well are refined there, too.
+    A kind contained in one of these counts if it has at least as many constraints. As the best was refined
+    on ``run``, rivals that fit less well are refined there, too.
     """
     alike = {best.known.model.contact}
     for one in others:
-        if one.rms > AS_WELL and one.gain > SAME_GAIN * best.gain:
-            one, _ = refined(segment, motion, one, run)
+        if one.rms > AS_WELL and one.gain > EQUAL_GAIN * best.gain:
+            one, _ = refine(segment, motion, one, run)
         near = one.presence.log_odds > best.presence.log_odds - DECISIVE
-        fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > SAME_GAIN * best.gain
+        fits = one.rms < AS_WELL * max(1.0, best.rms) and one.gain > EQUAL_GAIN * best.gain
         if near or fits:
             alike.add(one.known.model.contact)
     contained = {kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new}

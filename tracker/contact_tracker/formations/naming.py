@@ -1,4 +1,4 @@
-"""Which of the elements that the user knows touch in a further contact."""
+"""Association of a further contact's elements with those of the prior map."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +9,7 @@ from contact_tracker.landmarks.prior_map import NamedElement, PriorMap
 
 
 def named_by(knowledge: PriorMap, geometry: ContactGeometry) -> ContactGeometry:
-    """The geometry with the names of known elements from which it does not differ by more than is known."""
+    """The geometry with the names of prior-map elements that agree with it within their uncertainty."""
     return ContactGeometry(
         _named(geometry.object, knowledge.object), _named(geometry.environment, knowledge.environment)
     )
@@ -24,7 +24,7 @@ def _named(element: Element, known: Sequence[NamedElement]) -> Element:
 
 
 def _other_way(element: Element) -> Element:
-    """A plane with the opposite normal: which side of it is solid was not found."""
+    """A plane with its normal reversed: the solid side is unknown."""
     if not isinstance(element, Plane):
         return element
     return replace(element, normal=-element.normal, offset_m=-element.offset_m)

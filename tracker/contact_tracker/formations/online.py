@@ -1,8 +1,7 @@
-"""Further contacts while poses come in: bounded work in each tick (docs/theory.md, section 18).
+"""Online detection of further contacts, with bounded work in each tick (docs/theory.md, section 18).
 
-From time to time the latest ticks are tested for constraints beyond those of the known contacts. If there may
-be some, kinds of contacts are searched for, a few in each tick. Contacts that were found are weighed in every
-tick.
+At intervals the latest ticks are tested for constraints beyond those of the known contacts. If there may be
+some, contact kinds are searched, a few in each tick. Contacts that were found are evaluated in every tick.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,18 +13,18 @@ from numpy.typing import NDArray
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.conditional import ConditionalMotion, count_constraints
 from contact_tracker.formations.further import (
-    MOST,
+    MAX_FURTHER,
     SURE_NATS,
     Candidate,
     FormationTicks,
     KnownContact,
+    allowed,
     best_of,
-    found_in,
+    evaluate,
     inseparable_kinds,
-    possible,
     promising_kinds,
-    refined,
-    weigh,
+    refine,
+    search_span,
 )
 from contact_tracker.formations.presence import Presence, Run
 from contact_tracker.geometry.elements import ContactGeometry
@@ -35,25 +34,24 @@ from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
-LONGEST_TICKS: Final = 150
-"""So many of the last ticks are weighed."""
-SPANS: Final = (30, 50, 100)
-"""In the last so many ticks constraints are looked for."""
-LOOK_TICKS: Final = 5.0
-LONGEST_WAIT_TICKS: Final = 20.0
-"""After so many ticks with motion they are looked for again; after each vain search the next one waits
-longer, up to so many ticks."""
+WINDOW_TICKS: Final = 150
+"""Further contacts are evaluated over this many of the latest ticks."""
+SEARCH_SPANS_TICKS: Final = (30, 50, 100)
+"""Numbers of latest ticks that are tested for further constraints."""
+SEARCH_INTERVAL_TICKS: Final = 5.0
+MAX_SEARCH_INTERVAL_TICKS: Final = 20.0
+"""Ticks with motion between two tests; the interval doubles after each unsuccessful one up to the second."""
 REFIT_SHARE: Final = 0.5
-"""Elements are fitted again after so much of the time for which they had touched at the last fit."""
-REMEMBERED: Final = 3
-AT_ONCE: Final = 2
-"""Kinds that are searched for in one tick."""
+"""Elements are refitted when their run has grown by this share since the last fit."""
+MAX_REMEMBERED: Final = 3
+KINDS_PER_TICK: Final = 2
+"""Contact kinds searched in one tick."""
 COUNTED_TICKS: Final = 20
-"""Constraints are counted in so many of the last ticks."""
+"""Constraints are counted over this many of the latest ticks."""
 
 
-class Elements(NamedTuple):
-    """Of a contact: its kind and x (S,)."""
+class ContactElements(NamedTuple):
+    """A contact kind and its element parameters x (S,)."""
 
     contact: Contact
     x: Array
@@ -63,104 +61,110 @@ class Elements(NamedTuple):
         return KnownContact(CONTACT_MODELS[self.contact.column], self.x)
 
 
-class Held(NamedTuple):
-    """A further contact that was found: it ``holds`` since the tick ``since``, or does so no more."""
+class TrackedContact(NamedTuple):
+    """A further contact that was found: present since tick ``since``, or no longer present."""
 
-    elements: Elements
+    elements: ContactElements
     geometry: ContactGeometry
     inseparable: tuple[Contact, ...]
     log_odds: float
     since: int
-    holds: bool
+    is_present: bool
     refit_at: int
-    """The tick from which on its elements are to be fitted again."""
+    """Tick at which its elements are refitted next."""
 
 
-class Beside(NamedTuple):
-    """What is known of contacts beside the ``first``; bounded in size.
+class FormationState(NamedTuple):
+    """State of the search for contacts beside the ``first``; bounded in size.
 
-    ``remembered`` elements may touch again when the first contact has changed. ``queue`` are the kinds that
-    are still to be searched for in the last ``span`` ticks, ``found`` what this has led to so far; ``kinds``
-    says that all are searched for, else single constraints. ``waited`` are the ticks with motion since the
-    last look, ``wait`` is how many there must be. ``is_open``: more constraints are kept than those of the
-    contacts that are reported, by motion that does not show which. ``constraints`` are those of the first and
-    of all that hold. ``rejudged`` is the number of the held one that is to be compared with other kinds, by
-    more ticks than at first; -1 where a new one is searched for.
+    Attributes
+    ----------
+    tracked : further contacts found so far, present or not.
+    remembered : elements of earlier contacts, which may touch again.
+    queue : contact kinds still to be searched in the last ``span`` ticks.
+    proposals : results of this search so far.
+    searches_all : whether all kinds are searched, or single constraints only.
+    ticks_since_search, search_interval : ticks with motion since the last test, and until the next.
+    is_open : whether the motion keeps more constraints than the reported contacts explain.
+    constraints : of the first contact and of all that are present.
+    reclassified : index of the tracked contact whose kind is compared with others; -1 for none.
     """
 
-    first: Elements | None = None
-    held: tuple[Held, ...] = ()
-    remembered: tuple[Elements, ...] = ()
+    first: ContactElements | None = None
+    tracked: tuple[TrackedContact, ...] = ()
+    remembered: tuple[ContactElements, ...] = ()
     queue: tuple[Contact, ...] = ()
     span: int = 0
-    found: tuple[Elements, ...] = ()
-    kinds: bool = False
-    waited: float = 0.0
-    wait: float = LOOK_TICKS
+    proposals: tuple[ContactElements, ...] = ()
+    searches_all: bool = False
+    ticks_since_search: float = 0.0
+    search_interval: float = SEARCH_INTERVAL_TICKS
     is_open: bool = False
     constraints: int = 0
-    rejudged: int = -1
+    reclassified: int = -1
 
 
-NOTHING_BESIDE: Final = Beside()
+EMPTY_FORMATION: Final = FormationState()
 
 
-def advance(beside: Beside, ticks: FormationTicks, first: KnownContact) -> Beside:
-    """One tick on: the newest of ``ticks``, all of which are of the ``first`` contact."""
+def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
+    """The state after the newest of ``ticks``, in all of which the ``first`` contact holds."""
     window = ticks.window
     motion = ConditionalMotion.of(window, ticks.scales)
-    beside = _beside(beside, first, motion)
-    beside = beside._replace(waited=beside.waited + float(window.motion_ratio[-1]))
-    looks = bool(beside.queue) or beside.waited >= beside.wait
-    if not beside.held and not looks:
-        return beside
+    state = _with_first(state, first, motion)
+    state = state._replace(ticks_since_search=state.ticks_since_search + float(window.motion_ratio[-1]))
+    searches = bool(state.queue) or state.ticks_since_search >= state.search_interval
+    if not state.tracked and not searches:
+        return state
     motion = motion.keeping(first.c)
-    before, held = beside.held, []
+    before, tracked = state.tracked, []
     for one in before:
-        now, runs = _weighed(one, ticks, motion)
-        held.append(now)
+        now, runs = _evaluated(one, ticks, motion)
+        tracked.append(now)
         for run in runs:
             motion = motion.keeping(one.elements.known.c, *run)
-    beside = beside._replace(held=tuple(held), constraints=_count(held, motion, first))
-    if beside.rejudged >= 0:
-        return _rejudged(beside, ticks, first)
+    state = state._replace(tracked=tuple(tracked), constraints=_count(tracked, motion, first))
+    if state.reclassified >= 0:
+        return _reclassify(state, ticks, first)
     refitted = [
-        i for i, (one, now) in enumerate(zip(before, held, strict=True)) if now.refit_at > one.refit_at
+        i for i, (one, now) in enumerate(zip(before, tracked, strict=True)) if now.refit_at > one.refit_at
     ]
-    if refitted and not beside.queue:
-        elements = held[refitted[-1]].elements
-        return beside._replace(queue=ticks.kinds, found=(elements,), kinds=True, rejudged=refitted[-1])
-    if sum(one.holds for one in held) >= MOST:
-        return beside._replace(queue=(), found=())
-    if beside.queue:
-        return _searched(beside, ticks, motion, first)
-    return _looked(beside, ticks, motion) if looks else beside
+    if refitted and not state.queue:
+        elements = tracked[refitted[-1]].elements
+        return state._replace(
+            queue=ticks.kinds, proposals=(elements,), searches_all=True, reclassified=refitted[-1]
+        )
+    if sum(one.is_present for one in tracked) >= MAX_FURTHER:
+        return state._replace(queue=(), proposals=())
+    if state.queue:
+        return _continue_search(state, ticks, motion, first)
+    return _begin_search(state, ticks, motion) if searches else state
 
 
-def _count(held: Sequence[Held], motion: ConditionalMotion, first: KnownContact) -> int:
-    """Constraints that the first contact puts on the last ticks, with those beside it that hold now."""
-    holding = [one.elements.known.c for one in held if one.holds]
-    if not holding:
+def _count(tracked: Sequence[TrackedContact], motion: ConditionalMotion, first: KnownContact) -> int:
+    """Constraints of the first contact and the further ones present now on the latest ticks."""
+    present = [one.elements.known.c for one in tracked if one.is_present]
+    if not present:
         return first.model.contact.codimension
     last = motion.cut(max(len(motion) - COUNTED_TICKS, 0), len(motion))
-    return count_constraints(last, [first.c, *holding])
+    return count_constraints(last, [first.c, *present])
 
 
-def interrupted(beside: Beside) -> Beside:
-    """No contact is sure: nothing is reported beside it, and no search goes on."""
-    held = tuple(one._replace(holds=False) for one in beside.held)
-    return beside._replace(held=held, queue=(), found=(), is_open=False, rejudged=-1)
+def suspend(state: FormationState) -> FormationState:
+    """The state while no first contact is established: none is present, and the search is dropped."""
+    tracked = tuple(one._replace(is_present=False) for one in state.tracked)
+    return state._replace(tracked=tracked, queue=(), proposals=(), is_open=False, reclassified=-1)
 
 
-def _beside(beside: Beside, first: KnownContact, motion: ConditionalMotion) -> Beside:
-    """The same if the first contact is that of before; else all that was known is remembered."""
-    elements, before = Elements(first.model.contact, first.x), beside.first
+def _with_first(state: FormationState, first: KnownContact, motion: ConditionalMotion) -> FormationState:
+    """The state for this first contact; if it has changed, known contacts become remembered elements."""
+    elements, before = ContactElements(first.model.contact, first.x), state.first
     if before is None:
-        return beside._replace(first=elements)
+        return state._replace(first=elements)
     if before.contact is elements.contact and _is_same(motion, before.known, first):
-        return beside._replace(first=elements)
-    known = [before, *(one.elements for one in beside.held), *beside.remembered]
-    return Beside(elements, remembered=tuple(known[:REMEMBERED]), wait=0.0)
+        return state._replace(first=elements)
+    known = [before, *(one.elements for one in state.tracked), *state.remembered]
+    return FormationState(elements, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0)
 
 
 def _is_same(motion: ConditionalMotion, one: KnownContact, other: KnownContact) -> bool:
@@ -169,24 +173,28 @@ def _is_same(motion: ConditionalMotion, one: KnownContact, other: KnownContact) 
     return count_constraints(newest, [one.c, other.c]) == one.model.contact.codimension
 
 
-def _weighed(one: Held, ticks: FormationTicks, motion: ConditionalMotion) -> tuple[Held, tuple[Run, ...]]:
-    """The same by the newest tick, and when it held."""
-    candidate = weigh(ticks, motion, one.elements.known)
+def _evaluated(
+    one: TrackedContact, ticks: FormationTicks, motion: ConditionalMotion
+) -> tuple[TrackedContact, tuple[Run, ...]]:
+    """A tracked contact after the newest tick, and the runs in which it was present."""
+    candidate = evaluate(ticks, motion, one.elements.known)
     if candidate is None or candidate.presence.log_odds <= 0.0:
-        return one._replace(holds=False), ()
+        return one._replace(is_present=False), ()
     last = candidate.presence.runs[-1]
     if last.end < len(motion):
-        return one._replace(holds=False, log_odds=candidate.presence.log_odds), candidate.presence.runs
+        return one._replace(is_present=False, log_odds=candidate.presence.log_odds), candidate.presence.runs
     begins = int(ticks.window.index[last.first])
-    since = min(one.since, begins) if one.holds else begins
-    log_odds = max(candidate.presence.log_odds, one.log_odds) if one.holds else candidate.presence.log_odds
-    now = one._replace(holds=one.holds or log_odds > SURE_NATS, log_odds=log_odds, since=since)
+    since = min(one.since, begins) if one.is_present else begins
+    log_odds = (
+        max(candidate.presence.log_odds, one.log_odds) if one.is_present else candidate.presence.log_odds
+    )
+    now = one._replace(is_present=one.is_present or log_odds > SURE_NATS, log_odds=log_odds, since=since)
     newest = int(ticks.window.index[-1])
-    if now.holds and newest >= one.refit_at:
-        better, fitted = refined(ticks, motion, candidate, last)
-        elements, geometry = Elements(one.elements.contact, better.known.x), ticks.geometry_of(fitted)
+    if now.is_present and newest >= one.refit_at:
+        better, fitted = refine(ticks, motion, candidate, last)
+        elements, geometry = ContactElements(one.elements.contact, better.known.x), ticks.geometry_of(fitted)
         if geometry is None:
-            return now._replace(holds=False), candidate.presence.runs
+            return now._replace(is_present=False), candidate.presence.runs
         now = now._replace(elements=elements, geometry=geometry, refit_at=_refit_at(newest, last))
     return now, candidate.presence.runs
 
@@ -195,118 +203,132 @@ def _refit_at(newest: int, run: Run) -> int:
     return newest + max(round(REFIT_SHARE * (run.end - run.first)), 1)
 
 
-def _looked(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Beside:
-    """What is remembered may touch; if it does not, kinds of constraints that the last ticks may keep."""
-    beside = beside._replace(waited=0.0, wait=max(beside.wait, LOOK_TICKS))
-    candidates = [weigh(ticks, motion, one.known) for one in beside.remembered]
+def _begin_search(state: FormationState, ticks: FormationTicks, motion: ConditionalMotion) -> FormationState:
+    """Test the remembered elements; if none touches, queue the constraints that the latest ticks may keep."""
+    state = state._replace(
+        ticks_since_search=0.0, search_interval=max(state.search_interval, SEARCH_INTERVAL_TICKS)
+    )
+    candidates = [evaluate(ticks, motion, one.known) for one in state.remembered]
     best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
     if best is not None:
-        return _with_all_kinds(beside, best, ticks)
-    looks = [_Look.at(motion, min(span, len(motion))) for span in SPANS if span < 2 * len(motion)]
-    best_look = max(looks, key=lambda look: look.promise)
-    if not best_look.kinds:
-        return beside._replace(is_open=False)
-    return beside._replace(queue=best_look.kinds, span=best_look.span, found=(), kinds=False)
+        return _queue_all_kinds(state, best, ticks)
+    tests = [
+        _SpanTest.at(motion, min(span, len(motion))) for span in SEARCH_SPANS_TICKS if span < 2 * len(motion)
+    ]
+    best_test = max(tests, key=lambda test: test.gain)
+    if not best_test.kinds:
+        return state._replace(is_open=False)
+    return state._replace(queue=best_test.kinds, span=best_test.span, proposals=(), searches_all=False)
 
 
-class _Look(NamedTuple):
-    """In the last ``span`` ticks constraints of some ``kinds`` may be kept; how much they would explain."""
+class _SpanTest(NamedTuple):
+    """Kinds of constraints that the last ``span`` ticks may keep, and their largest ``gain`` (nats)."""
 
-    promise: float
+    gain: float
     span: int
     kinds: tuple[Contact, ...]
 
     @classmethod
-    def at(cls, motion: ConditionalMotion, span: int) -> "_Look":
-        promise, models = promising_kinds(motion.cut(len(motion) - span, len(motion)))
-        return cls(promise, span, tuple(model.contact for model in models))
+    def at(cls, motion: ConditionalMotion, span: int) -> "_SpanTest":
+        gain, models = promising_kinds(motion.cut(len(motion) - span, len(motion)))
+        return cls(gain, span, tuple(model.contact for model in models))
 
 
-def _searched(
-    beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact
-) -> Beside:
-    """A few kinds more; after the last, what follows from all that was found."""
-    run = Run(max(len(motion) - beside.span, 0), len(motion))
-    beside = _with_next_kinds(beside, ticks, motion, run)
-    if beside.queue:
-        return beside
-    candidates = [*_candidates(beside, ticks, motion)]
-    if beside.kinds:
-        candidates = possible(ticks, candidates)
+def _continue_search(
+    state: FormationState, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact
+) -> FormationState:
+    """Search the next kinds; after the last, accept the best proposal or continue with all kinds."""
+    run = Run(max(len(motion) - state.span, 0), len(motion))
+    state = _search_next_kinds(state, ticks, motion, run)
+    if state.queue:
+        return state
+    candidates = [*_candidates(state, ticks, motion)]
+    if state.searches_all:
+        candidates = allowed(ticks, candidates)
     best = best_of(candidates)
     if best is None and candidates:
         best = best_of([_fitted(ticks, motion, max(candidates, key=lambda one: one.presence.log_odds))])
     if best is None:
-        # a contact that holds now may be reported once it has lasted longer
-        wait = LOOK_TICKS if candidates else min(2.0 * beside.wait, LONGEST_WAIT_TICKS)
-        return beside._replace(found=(), wait=wait, is_open=False)
-    if beside.kinds:
-        return _accepted(beside, best, candidates, ticks, motion, first)
-    return _with_all_kinds(beside, best, ticks)
+        # a contact that is present now may be reported once it has lasted longer
+        search_interval = (
+            SEARCH_INTERVAL_TICKS
+            if candidates
+            else min(2.0 * state.search_interval, MAX_SEARCH_INTERVAL_TICKS)
+        )
+        return state._replace(proposals=(), search_interval=search_interval, is_open=False)
+    if state.searches_all:
+        return _accept(state, best, candidates, ticks, motion, first)
+    return _queue_all_kinds(state, best, ticks)
 
 
 def _fitted(ticks: FormationTicks, motion: ConditionalMotion, one: Candidate) -> Candidate:
-    """The candidate with its elements, found on a part of its run, refitted to all of it."""
-    return refined(ticks, motion, one, one.presence.runs[-1])[0]
+    """The candidate, found on a part of its run, refitted to all of it."""
+    return refine(ticks, motion, one, one.presence.runs[-1])[0]
 
 
-def _with_next_kinds(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion, run: Run) -> Beside:
-    """After a search for the next kinds in a run."""
-    some, queue = beside.queue[:AT_ONCE], beside.queue[AT_ONCE:]
+def _search_next_kinds(
+    state: FormationState, ticks: FormationTicks, motion: ConditionalMotion, run: Run
+) -> FormationState:
+    """The state after a search for the next queued kinds in ``run``."""
+    some, queue = state.queue[:KINDS_PER_TICK], state.queue[KINDS_PER_TICK:]
     new = (
-        Elements(kind, one.known.x)
+        ContactElements(kind, one.known.x)
         for kind in some
-        for one in found_in(ticks, motion, CONTACT_MODELS[kind.column], run)
+        for one in search_span(ticks, motion, CONTACT_MODELS[kind.column], run)
     )
-    return beside._replace(queue=queue, found=(*beside.found, *new))
+    return state._replace(queue=queue, proposals=(*state.proposals, *new))
 
 
-def _rejudged(beside: Beside, ticks: FormationTicks, first: KnownContact) -> Beside:
-    """A few kinds more; after the last, what else a contact that holds may be by all ticks of its run."""
-    one, others = beside.held[beside.rejudged], list(beside.held)
-    del others[beside.rejudged]
+def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
+    """Search the next kinds; after the last, compare them with the tracked contact over its whole run."""
+    one, others = state.tracked[state.reclassified], list(state.tracked)
+    del others[state.reclassified]
     motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
     for other in others:
-        known = weigh(ticks, motion, other.elements.known) if other.holds else None
+        known = evaluate(ticks, motion, other.elements.known) if other.is_present else None
         for run in known.presence.runs if known is not None else ():
             motion = motion.keeping(other.elements.known.c, *run)
-    own = weigh(ticks, motion, one.elements.known)
-    if own is None or not one.holds or not _is_now(own.presence, motion):
-        return beside._replace(queue=(), found=(), kinds=False, rejudged=-1)
+    own = evaluate(ticks, motion, one.elements.known)
+    if own is None or not one.is_present or not _is_now(own.presence, motion):
+        return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
     run = own.presence.runs[-1]
-    beside = _with_next_kinds(beside, ticks, motion, run)
-    if beside.queue:
-        return beside
-    candidates = [own, *possible(ticks, _candidates(beside, ticks, motion))]
+    state = _search_next_kinds(state, ticks, motion, run)
+    if state.queue:
+        return state
+    candidates = [own, *allowed(ticks, _candidates(state, ticks, motion))]
     best = max(candidates, key=lambda candidate: candidate.presence.log_odds)
     if best.presence.log_odds < own.presence.log_odds + DECISIVE:
         best = own
     else:
-        best, fitted = refined(ticks, motion, best, best.presence.runs[-1])
-        elements = Elements(best.known.model.contact, best.known.x)
+        best, fitted = refine(ticks, motion, best, best.presence.runs[-1])
+        elements = ContactElements(best.known.model.contact, best.known.x)
         geometry = ticks.geometry_of(fitted)
         if geometry is None:
-            return beside._replace(queue=(), found=(), kinds=False, rejudged=-1)
+            return state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
         one = one._replace(elements=elements, geometry=geometry)
-    holding = [first.c, *(other.elements.known.c for other in others if other.holds)]
+    present = [first.c, *(other.elements.known.c for other in others if other.is_present)]
     part = motion.cut(*run)
-    new = count_constraints(part, [*holding, best.known.c]) - count_constraints(part, holding)
-    held = list(beside.held)
-    held[beside.rejudged] = one._replace(
+    new = count_constraints(part, [*present, best.known.c]) - count_constraints(part, present)
+    tracked = list(state.tracked)
+    tracked[state.reclassified] = one._replace(
         inseparable=inseparable_kinds(ticks, motion, best, candidates, run, new)
     )
-    return beside._replace(held=tuple(held), found=(), kinds=False, rejudged=-1)
+    return state._replace(tracked=tuple(tracked), proposals=(), searches_all=False, reclassified=-1)
 
 
-def _with_all_kinds(beside: Beside, best: Candidate, ticks: FormationTicks) -> Beside:
-    """About to search for all kinds in the ticks in which the best one holds: others may explain as much."""
-    elements, run = Elements(best.known.model.contact, best.known.x), best.presence.runs[-1]
-    return beside._replace(queue=ticks.kinds, span=run.end - run.first, found=(elements,), kinds=True)
+def _queue_all_kinds(state: FormationState, best: Candidate, ticks: FormationTicks) -> FormationState:
+    """Queue all kinds for the run of the best candidate: others may explain it as well."""
+    elements, run = ContactElements(best.known.model.contact, best.known.x), best.presence.runs[-1]
+    return state._replace(
+        queue=ticks.kinds, span=run.end - run.first, proposals=(elements,), searches_all=True
+    )
 
 
-def _candidates(beside: Beside, ticks: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
-    for one in beside.found:
-        candidate = weigh(ticks, motion, one.known)
+def _candidates(
+    state: FormationState, ticks: FormationTicks, motion: ConditionalMotion
+) -> Iterator[Candidate]:
+    for one in state.proposals:
+        candidate = evaluate(ticks, motion, one.known)
         if candidate is not None and _is_now(candidate.presence, motion):
             yield candidate
 
@@ -315,31 +337,31 @@ def _is_now(presence: Presence, motion: ConditionalMotion) -> bool:
     return presence.runs[-1].end == len(motion)
 
 
-def _accepted(
-    beside: Beside,
+def _accept(
+    state: FormationState,
     best: Candidate,
     candidates: list[Candidate],
     ticks: FormationTicks,
     motion: ConditionalMotion,
     first: KnownContact,
-) -> Beside:
-    """With the best candidate among those that hold, if the motion uses the freedom that all leave."""
-    beside = beside._replace(queue=(), found=(), kinds=False, wait=LOOK_TICKS)
-    best, elements = refined(ticks, motion, best, best.presence.runs[-1])
+) -> FormationState:
+    """Track the best candidate, if the motion uses all freedom that the contacts leave."""
+    state = state._replace(queue=(), proposals=(), searches_all=False, search_interval=SEARCH_INTERVAL_TICKS)
+    best, elements = refine(ticks, motion, best, best.presence.runs[-1])
     if not _is_now(best.presence, motion):
-        return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
-    holding = [one for one in beside.held if one.holds]
+        return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
+    present = [one for one in state.tracked if one.is_present]
     run = best.presence.runs[-1]
-    contacts = [first.c, *(one.elements.known.c for one in holding)]
-    before = count_constraints(motion.cut(*run), contacts) if holding else first.model.contact.codimension
+    contacts = [first.c, *(one.elements.known.c for one in present)]
+    before = count_constraints(motion.cut(*run), contacts) if present else first.model.contact.codimension
     constraints = count_constraints(motion.cut(*run), [*contacts, best.known.c])
     uses_freedom = used_directions(ticks.window.cut(*run)) >= DIRECTIONS - constraints
     geometry = ticks.geometry_of(elements)
     if geometry is None or constraints <= before or not uses_freedom:
-        return beside._replace(wait=LONGEST_WAIT_TICKS, is_open=True)
+        return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
     kind, last = best.known.model.contact, best.presence.runs[-1]
-    held = Held(
-        Elements(kind, best.known.x),
+    tracked = TrackedContact(
+        ContactElements(kind, best.known.x),
         geometry,
         inseparable_kinds(ticks, motion, best, candidates, last, constraints - before),
         best.presence.log_odds,
@@ -347,4 +369,4 @@ def _accepted(
         True,
         _refit_at(int(ticks.window.index[-1]), last),
     )
-    return beside._replace(held=(*holding, held), is_open=False, constraints=constraints)
+    return state._replace(tracked=(*present, tracked), is_open=False, constraints=constraints)

@@ -1,4 +1,4 @@
-"""When a further contact holds: two states, absent and present, from tick to tick (docs/theory.md, T37)."""
+"""Runs in which a further contact holds: a two-state hidden Markov model (docs/theory.md, T37)."""
 
 from math import log
 from typing import Final, NamedTuple
@@ -9,34 +9,34 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 AT_FIRST: Final = 0.1
-"""Probability that it is there when the first one begins."""
+"""Probability that it is present when the first contact begins."""
 
 
 class Run(NamedTuple):
-    """Ticks ``first`` to ``end`` (excluded) in which it holds."""
+    """Ticks ``first`` to ``end`` (excluded) in which a contact holds."""
 
     first: int
     end: int
 
     def overlaps(self, other: "Run") -> bool:
-        """Whether some tick is in both."""
+        """Whether the runs share a tick."""
         return self.first < other.end and other.first < self.end
 
 
 class Presence(NamedTuple):
-    """The most probable ``runs``, and how much more probable they are than none at all (nats)."""
+    """The most probable ``runs``, and their log odds (nats) against no run."""
 
     runs: tuple[Run, ...]
     log_odds: float
 
 
 def most_probable(log_ratio: Array, log_change: Array) -> Presence:
-    """Viterbi's path over absent and present.
+    """Viterbi path over the states absent and present.
 
     Parameters
     ----------
     log_ratio : (W,) evidence of each tick for the contact.
-    log_change : (W,) log probability that it joins or leaves right before a tick.
+    log_change : (W,) log probability that it begins or ends right before a tick.
     """
     absent, present = log(1.0 - AT_FIRST), log(AT_FIRST)
     came_from_present, came_from_absent = [], []  # of absent, of present
@@ -60,7 +60,7 @@ def most_probable(log_ratio: Array, log_change: Array) -> Presence:
 
 
 def _runs(is_present: bool, came_from_present: list[bool], came_from_absent: list[bool]) -> tuple[Run, ...]:
-    """The path that ends like that."""
+    """The runs of the path that ends in the state ``is_present``, by backtracking."""
     runs, end = list[Run](), len(came_from_present)
     for tick in range(len(came_from_present) - 1, -1, -1):
         if is_present and came_from_absent[tick]:

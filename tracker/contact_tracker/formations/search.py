@@ -1,8 +1,8 @@
-"""Elements of a further contact, from moments of the ticks alone (docs/theory.md, T36).
+"""Search for the elements of a further contact from moments of the ticks (docs/theory.md, T36).
 
-The squares of a residual must be as small as the noise, and motion that keeps the contacts known before must
-be able to make it large: of what these imply it is not. All three are quadratic forms of the residual's
-coefficients.
+Residuals of a further contact are as small as the noise, although motion that keeps the known contacts could
+make them large; those that the known contacts imply are not. Squared residual, noise and free motion are
+quadratic forms of the residual's coefficients.
 """
 
 from dataclasses import dataclass
@@ -25,33 +25,33 @@ from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
-LEAST_RATIO: Final = 2.0
-"""A further constraint may be kept where motion could have violated it by so many times the squares that are
-left of it; each contact has one row or more with that."""
+MIN_RATIO: Final = 2.0
+"""Least ratio of free motion to squared residual for a constraint to be kept; every contact has at least one
+such row."""
 RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
-"""Every contact keeps the constraint of at least one of these."""
+"""Contact kinds of single constraints: every contact keeps at least one of them."""
 NOISE_SHARE: Final = 0.1
 LEAST_NORMAL: Final = 1e-9
 RIDGE: Final = 1e-9
 ROUNDING: Final = 1e-14
-"""Of the trace of the squares: sums of squares are not known better."""
+"""Accuracy of the sums of squares, relative to their trace."""
 FOLLOWED_STARTS: Final = 12
 ROUNDS: Final = ((4, 5), (10, 2))
-"""So many steps, and on from so many of the best."""
+"""Numbers of descent steps, and of the best starts that continue after them."""
 FIRST_DAMPING: Final = 1.0
 LESS: Final = 0.3
 MORE: Final = 6.0
 TINY: Final = 1e-12
 RELAXED_STARTS: Final = 2
 DRAWS: Final = 7
-"""A seed of random directions."""
+"""Seed of the random directions."""
 
 
 class Moments(NamedTuple):
-    """Mean squares (C, C) of a contact's lifted poses over some ticks, each over the noise of its position.
+    """Mean second moments (C, C) of a contact's lifted poses over some ticks, scaled by position noise.
 
-    ``square`` of what was measured, ``free`` of what motion that keeps the contacts known before makes of it
-    in a tick, and ``noise`` of what noise does.
+    ``square`` of the measurement, ``free`` of the motion in a tick that the known contacts allow, ``noise``
+    of the measurement noise.
     """
 
     square: Array
@@ -61,7 +61,7 @@ class Moments(NamedTuple):
 
 
 def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
-    """Of ticks (W,)."""
+    """Moments of the ticks of ``motion``."""
     weight = 1.0 / motion.noise_sd[:, 3:4]
     square = model.lifted(motion.new) * weight
     moved = np.swapaxes(motion.free, 1, 2) @ motion.moved
@@ -74,14 +74,14 @@ def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
 
 
 def relaxed_ratio(of: Moments) -> float:
-    """The largest ratio of what motion could have made of a residual to what is left of it, whatever its
-    coefficients: no contact has a larger one (but for noise)."""
+    """The largest ratio of free motion to squared residual over all coefficients: an upper bound for
+    contacts, up to noise."""
     lower, free = _whitened(of)
     return float(np.linalg.eigvalsh(_congruent(lower, free))[-1])
 
 
 def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
-    """Starts with the directions that solve the relaxed problem; the others are those of x (B, S)."""
+    """Starting points: directions from the relaxed problem, other coordinates from x (B, S)."""
     lower, free = _whitened(of)
     scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
     vectors = np.linalg.eigh(_congruent(lower, free))[1][:, : -1 - RELAXED_STARTS : -1]
@@ -107,7 +107,7 @@ def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
 
 
 def _whitened(of: Moments) -> tuple[Array, Array]:
-    """The lower factor of the squares, with a little noise, and the free motion, both scaled by the noise."""
+    """The Cholesky factor of the regularised squares, and the free motion, both whitened by the noise."""
     scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
     outer = scale[:, None] * scale
     lift = ROUNDING * of.square.trace()
@@ -149,7 +149,7 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
 
 
 class _Problem(NamedTuple):
-    """One contact, some ticks: half the squares over the noise, less what motion could have made of them."""
+    """Cost of one contact: half the squared residuals over noise, less the log of what free motion allows."""
 
     model: ContactModel
     of: Moments
@@ -164,13 +164,13 @@ class _Problem(NamedTuple):
         return np.asarray(0.5 * self.of.ticks * terms.sum(axis=1) + self._prior(x).cost(x))
 
     def ratio(self, x: Array) -> Array:
-        """(B,) squares over what motion could have made of them: of what is implied that is large."""
+        """(B,) squared residual over that of free motion; large for constraints that are implied."""
         c = self.model.family.rows(x)
         square, free, noise = (self._form(c, matrix) for matrix in self.of[:3])
         return np.asarray((square / noise).sum(axis=1) / (free / noise).sum(axis=1))
 
     def complete(self, x: Array) -> Array:
-        """x (B, S) with coordinates at which its directions cost least."""
+        """x (B, S) with the other coordinates at their minimum, given its directions."""
         count = len(x)
         return gauss_newton.complete(
             self.model.family,
@@ -182,7 +182,7 @@ class _Problem(NamedTuple):
         )[0]
 
     def descend(self, x: Array, steps: int) -> Array:
-        """Some damped steps from x (B, S); where they lead."""
+        """The result of ``steps`` damped Gauss-Newton steps from x (B, S)."""
         family, anchors = self.model.family, self.anchors.repeat(len(x), axis=0)
         cost, damping = self.cost(x), np.full(len(x), FIRST_DAMPING)
         for _ in range(steps):

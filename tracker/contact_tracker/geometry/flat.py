@@ -1,4 +1,4 @@
-"""Elements in one form whatever they are, so that tables have one schema (docs/conventions.md)."""
+"""Elements in one uniform form, so that tables have one schema (docs/conventions.md)."""
 
 import json
 from typing import Any, Final

@@ -38,17 +38,17 @@ class Survivors:
             if before not in nodes:
                 nodes.add(before)
                 heappush(latest, before)
-        return self._tell(latest[0])
+        return self._release(latest[0])
 
     def finish(self, frontier: FilterFrontier) -> list[PathSegment]:
         """The rest of the best path, at the end of the stream."""
-        return self._tell((-(self.first + len(self)), int(frontier.state[frontier.best.argmax()])))
+        return self._release((-(self.first + len(self)), int(frontier.state[frontier.best.argmax()])))
 
     def _before(self, node: Node) -> Node:
         onset, origin = self._best[-node[0] - self.first - 1][:, node[1]].tolist()
         return -onset, origin
 
-    def _tell(self, node: Node) -> list[PathSegment]:
+    def _release(self, node: Node) -> list[PathSegment]:
         """The segments up to a node; they are dropped from memory."""
         path: list[PathSegment] = []
         end = -node[0]

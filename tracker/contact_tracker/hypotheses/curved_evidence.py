@@ -70,9 +70,9 @@ def fit_curved(window: Window, scales: EvidenceParameters, known: CurvedFit | No
     origin_m = lifts[:, T].mean(axis=0)
     if known is not None:
         start = known.about(origin_m)[None]
-        return _Fit.of(known.contact, lifts, variance, scales, start).judged(excess, origin_m)
+        return _Fit.of(known.contact, lifts, variance, scales, start).best_fit(excess, origin_m)
     fits = (_Fit.of(contact, lifts, variance, scales) for contact in CURVED_CONTACTS)
-    return max((fit.judged(excess, origin_m) for fit in fits), key=lambda one: one.log_evidence)
+    return max((fit.best_fit(excess, origin_m) for fit in fits), key=lambda one: one.log_evidence)
 
 
 class _Fit(NamedTuple):
@@ -123,28 +123,28 @@ class _Fit(NamedTuple):
     def minimised(self, steps: int) -> tuple["_Fit", Array]:
         """After so many steps of Levenberg and Marquardt, and the cost (S,)."""
         fit, damping = self, np.full(len(self.x), FIRST_DAMPING)
-        touch, noise, cost = fit.look()
+        touch, noise, cost = fit.residuals()
         for _ in range(steps):
             hessian, gradient = _quadratic(touch, noise)
             gradient += self.information * (fit.x - self.centre)
             damped = hessian * (1.0 + damping[:, None, None] * np.eye(self.contact.size))
             step = np.linalg.solve(damped + np.diag(self.information), gradient[..., None])[..., 0]
             ahead = fit._replace(x=fit.x - step)
-            tried = ahead.look()
+            tried = ahead.residuals()
             better = tried.cost < cost
             damping = np.minimum(damping * np.where(better, *DAMPING), MOST_DAMPING)
             fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
-            cost, noise = np.where(better, tried.cost, cost), _chosen(better, tried.noise, noise)
-            touch = Touch(*(_chosen(better, *both) for both in zip(tried.touch, touch, strict=True)))
+            cost, noise = np.where(better, tried.cost, cost), _where(better, tried.noise, noise)
+            touch = Touch(*(_where(better, *both) for both in zip(tried.touch, touch, strict=True)))
         return fit, cost
 
-    def look(self) -> "_Look":
+    def residuals(self) -> "_Residuals":
         """At the residuals; the size of the noise costs as well, or long levers would pay."""
         touch = self.contact.touch(self.x, self.rotation, self.position)
         noise = self.along_normal(touch, self.variance) + SURFACE_M**2
         misfit = (touch.residual**2 / noise + np.log(noise / SURFACE_M**2)).sum(axis=1)
         away = (self.information * (self.x - self.centre) ** 2).sum(axis=1)
-        return _Look(touch, noise, 0.5 * (misfit + away))
+        return _Residuals(touch, noise, 0.5 * (misfit + away))
 
     def along_normal(self, touch: Touch, of_pose: Array) -> Array:
         """Variance (S, N) of the distance where position and orientation have ``of_pose`` (N, 2): T16."""
@@ -154,14 +154,14 @@ class _Fit(NamedTuple):
         lever_sq = (arm * arm).sum(axis=-1) - (arm * touch.normal).sum(axis=-1) ** 2
         return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
 
-    def judged(self, excess: Array, origin_m: Array) -> CurvedFit:
+    def best_fit(self, excess: Array, origin_m: Array) -> CurvedFit:
         """The best of these, where free motion has variances ``excess`` (N, 2) beyond the noise."""
         evidence = _evidence(self, excess)
         best = int(evidence.argmax())
         return CurvedFit(float(evidence[best]), self.contact, self.x[best], origin_m)
 
 
-class _Look(NamedTuple):
+class _Residuals(NamedTuple):
     touch: Touch
     noise: Array
     cost: Array
@@ -169,7 +169,7 @@ class _Look(NamedTuple):
 
 def _evidence(fit: _Fit, excess: Array) -> Array:
     """Of the starts (S,) of a fit, where free motion has variances ``excess`` (N, 2) beyond the noise."""
-    touch, noise, _ = fit.look()
+    touch, noise, _ = fit.residuals()
     lever = fit.scales.body_radius_m**2 * excess[:, 1]
     free = noise + lever + fit.along_normal(touch, excess)
     gain, half = 0.5 * np.log(free / noise), len(excess) // 2
@@ -177,10 +177,10 @@ def _evidence(fit: _Fit, excess: Array) -> Array:
     first = Touch(*(part[:, :half] for part in touch))
     before, _ = _quadratic(first, noise[:, :half])
     after, _ = _quadratic(touch, noise)
-    price = 0.5 * (
+    complexity = 0.5 * (
         _log_volume(after + np.diag(fit.information)) - _log_volume(before + np.diag(fit.information))
     )
-    ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - price
+    ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - complexity
     return np.asarray(fit.scales.likelihood_exponent * ratio)
 
 
@@ -199,5 +199,5 @@ def _draws(size: int) -> Array:
     return np.random.default_rng(SEED).normal(size=(STARTS, size))
 
 
-def _chosen(which: NDArray[np.bool_], new: Array, old: Array) -> Array:
+def _where(which: NDArray[np.bool_], new: Array, old: Array) -> Array:
     return np.where(which.reshape(-1, *(1 for _ in new.shape[1:])), new, old)

@@ -97,27 +97,27 @@ def search(
     model: ContactModel,
     scales: EvidenceParameters,
     drawn: Array,
-    weigh: Callable[[Bank, Index], Bank],
+    evaluate: Callable[[Bank, Index], Bank],
 ) -> Bank:
     """Search minima of ``rows`` from many starts, and replace those for which a better one is found.
 
     Parameters
     ----------
     drawn : (N, S) or (R, N, S) directions to start from, beside the solutions of the relaxed problem.
-    weigh : refits the hypotheses found, given with the row of ``bank`` that each belongs to.
+    evaluate : refits the hypotheses found, given with the row of ``bank`` that each belongs to.
     """
     if not len(rows):
         return bank
     x = _found(bank, rows, model, scales, drawn)
     many = x.shape[1]
     of = rows.repeat(many)
-    some = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
+    found = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
     for _ in range(SEARCH_REFITS):
-        some = weigh(some, of)
-    told = some.log_likelihood.reshape(-1, many)
-    best = told.argmax(axis=1) + many * np.arange(len(rows))
-    improved = np.flatnonzero(told.max(axis=1) > bank.log_likelihood[rows])
-    return bank.replace_rows(rows[improved], some, best[improved])
+        found = evaluate(found, of)
+    log_likelihood = found.log_likelihood.reshape(-1, many)
+    best = log_likelihood.argmax(axis=1) + many * np.arange(len(rows))
+    improved = np.flatnonzero(log_likelihood.max(axis=1) > bank.log_likelihood[rows])
+    return bank.replace_rows(rows[improved], found, best[improved])
 
 
 def select_for_search(bank: Bank, model: ContactModel) -> Index:
@@ -145,9 +145,9 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
     known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
-    told = ElementPrior(mean, bank.prior_information[rows]).is_given(model)
+    is_given = ElementPrior(mean, bank.prior_information[rows]).is_given(model)
     x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))], axis=1)
-    x = np.where(told[:, None], mean[:, None], x)
+    x = np.where(is_given[:, None], mean[:, None], x)
     windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])
     x = _least(
         *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), FOLLOWED_STARTS

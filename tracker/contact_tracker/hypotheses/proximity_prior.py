@@ -36,7 +36,7 @@ class ProximityEvidence(NamedTuple):
     """(2,) part of it that one angle, and that the distance, contributes where it vanishes."""
 
     def of(self, begins: BirthProposals) -> BirthProposals:
-        """The proposals with their shares given the pose; hopeless ones are left out."""
+        """The proposals with their shares given the pose; negligible ones are left out."""
         return begins.sharing(self.log_share).pick(self.log_share > _HOPELESS)
 
 

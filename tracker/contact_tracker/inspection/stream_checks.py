@@ -51,7 +51,7 @@ LOWEST: Final = -100.0
 
 
 class Finding(NamedTuple):
-    """One finding: ``text`` is one line that says what to try."""
+    """One finding: ``text`` is one line with a remedy."""
 
     kind: str
     text: str

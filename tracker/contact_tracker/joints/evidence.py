@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.formations.complexity import elements_complexity
 from contact_tracker.formations.conditional import ConditionalMotion
 from contact_tracker.formations.further import SURE_NATS, KnownContact
-from contact_tracker.formations.price import price
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel, Residual
 from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
@@ -100,7 +100,7 @@ def fit_joint(
         residual = model.residual(frames, window.zeta)
         play = _play(_whitened(residual, noise_sd, scales).residual, most_play)
     hessian = _whitened(residual, noise_sd, scales, play).normal()[0]
-    evidence = _log_ratio(residual, window, scales, play) - _price(hessian, deviation)
+    evidence = _log_ratio(residual, window, scales, play) - _complexity(hessian, deviation)
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
     return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence)
 
@@ -135,7 +135,7 @@ def contact_evidence(
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
     play = _play(_whitened(residual, _noise_sd(window), scales).residual, most_play)
     factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
-    cost = price(contact.model, contact.x, motion, window, scales, factor)
+    cost = elements_complexity(contact.model, contact.x, motion, window, scales, factor)
     return scales.likelihood_exponent * (_log_ratio(residual, window, scales, play) - cost)
 
 
@@ -205,7 +205,7 @@ def _play(white: Array, most: float) -> Array:
     return np.asarray((axes * np.clip(np.sqrt(np.maximum(variance, 0.0)), 1.0, most)) @ axes.T)
 
 
-def _price(hessian: Array, deviation: Array) -> float:
+def _complexity(hessian: Array, deviation: Array) -> float:
     """Complexity (nats) of parameters with this ``hessian`` (P, P) and prior ``deviation`` (P,)."""
     scaled = hessian * deviation[:, None] * deviation
     return 0.5 * float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])

@@ -45,7 +45,9 @@ class ElementPair(NamedTuple):
         """
         ours = None if self.object is None else _of_body(self.object.element)
         theirs = None if self.up is None else _facing(self.up)
-        return ours, theirs if self.environment is None else _seen(self.environment.element, origin_m)
+        return ours, theirs if self.environment is None else _relative_to_origin(
+            self.environment.element, origin_m
+        )
 
 
 @lru_cache(maxsize=512)
@@ -54,7 +56,7 @@ def _of_body(element: Element) -> Element:
 
 
 @lru_cache(maxsize=512)
-def _seen(element: Element, origin_m: tuple[float, ...]) -> Element:
+def _relative_to_origin(element: Element, origin_m: tuple[float, ...]) -> Element:
     """The element from another origin; cached, so that equal elements are one object and their priors are
     found."""
     return shifted(element, -np.array(origin_m))

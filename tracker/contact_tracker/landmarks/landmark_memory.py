@@ -71,12 +71,12 @@ class LandmarkMemory:
     @cached_property
     def due_ns(self) -> dict[int, int]:
         """Time from which the elements of each stored contact are due again, by onset."""
-        looked_ns = dict[int, int]()
+        latest_ns = dict[int, int]()
         for landmark in (*self.object, *self.environment):
-            looked_ns[landmark.onset_ns] = max(
-                landmark.stamp_ns, looked_ns.get(landmark.onset_ns, landmark.stamp_ns)
+            latest_ns[landmark.onset_ns] = max(
+                landmark.stamp_ns, latest_ns.get(landmark.onset_ns, landmark.stamp_ns)
             )
-        return {onset: onset + math.ceil(LONGER * (stamp - onset)) for onset, stamp in looked_ns.items()}
+        return {onset: onset + math.ceil(LONGER * (stamp - onset)) for onset, stamp in latest_ns.items()}
 
     def is_due(self, onset_ns: int, stamp_ns: int) -> bool:
         """Whether elements of a contact with this onset are due at ``stamp_ns``."""
@@ -146,7 +146,7 @@ class _Candidate(NamedTuple):
 
     known: NamedElement | None
     is_last: bool
-    was_met: bool
+    touched_itself: bool
     is_latest: bool = True
 
     @property
@@ -163,16 +163,20 @@ def _candidates(landmarks: tuple[Landmark, ...], kind: str, last_ns: int) -> tup
     end of the last edge counts as having touched; other elements incident with the last contact do not, such
     as an unknown edge through the last vertex.
     """
-    offers = [_Candidate(None, all(beside.onset_ns != last_ns for beside in landmarks), True)]
-    edges = [beside for beside in landmarks if beside.element.kind == "e"][-1:] if kind == "v" else []
-    latest_ns = max((beside.onset_ns for beside in landmarks if beside.element.kind == kind), default=last_ns)
-    for beside in landmarks:
-        is_last = beside.onset_ns == last_ns
-        is_latest = beside.onset_ns >= latest_ns
-        if beside.element.kind == kind:
-            offers.append(_Candidate(beside.element, is_last, True, is_latest))
-        elif is_last or beside in edges:
-            offers.append(_Candidate(_incident_landmark(beside, kind), is_last, beside in edges, is_latest))
+    offers = [_Candidate(None, all(landmark.onset_ns != last_ns for landmark in landmarks), True)]
+    edges = [landmark for landmark in landmarks if landmark.element.kind == "e"][-1:] if kind == "v" else []
+    latest_ns = max(
+        (landmark.onset_ns for landmark in landmarks if landmark.element.kind == kind), default=last_ns
+    )
+    for landmark in landmarks:
+        is_last = landmark.onset_ns == last_ns
+        is_latest = landmark.onset_ns >= latest_ns
+        if landmark.element.kind == kind:
+            offers.append(_Candidate(landmark.element, is_last, True, is_latest))
+        elif is_last or landmark in edges:
+            offers.append(
+                _Candidate(_incident_landmark(landmark, kind), is_last, landmark in edges, is_latest)
+            )
     return tuple(offers)
 
 
@@ -183,7 +187,7 @@ def _is_plausible_pair(ours: _Candidate, theirs: _Candidate) -> bool:
     of them is of the last contact. An unknown element pairs with the latest landmark of its kind on the other
     side, and known elements of the last contact pair with all.
     """
-    if not ((ours.was_met and theirs.was_met) or (ours.is_last and theirs.is_last)):
+    if not ((ours.touched_itself and theirs.touched_itself) or (ours.is_last and theirs.is_last)):
         return False
     if ours.is_last or theirs.is_last:
         return not (ours.known is None and theirs.known is None)

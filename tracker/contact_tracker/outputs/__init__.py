@@ -1,1 +1,1 @@
-"""How beliefs, segments and summaries are written: pure formatting."""
+"""Formatting of beliefs, segments and summaries as text and JSON."""

@@ -1,4 +1,4 @@
-"""What a tracker has adapted to, and what has to be known about its stream: for people and for programs."""
+"""Formatting of a tracker's adaptation report: text, warnings and JSON."""
 
 import math
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from contact_tracker.adaptation import Report
 
 
 def noise_text(report: Report) -> str:
-    """The noise of a pose and of a tick, and how they were found."""
+    """The noise of a pose and of a tick, and their origin."""
     given = "" if report.model.noise.estimated else " (as given)"
     lasting = f", errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
     return (
@@ -18,7 +18,7 @@ def noise_text(report: Report) -> str:
 
 
 def warnings(report: Report) -> Iterator[str]:
-    """One line of each thing that has to be known, with what to try."""
+    """One line for each problem of the stream, with a remedy."""
     asked, chosen = report.model, report.chosen
     if chosen.tick_s > asked.tick_s:
         yield (
@@ -34,7 +34,7 @@ def warnings(report: Report) -> Iterator[str]:
 
 
 def report_json(report: Report) -> dict[str, Any]:
-    """The same as one object."""
+    """The report as one JSON object."""
     return {
         "noise_estimated": report.model.noise.estimated,
         "noise_decided": report.is_decided,
@@ -52,7 +52,7 @@ def report_json(report: Report) -> dict[str, Any]:
 
 
 def _chosen(report: Report) -> str:
-    """How the noise of a tick was found, where it is not what white noise leaves."""
+    """The origin of a tick's noise, where it is not that of averaged white noise."""
     if not report.model.noise.estimated:
         return ""
     if not report.is_decided:
@@ -71,5 +71,5 @@ def _deviations(sigma: tuple[float, float]) -> str:
 
 
 def _two_figures(value: float) -> str:
-    """Without an exponent."""
+    """Two significant digits, without an exponent."""
     return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}" if value >= 1e-4 else "0"

@@ -1,4 +1,4 @@
-"""Which beliefs of a stream are worth a line: where a contact is new, has become settled, joins or leaves."""
+"""Changes between beliefs that are reported: new or settled labels, further contacts that begin or end."""
 
 from typing import Final
 
@@ -7,18 +7,18 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 
 SAME_NS: Final = 1_000_000_000
-"""The estimated onset of a further contact may change by less than that from belief to belief."""
+"""Largest change of a further contact's estimated onset from belief to belief (ns)."""
 
 
 class Changes:
-    """What was reported last: ``label``, and whether as ``settled``."""
+    """The last reported ``label``, and whether it was ``settled``."""
 
     def __init__(self) -> None:
         self.label: Contact | None = None
         self.settled = False
 
     def takes(self, belief: Belief) -> bool:
-        """Whether the next belief is worth a line; it is the last one from then on."""
+        """Whether the next belief is reported; updates the last one."""
         changed, settles = belief.contact is not self.label, is_settled(belief)
         is_news = changed or (settles and not self.settled)
         self.label, self.settled = belief.contact, settles or (self.settled and not changed)
@@ -26,13 +26,13 @@ class Changes:
 
 
 class FormationChanges:
-    """Notices which further contacts join and leave from belief to belief: those ``before`` were shown."""
+    """Finds further contacts that begin or end from belief to belief; ``before`` are the last ones."""
 
     def __init__(self) -> None:
         self.before: tuple[FurtherContact, ...] = ()
 
     def update(self, belief: Belief) -> tuple[list[FurtherContact], list[FurtherContact]]:
-        """Those that join with a belief, and those that leave."""
+        """The further contacts that begin with a belief, and those that end."""
         before, self.before = self.before, belief.further
         joins = [one for one in belief.further if not any(_is_same(one, other) for other in before)]
         leaves = [one for one in before if not any(_is_same(one, other) for other in belief.further)]

@@ -1,4 +1,4 @@
-"""What a recording holds, for people and for programs."""
+"""Formatting of a recording's summary: text and JSON."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -10,11 +10,11 @@ from contact_tracker.outputs.adaptation import noise_text, report_json, warnings
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
 
 Reports = Mapping[PoseSource, Report | None]
-"""What a tracker adapts to in each source, where that is known."""
+"""A tracker's adaptation report for each source, if known."""
 
 
 def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
-    """A block per pose source, then the other topics, metadata and attachments."""
+    """A block for each pose source, then other topics, metadata and attachments."""
     for source in summary.sources:
         yield printable(str(source.source))
         for name, text in _source_rows(source, reports.get(source.source)):
@@ -39,7 +39,7 @@ def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
 
 
 def summary_json(summary: RecordingSummary, reports: Reports) -> dict[str, Any]:
-    """The same as one object; null where a figure could not be had."""
+    """The summary as one JSON object; null for unknown figures."""
     return {
         "sources": [_source_json(source, reports.get(source.source)) for source in summary.sources],
         "more_sources": summary.more_sources,

@@ -1,4 +1,4 @@
-"""Beliefs and segments for programs: JSON lines and CSV (docs/conventions.md)."""
+"""Beliefs as JSON lines and segments as CSV (docs/conventions.md)."""
 
 import csv
 import json
@@ -13,7 +13,7 @@ CSV_COLUMNS: Final = (
 
 
 def json_line(belief: Belief) -> str:
-    """One belief as one JSON object, without the line's end."""
+    """One belief as one JSON object, without newline."""
     return json.dumps(belief.to_json(), allow_nan=False)
 
 

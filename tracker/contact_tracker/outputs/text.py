@@ -1,4 +1,4 @@
-"""Beliefs and segments for people: lines of fixed width, geometry in words."""
+"""Text of beliefs and segments: lines of fixed width, geometry in words."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
@@ -21,12 +21,12 @@ TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 
 def is_settled(belief: Belief) -> bool:
-    """Whether the contact is nearly sure, and no other one fits the motion as well."""
+    """Whether the contact is nearly certain and distinguishable from all others."""
     return bool(belief.probability[belief.contact.column] >= SURE) and not belief.inseparable
 
 
 def change_line(belief: Belief, origin_ns: int) -> str:
-    """A contact that is new, or settled; times in seconds after ``origin_ns``."""
+    """A line on a new or settled contact; times in seconds after ``origin_ns``."""
     return (
         f"{_seconds(belief.stamp_ns, origin_ns):8.2f}  {belief.contact.value:<7} "
         f"{belief.probability[belief.contact.column]:5.2f}  {_seconds(belief.onset_ns, origin_ns):8.2f}  "
@@ -35,7 +35,7 @@ def change_line(belief: Belief, origin_ns: int) -> str:
 
 
 def join_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
-    """A further contact that joins, as ``change_line``."""
+    """A line on a further contact that begins, like ``change_line``."""
     kind = JOINS + further.contact.value
     return (
         f"{_seconds(stamp_ns, origin_ns):8.2f}  {kind:<7} {further.probability:5.2f}  "
@@ -44,13 +44,13 @@ def join_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
 
 
 def leave_line(further: FurtherContact, stamp_ns: int, origin_ns: int) -> str:
-    """A further contact that leaves."""
+    """A line on a further contact that ends."""
     since_s = _seconds(further.start_ns, origin_ns)
     return f"{_seconds(stamp_ns, origin_ns):8.2f}  {LEAVES + further.contact.value:<7}        {since_s:8.2f}"
 
 
 def status_text(belief: Belief, origin_ns: int) -> str:
-    """The state of affairs, short enough for a terminal's line."""
+    """The current belief, short enough for a line of a terminal."""
     ranked = np.argsort(-belief.probability)[:3]
     likely = "  ".join(f"{STATES[i].value} {belief.probability[i]:.2f}" for i in ranked)
     at_s, duration_s = _seconds(belief.stamp_ns, origin_ns), _seconds(belief.stamp_ns, belief.onset_ns)
@@ -58,14 +58,12 @@ def status_text(belief: Belief, origin_ns: int) -> str:
 
 
 def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
-    """A line per segment, per contact that joins it (``+``), and of the joint it is moved in (``=``).
+    """A line per segment, per further contact (``+``) and joint (``=``), and the total ambiguous time.
 
     Times are in seconds after ``origin_ns``.
-
-    The last says how much is left untold.
     """
     yield TABLE_HEADER
-    total_s = untold_s = 0.0
+    total_s = ambiguous_s = 0.0
     for segment in segments:
         start, end = (_seconds(t, origin_ns) for t in (segment.start_ns, segment.end_ns))
         yield (
@@ -85,15 +83,15 @@ def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
                 f"{segment.joint.probability:5.2f}  {describe_joint(segment.joint)}"
             ).rstrip()
         total_s += end - start
-        untold_s += end - start if segment.inseparable else 0.0
-    if untold_s:
-        yield f"The motion leaves the contact open for {untold_s:.2f} of {total_s:.2f} s."
+        ambiguous_s += end - start if segment.inseparable else 0.0
+    if ambiguous_s:
+        yield f"The motion leaves the contact open for {ambiguous_s:.2f} of {total_s:.2f} s."
 
 
 def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()) -> str:
     """``edge ... on face ...; or v-f, free``; after +/- the standard deviation in the worst direction.
 
-    After ``or`` stand the states that the motion does not tell from the one named.
+    After ``or`` follow the states that the motion does not distinguish from the label.
     """
     others = alternatives(inseparable)
     where = "" if geometry is None else f"{_element(geometry.object)} on {_element(geometry.environment)}"
@@ -101,7 +99,7 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
 
 
 def describe_joint(joint: Joint) -> str:
-    """``axis ... on axis ...; pitch ...``, of the object and its surroundings."""
+    """``axis ... on axis ...; pitch ...``, of the object and the surroundings."""
     name = "centre" if joint.kind is JointKind.BALL else "axis"
     where = f"{_element(joint.object, name)} on {_element(joint.environment, name)}"
     if joint.kind is not JointKind.SCREW or joint.pitch_m_per_rad is None:
@@ -112,12 +110,12 @@ def describe_joint(joint: Joint) -> str:
 
 
 def alternatives(inseparable: Sequence[Contact]) -> str:
-    """``v-f, free``; all of them are ``any other``."""
+    """``v-f, free``; ``any other`` for all of them."""
     return "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
 
 
 def _element(element: Element, called: str | None = None) -> str:
-    """``called`` instead of face, edge or vertex."""
+    """An element in words, with ``called`` instead of face, edge or vertex."""
     open_ways = ", ".join(_way(way) for way in element.unobserved)
     match element:
         case Plane(normal, offset_m, covariance):
@@ -135,7 +133,7 @@ def _element(element: Element, called: str | None = None) -> str:
     if element.name is not None:
         name = element.name if name in element.name.split() else f"{name} {element.name}"
     shifts = sum(way.how == "shifts_along" for way in element.unobserved)
-    if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point of all
+    if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point
         return f"{name} (unobserved)"
     return f"{name}{where}" + (f" (unobserved: {open_ways})" if open_ways else "")
 

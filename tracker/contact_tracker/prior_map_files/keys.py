@@ -1,4 +1,4 @@
-"""A TOML table whose keys are read one by one, each checked; what is left over is refused."""
+"""Validated access to the keys of a TOML table; unknown keys are rejected."""
 
 import math
 from typing import Any, Final
@@ -11,14 +11,14 @@ from contact_tracker.geometry.elements import Array
 
 FARTHEST_M: Final = 1e6
 SIZES_M: Final = (1e-4, 1e3)
-"""What a body may measure along an edge."""
+"""Range of a body's size along an edge (m)."""
 LONGEST_TEXT: Final = 200
 UNIT_TOLERANCE: Final = 0.01
-"""A direction whose length is farther from 1 than this is taken for a slip of the hand."""
+"""Largest deviation of a direction's length from 1."""
 
 
 class Keys:
-    """The keys of one table; ``name`` is what errors call it."""
+    """The keys of one table; ``name`` is its name in errors."""
 
     def __init__(self, table: Any, name: str) -> None:
         if not isinstance(table, dict):
@@ -38,13 +38,13 @@ class Keys:
         return KnowledgeError(self.called(key), reason)
 
     def finish(self) -> None:
-        """Refuse what nobody asked for."""
+        """Reject keys that were not read."""
         for key in self._table:
             if key not in self._asked:
                 raise self.wrong(key, f"unknown; known are {', '.join(self._asked)}")
 
     def number(self, key: str, default: float | None, low: float, high: float) -> float:
-        """A number from ``low`` to ``high``; ``default`` None makes it obligatory."""
+        """A number from ``low`` to ``high``; it is required if ``default`` is None."""
         value = self._take(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.wrong(key, f"must be a number, not {type(value).__name__}")
@@ -82,7 +82,7 @@ class Keys:
         return value
 
     def direction(self, key: str, size: int = 3, default: list[float] | None = None) -> Array:
-        """A vector of length 1, give or take a hundredth, which is taken out."""
+        """A vector of length 1 within a hundredth, normalised."""
         value = self.vector(key, size, default)
         length = math.hypot(*value)
         if abs(length - 1.0) > UNIT_TOLERANCE:
@@ -96,7 +96,7 @@ class Keys:
         return rotation, self.vector("position_m", 3, [0.0, 0.0, 0.0])
 
     def table(self, key: str) -> "Keys":
-        """The table ``key``, empty where there is none."""
+        """The table ``key``, empty if absent."""
         return Keys(self._take(key, {}), self.called(key))
 
     def tables(self, key: str) -> "list[Keys]":

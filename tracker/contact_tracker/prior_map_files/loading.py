@@ -1,4 +1,5 @@
-"""What the user knows, from a TOML file or a table of the same keys, each checked (docs/knowledge.md)."""
+"""Loading of a prior map from a TOML file or a table of the same keys, with validation
+(docs/knowledge.md)."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -32,7 +33,7 @@ MOST_ELEMENTS: Final = 200
 
 
 def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
-    """Read a TOML file; ``note`` is told what is not an error but should be known, a line each.
+    """Read a TOML file; ``note`` is called with one line for each warning.
 
     Raises
     ------
@@ -42,17 +43,17 @@ def load_knowledge(path: str, note: Note = lambda _: None) -> PriorMap:
 
 
 def read_table(path: str) -> dict[str, Any]:
-    """The keys of a TOML file, not yet checked."""
+    """The keys of a TOML file, not validated."""
     try:
         return parse_toml(read_regular(Path(path), MOST_BYTES).decode("utf-8"))
     except OSError as error:
         raise KnowledgeError("", f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:  # what is not UTF-8 or not TOML, and names with a zero byte
+    except (ValueError, RecursionError) as error:  # invalid UTF-8 or TOML, and names with a zero byte
         raise KnowledgeError("", f"{path} is not TOML: {error}") from error
 
 
 def files_named(path: str) -> list[Path]:
-    """A file that says what is known, and the meshes that it names.
+    """A prior-map file and the meshes that it names.
 
     Raises
     ------
@@ -66,7 +67,7 @@ def files_named(path: str) -> list[Path]:
 
 
 def knowledge_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambda _: None) -> PriorMap:
-    """Knowledge from the keys of a file; paths of meshes are relative to ``folder``."""
+    """A prior map from the keys of a file; paths of meshes are relative to ``folder``."""
     keys = Keys(dict(table), "")
     up_keys, object_keys, environment_keys = map(keys.table, ("up", "object", "environment"))
     up = _up(up_keys) if "up" in keys else None
@@ -86,7 +87,7 @@ def _up(keys: Keys) -> Up:
 def _elements(
     keys: Keys, folder: Path, note: Note, solid_is_all: bool = True
 ) -> tuple[tuple[NamedElement, ...], bool]:
-    """The elements of one frame, and whether there are no others."""
+    """The elements of one frame, and whether they are complete."""
     found = [
         *(_plane(row, i) for i, row in enumerate(keys.tables("plane"), start=1)),
         *(_line(row, i) for i, row in enumerate(keys.tables("line"), start=1)),
@@ -180,7 +181,7 @@ def _accuracy(keys: Keys) -> Accuracy:
 
 
 def merged(tables: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Tables as one: arrays are joined, tables merged; what two of them say differently is refused."""
+    """Tables merged into one: arrays are concatenated, tables merged; contradictions are rejected."""
     result: dict[str, Any] = {}
     for table in tables:
         for key, value in table.items():

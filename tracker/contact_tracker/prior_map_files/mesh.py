@@ -15,14 +15,14 @@ from contact_tracker.regular_file import read_regular
 
 READERS: Final = {".stl": triangles_of_stl, ".obj": triangles_of_obj}
 MOST_BYTES: Final = 20_000_000
-"""400,000 triangles of a binary STL."""
+"""Largest file (bytes): 400,000 triangles of a binary STL."""
 COPLANAR: Final = 1e-4
-"""What leaves a face by less than this share of the mesh's extent is rounding, or tessellation."""
+"""Tolerance of coplanarity relative to the mesh's extent, for rounding and tessellation."""
 HOLLOW: Final = 1e-3
-"""A mesh that lies deeper below its hull than this share of its extent is not convex."""
+"""Largest depth of a convex mesh below its hull, relative to its extent."""
 MOST_FACES: Final = 60
 _FARTHEST: Final = 1e30
-"""Squares of numbers below this are finite."""
+"""Largest coordinate, whose square is finite."""
 
 
 def read_mesh(
@@ -30,7 +30,7 @@ def read_mesh(
 ) -> tuple[Polyhedron, bool]:
     """The hull of the mesh in ``path`` in metres, and whether the mesh is convex.
 
-    ``wrong`` (key, reason) makes the error for what cannot be used.
+    ``wrong`` (key, reason) makes the error for an unusable mesh.
     """
     triangles = unit_m * _triangles(path, wrong)
     corners = _distinct(triangles.reshape(-1, 3))
@@ -56,7 +56,7 @@ def _triangles(path: Path, wrong: Callable[[str, str], KnowledgeError]) -> Array
         triangles = read(read_regular(path, MOST_BYTES))
     except OSError as error:
         raise wrong("path", f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:  # also of a name with a zero byte
+    except ValueError as error:  # also for a name with a zero byte
         raise wrong("path", f"{path} is no mesh: {error}") from error
     if not len(triangles) or not (np.abs(triangles) < _FARTHEST).all():
         raise wrong("path", f"{path} has no triangles, or endless ones")
@@ -64,7 +64,7 @@ def _triangles(path: Path, wrong: Callable[[str, str], KnowledgeError]) -> Array
 
 
 def _distinct(points: Array) -> Array:
-    """Each of ``points`` (n, 3) once, in order; some times faster than numpy's own ``unique`` of rows."""
+    """The distinct ``points`` (n, 3), in order; several times faster than numpy's ``unique`` of rows."""
     ordered = points[np.lexsort(points.T[::-1])]
     changes = (ordered[1:] != ordered[:-1]).any(axis=1)
     distinct: Array = ordered[np.concatenate([[True], changes])]

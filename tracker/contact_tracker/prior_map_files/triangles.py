@@ -1,6 +1,6 @@
-"""Triangles of a mesh file, STL or OBJ: their corners, and nothing else that may be in it.
+"""Corners of the triangles of a mesh file, STL or OBJ.
 
-Read here and not by a library: of some files, such as an STL of 20,000 solids, those make work for hours.
+Not read by a library, as these take hours for some files, such as an STL of 20,000 solids.
 """
 
 import re
@@ -31,7 +31,7 @@ def triangles_of_stl(content: bytes) -> Array:
 
     Raises
     ------
-    ValueError : it is none.
+    ValueError : the file is invalid.
     """
     begin = _HEADER + 4
     count = int.from_bytes(content[_HEADER:begin], "little")
@@ -51,13 +51,13 @@ def triangles_of_obj(content: bytes) -> Array:
 
     Raises
     ------
-    ValueError : it is none.
+    ValueError : the file is invalid.
     """
-    content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")  # a backslash goes on in the next line
+    content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")  # a backslash continues the line
     points = _points(_VERTEX.findall(content))
     before = [found.start() for found in _VERTEX_LINE.finditer(content)]
     faces = _FACE.findall(content)
-    corners = re.sub(rb"/\S*", b"", b" ".join(faces)).split()  # without numbers of textures and normals
+    corners = re.sub(rb"/\S*", b"", b" ".join(faces)).split()  # without indices of textures and normals
     if len(before) != len(points):
         raise ValueError("a vertex without three numbers")
     if len(corners) > 3 * MOST_TRIANGLES:
@@ -73,7 +73,7 @@ def triangles_of_obj(content: bytes) -> Array:
 
 
 def _fans(sizes: Ints) -> Ints:
-    """Which corners (n, 3) make triangles, of faces with ``sizes`` corners that follow each other."""
+    """Corner indices (n, 3) of triangles that split consecutive faces with ``sizes`` corners."""
     triangles = np.maximum(sizes - 2, 0)
     first = np.repeat(np.cumsum(sizes) - sizes, triangles)
     number = np.arange(triangles.sum()) - np.repeat(np.cumsum(triangles) - triangles, triangles)
@@ -81,7 +81,7 @@ def _fans(sizes: Ints) -> Ints:
 
 
 def _points(found: list[tuple[bytes, bytes, bytes]]) -> Array:
-    """Points (n, 3) as they are written."""
+    """Points (n, 3) as written."""
     if len(found) > 3 * MOST_TRIANGLES:
         raise ValueError(f"more than {MOST_TRIANGLES} triangles")
     return _numbers(float, np.float64, chain.from_iterable(found), 3 * len(found)).reshape(-1, 3)
@@ -92,5 +92,5 @@ def _numbers(
 ) -> NDArray[Number]:
     try:
         return np.fromiter(map(parse, words), kind, count)
-    except (ValueError, OverflowError) as error:  # whose texts have all of the word
+    except (ValueError, OverflowError) as error:  # whose messages quote the whole word
         raise ValueError("something else than a number") from error

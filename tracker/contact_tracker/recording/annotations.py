@@ -1,4 +1,4 @@
-"""What a recording says about itself besides poses: truth and metadata."""
+"""Ground truth and metadata of a recording."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -20,16 +20,16 @@ TRUTH_TYPE: Final = "std_msgs/msg/String"
 
 
 def read_truth(path: str) -> Truth | None:
-    """The truth of a recording: its attachment ``truth.json``, else its messages on ``/contact/truth``.
+    """The ground truth of a recording: attachment ``truth.json``, else messages on ``/contact/truth``.
 
-    Of a damaged recording, what is readable. Of standard input or a FIFO, which can be read only once, None.
+    Of a damaged recording, the readable part. None for standard input or a FIFO, which can be read only once.
 
     Raises
     ------
     UnreadableRecording
         No such file, or not MCAP.
     NoTruth
-        There is a truth, but it is not in the documented form.
+        The truth is not in the documented form.
     """
     if not _is_rereadable(path):
         return None
@@ -41,14 +41,14 @@ def read_truth(path: str) -> Truth | None:
 
 
 def need_truth(path: str, topic: str | None = None, frame: str | None = None) -> Truth:
-    """The truth of a recording that is nothing without; ``topic`` and ``frame`` as of ``open_log``.
+    """The ground truth of a recording, which must have one; ``topic`` and ``frame`` as of ``open_log``.
 
     Raises
     ------
     NoTruth
-        There is none.
+        There is no truth.
     UnreadableRecording
-        Nor can a pose be read; why, matters more.
+        Poses cannot be read either; this error is raised instead.
     """
     truth = read_truth(path)
     if truth is None:
@@ -58,7 +58,7 @@ def need_truth(path: str, topic: str | None = None, frame: str | None = None) ->
 
 
 def read_metadata(path: str) -> dict[str, dict[str, str]]:
-    """The metadata records by name; of several with one name the last. Empty for a stream.
+    """The metadata records by name, the last of each name. Empty for a stream.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _is_rereadable(path: str) -> bool:
 
 
 def _stored(path: str) -> list[Attachment | Metadata]:
-    """The truth attachment and the metadata: by the index, else by looking at everything."""
+    """The truth attachment and the metadata, by the index or by reading the whole file."""
     indexed = [_indexed(part) for part in parts_of(path)]
     items: Iterable[Item]
     if None in indexed:
@@ -86,7 +86,7 @@ def _stored(path: str) -> list[Attachment | Metadata]:
 
 
 def _indexed(part: str) -> list[Item] | None:
-    """What the index of a file points at; None where that is not all, or not what it should be."""
+    """Attachments and metadata by the index of a file; None where it is incomplete or wrong."""
     summary = summary_of(part)
     if summary is None or summary.statistics is None:
         return None

@@ -1,4 +1,4 @@
-"""ROS bags that are no MCAP: which files they are, and who reads them."""
+"""ROS bags that are not MCAP: recognising and reading them."""
 
 from collections.abc import Callable, Iterator
 from typing import Final
@@ -11,25 +11,25 @@ _BAG: Final = b"#ROSBAG V"
 
 
 def is_bag(begin: bytes) -> bool:
-    """Whether a file that begins so is a ``.db3`` or a ``.bag`` file."""
+    """Whether a file with these first bytes is a ``.db3`` or a ``.bag`` file."""
     return begin.startswith((_SQLITE, _BAG))
 
 
 def read_bag(
     path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
-    """The messages of a ``.bag`` or a ``.db3`` file in the order of their log time.
+    """The messages of a ``.bag`` or a ``.db3`` file by log time.
 
     Parameters
     ----------
     wanted : messages of other channels are skipped unread.
-    report : is called with a line for each thing that cannot be read.
-    budget : bounds what the file may become.
+    report : called with one line for each part that cannot be read.
+    budget : bounds the decompressed size and the work.
 
     Raises
     ------
     UnreadableRecording
-        It is not what it begins as.
+        It is not a valid bag.
     """
     with open(path, "rb") as file:
         is_sqlite = file.read(len(_SQLITE)) == _SQLITE

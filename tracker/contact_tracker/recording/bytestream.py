@@ -1,4 +1,4 @@
-"""Exact reads from files, pipes, compressed files and files that still grow."""
+"""Exact reads from files, pipes, compressed files and growing files."""
 
 import os
 import stat
@@ -21,7 +21,7 @@ _BLOCK: Final = 2**20
 
 @dataclass(frozen=True)
 class Follow:
-    """Wait at the end of a growing file for more, looking every ``poll_s`` seconds, until ``stop()``.
+    """Policy for growing files: poll every ``poll_s`` seconds at their end, until ``stop()``.
 
     ``stop`` may be called from another thread or from a signal handler.
     """
@@ -37,17 +37,17 @@ class Follow:
         return self._stopped.is_set()
 
     def wait(self) -> bool:
-        """Sleep for one poll interval; whether to look again."""
+        """Sleep for one poll interval; returns whether to read again."""
         return not self._stopped.wait(self.poll_s)
 
 
 class ByteStream:
-    """Reads exactly what is asked for, or less at the end; an error while reading is an end, too.
+    """Reads exactly the requested bytes, or fewer at the end; a read error counts as the end.
 
     Parameters
     ----------
-    file : of plain bytes.
-    budget : is told what is read; where the whole file is compressed, it bounds what that becomes.
+    file : of uncompressed bytes.
+    budget : counts the bytes read; of a compressed file it bounds the decompressed size.
     follow : wait for more at the end of the file at ``path``.
     """
 
@@ -93,13 +93,13 @@ class ByteStream:
         return data
 
     def skip(self, count: int) -> bool:
-        """Pass over ``count`` bytes; whether there were that many."""
+        """Skip ``count`` bytes; returns whether there were that many."""
         while count and (got := len(self.read(min(count, _BLOCK)))):
             count -= got
         return count == 0
 
     def seek(self, position: int) -> bool:
-        """Go to ``position`` where the input allows it."""
+        """Go to ``position``; returns False where the input does not allow it."""
         try:
             self.position = (self._inflated or self._plain).seek(position)
         except (OSError, ValueError, OverflowError):  # a pipe, or a position from a damaged index
@@ -121,7 +121,7 @@ class ByteStream:
             return b""
 
     def _is_replaced(self) -> bool:
-        """Whether the file that is followed is no longer at its path, or has become shorter."""
+        """Whether the followed file is no longer at its path, or has become shorter."""
         if not self._path:
             return False
         try:
@@ -138,7 +138,7 @@ class ByteStream:
 
 
 class _Counted(RawIOBase):
-    """The bytes of a file on their way to the decompressor."""
+    """A raw stream that counts the bytes read by the decompressor."""
 
     def __init__(self, file: IO[bytes], budget: WorkBudget) -> None:
         self._file = file
@@ -154,9 +154,9 @@ class _Counted(RawIOBase):
 def open_stream(
     path: str, follow: Follow | None = None, budget: WorkBudget | None = None
 ) -> Iterator[ByteStream]:
-    """Open a file, a FIFO or, for ``-``, standard input; whole-file zstd compression is seen through.
+    """Open a file, a FIFO or, for ``-``, standard input; a file that is compressed with zstd is decompressed.
 
-    With a ``budget`` several streams of one recording share it.
+    Streams of one recording share the ``budget``.
 
     Raises
     ------
@@ -185,5 +185,5 @@ def _starts_compressed(file: BufferedReader) -> bool:
 
 
 def is_regular(path: str) -> bool:
-    """Whether ``path`` can be read more than once and at any place."""
+    """Whether ``path`` can be read repeatedly and at any position."""
     return path != "-" and os.path.isfile(path)

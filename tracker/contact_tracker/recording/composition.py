@@ -1,7 +1,7 @@
-"""Poses of a body in another frame: composed along a chain of transforms, each interpolated to its stamps.
+"""Poses of a body in another frame, composed along a chain of transforms that are interpolated to its stamps.
 
-A pose waits until each transform that moves is known before and after it. Positions are interpolated
-linearly, rotations along the shortest arc. Of each transform only what poses still wait for is kept.
+A pose is composed once each moving transform is known before and after it. Positions are interpolated
+linearly, rotations along the shortest arc. Only samples that pending poses need are kept.
 """
 
 import math
@@ -22,35 +22,35 @@ from contact_tracker.recording.stamping import Logged
 from contact_tracker.recording.transform_tree import Step, is_static
 
 GAP_NS: Final = 1_000_000_000
-"""What moves is not interpolated over a longer time."""
+"""Moving transforms are not interpolated over longer gaps."""
 _MOST_WAITING: Final = 20_000
 _MOST_KEPT: Final = 200_000
 _PATIENCE_NS: Final = 5_000_000_000
-"""So long of log time a pose waits for what moves: its stamp may lead."""
+"""Log time for which a pose waits for moving transforms: its stamp may lead."""
 _KEPT_NS: Final = 10_000_000_000
-"""So much of a transform is kept: stamps of poses may lag."""
+"""Time for which samples of a transform are kept: stamps of poses may lag."""
 _BACK_NS: Final = 10_000_000_000
 _FORWARD_NS: Final = 3_600_000_000_000
-"""A transform whose stamps jump by more starts anew."""
+"""A transform whose stamps jump by more is restarted."""
 _FARTHEST_NS: Final = 2**61
 _Placed = tuple[NDArray[np.float64], Rotation]
 
 
 class Composer:
-    """Turns messages into rows of poses of one body in the frame where a chain begins.
+    """Converts messages to rows of poses of one body in the first frame of a chain.
 
     Parameters
     ----------
-    steps : the chain, from the frame that poses are wanted in to the body.
-    body : which of the steps gives the stamps.
-    source : what the composed poses are called.
-    at_once : poses that are composed together; 1 where somebody waits for each.
+    steps : the chain, from the wanted frame to the body.
+    body : index of the step that gives the stamps.
+    source : name of the composed poses.
+    at_once : number of poses composed together; 1 for a live stream.
 
     Attributes
     ----------
     counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` as docs/conventions.md says, ``undecodable`` and
         ``log_time_as_stamp``, and ``known_definition`` as of ``PoseLog``.
-    why : the known definition of a type was used, in words.
+    why : why the known definition of a type was used, in words.
     """
 
     def __init__(
@@ -72,14 +72,14 @@ class Composer:
         self._waiting: deque[Logged] = deque()
 
     def learn_static(self, known: dict[PoseSource, list[Logged]]) -> None:
-        """Take what does not move from messages that were looked at before: poses may come earlier."""
+        """Take static transforms from messages read ahead: poses may precede them."""
         for source, logged in known.items():
             if source in self._tracks and is_static(source):
                 for pose, log_time_ns in logged[:1]:
                     self._tracks[source].add(stamped(pose, log_time_ns))
 
     def compose(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The composed poses, as messages; other messages are left out."""
+        """The composed poses as messages; other messages are dropped."""
         body = self._steps[self._body].source
         for item in items:
             if not isinstance(item, RawMessage):
@@ -106,7 +106,7 @@ class Composer:
         yield from self._emit(len(self._waiting))
 
     def _ready(self, now_ns: int) -> Iterator[Item]:
-        """Poses that have what they wait for, when they are enough, and those that have waited too long."""
+        """Pending poses that can be composed, once there are enough, and those that have waited too long."""
         if self._waiting and now_ns - self._waiting[0][1] > _PATIENCE_NS:
             late = takewhile(lambda logged: now_ns - logged[1] > _PATIENCE_NS, self._waiting)
             yield from self._emit(sum(1 for _ in late))
@@ -142,7 +142,7 @@ class Composer:
         assert whole is not None
         self._count_lost(poses.stamp_ns[~good])
         positions, rotations = whole
-        # A quaternion keeps its norm, so that it is judged as it was published.
+        # A quaternion keeps its norm, so that the pose gate validates it as published.
         numbers = np.hstack([positions, rotations.as_quat() * np.where(usable, norms, np.nan)[:, None]])
         for i in np.flatnonzero(good).tolist():
             row = pose_row(int(poses.stamp_ns[i]), numbers[i])
@@ -162,7 +162,7 @@ class Composer:
 
 
 class _Track:
-    """One transform of a chain over the time for which poses wait."""
+    """Samples of one transform of a chain, as long as pending poses need them."""
 
     def __init__(self, counts: Counter[str], static: bool) -> None:
         self._counts = counts
@@ -172,13 +172,13 @@ class _Track:
 
     @property
     def until_ns(self) -> int:
-        """So far it is known."""
+        """Stamp of the last sample."""
         if self._static and self._samples:
             return 2**63
         return self._samples[-1].stamp_ns if self._samples else -(2**63)
 
     def spans(self, stamp_ns: int) -> bool:
-        """Whether it was known before and after."""
+        """Whether there are samples before and after a stamp."""
         return self._first_ns is not None and self._first_ns <= stamp_ns <= self.until_ns
 
     def add(self, pose: Pose) -> None:
@@ -209,12 +209,12 @@ class _Track:
         self._first_ns = None
 
     def forget(self, stamp_ns: int) -> None:
-        """Keep the last sample up to a stamp, and what follows."""
+        """Drop the samples before the last one up to a stamp."""
         while len(self._samples) > 1 and self._samples[1].stamp_ns <= stamp_ns:
             self._samples.popleft()
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
-        """Position and rotation at some stamps, and whether they are known there."""
+        """Interpolated position and rotation at stamps, and whether they are known there."""
         samples = self._about(int(stamps_ns.min()))
         if not len(samples):
             unknown = np.zeros(len(stamps_ns), bool)
@@ -226,7 +226,7 @@ class _Track:
         return self._between(samples, stamps_ns)
 
     def _about(self, stamp_ns: int) -> Poses:
-        """The samples from the last one before a stamp on."""
+        """The samples from the last one before a stamp onwards."""
         about = deque[Pose]()
         for sample in reversed(self._samples):
             about.appendleft(sample)
@@ -257,7 +257,7 @@ class _Track:
 
 
 def stamped(pose: Pose, log_time_ns: int) -> Pose:
-    """A pose with the time at which it was logged, where it has none."""
+    """A pose with its log time as stamp if it has none."""
     return pose if pose.stamp_ns else pose._replace(stamp_ns=log_time_ns)
 
 

@@ -1,8 +1,8 @@
-"""The record loop: MCAP bytes in; messages, attachments and metadata out, in the order of the file.
+"""The record loop: reads messages, attachments and metadata of an MCAP stream in the order of the file.
 
-One loop serves files that are complete, truncated, without index, unchunked, still growing or piped. It
-holds one record at a time. A damaged chunk is left out; where the framing of records is lost, the loop
-goes on at the next chunk that the index knows, if there is one.
+It serves files that are complete, truncated, without index, unchunked, growing or piped, and holds one
+record at a time. A damaged chunk is left out; where the framing of records is lost, the loop continues at
+the next chunk of the index, if there is one.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -50,7 +50,7 @@ _READ: Final = frozenset(
 
 
 class End(StrEnum):
-    """How the input ended: as it should, between records, inside a record, in garbage, or by the caller."""
+    """How the input ended: properly, between records, inside a record, in invalid data, or by the caller."""
 
     FOOTER = "footer"
     EOF = "eof"
@@ -60,20 +60,20 @@ class End(StrEnum):
 
 
 class RecordLoop:
-    """Iterate once for the items of one MCAP stream; then ``end`` and ``damage`` tell how it went.
+    """Iterate once for the items of one MCAP stream; afterwards ``end`` and ``damage`` are set.
 
     Parameters
     ----------
     stream : positioned at the start of the file.
     wanted : messages of other channels are skipped unread.
-    summary : of the same file, where it is known: channels whose records are damaged, and chunk offsets.
-    start : offset of a record to begin at instead of the first; needs ``summary`` for the channels.
-    places : offsets of records to read, and no others, in this order; needs ``summary``, too.
+    summary : of the same file, where known: replaces damaged channel records and gives chunk offsets.
+    start : offset of the record to begin at; needs ``summary`` for the channels.
+    places : offsets of the only records to read, in this order; needs ``summary``.
 
     Raises
     ------
     UnreadableRecording
-        While iterating, when the input does not start as an MCAP file does.
+        While iterating, if the input does not start as MCAP.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class RecordLoop:
             self.damage.add(f"{self._orphans} messages of channels whose description is missing")
 
     def _chosen(self, places: Sequence[int]) -> Iterator[tuple[int, bytes, int]]:
-        """The records at some places, as ``_frames`` has them."""
+        """The records at given offsets, as from ``_frames``."""
         for place in places:
             record = next(self._frames(), None) if self._stream.seek(place) else None
             if record is None or record[2] != place:
@@ -140,7 +140,7 @@ class RecordLoop:
         self._finish(End.EOF, None)
 
     def _frames(self) -> Iterator[tuple[int, bytes, int]]:
-        """Opcode, payload and offset of every record to be looked at, until the input ends."""
+        """Opcode, payload and offset of every relevant record, until the input ends."""
         while True:
             start = self._stream.position
             head = self._stream.read(RECORD_HEAD.size)
@@ -170,7 +170,7 @@ class RecordLoop:
                 return
 
     def _resume(self, start: int, text: str) -> bool:
-        """Go to the next chunk after a record that cannot be framed."""
+        """Go to the next chunk after an invalid record; returns whether there is one."""
         following = next((offset for offset in self._chunk_starts if offset > start), None)
         if following is None or not self._stream.seek(following):
             return False
@@ -221,7 +221,7 @@ class RecordLoop:
 
 
 def _in_log_order(items: list[Item]) -> list[Item]:
-    """Messages by their log time; what else there is comes alone."""
+    """Messages by log time; other items keep their place."""
     times_ns = [item.log_time_ns for item in items if isinstance(item, RawMessage)]
     if all(before <= after for before, after in pairwise(times_ns)):
         return items

@@ -1,4 +1,4 @@
-"""A copy of a recording with channels of ours beside its own."""
+"""A copy of a recording with result channels added."""
 
 from collections.abc import Iterable, Iterator
 from heapq import merge
@@ -16,19 +16,17 @@ _LIBRARY: Final = "contact-tracker"
 
 
 def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> None:
-    """Write all of a recording and messages of ours, merged by log time.
+    """Write a recording and result messages, merged by log time.
 
     Parameters
     ----------
-    log : the recording, which is read once more; None for nothing but our messages. What is damaged in it is
-        left out.
-    added : messages on ``RESULT_TOPICS`` in the order of their log time; what the recording has on these
-        topics is left out.
+    log : the recording, which is read again; None to write the result alone. Damaged parts are left out.
+    added : messages on ``RESULT_TOPICS`` by log time; they replace those of the recording on these topics.
 
     Raises
     ------
     UnreadableRecording
-        The recording cannot be read any more.
+        The recording can no longer be read.
     OSError
         The file cannot be written.
     """
@@ -42,7 +40,7 @@ def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> No
 
 def _write(file: IO[bytes], items: Iterable[Item], added: Iterable[RawMessage]) -> None:
     writer = Writer(file, chunk_size=_CHUNK_SIZE)
-    writer.start(profile="", library=_LIBRARY)  # ros2 would promise that all is CDR
+    writer.start(profile="", library=_LIBRARY)  # profile ros2 requires CDR
     numbers: dict[Channel, int] = {}
     for message in merge(_messages(items, writer), added, key=lambda message: message.log_time_ns):
         channel = message.channel
@@ -53,7 +51,7 @@ def _write(file: IO[bytes], items: Iterable[Item], added: Iterable[RawMessage]) 
 
 
 def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
-    """The messages; what else there is goes straight to the writer."""
+    """The messages; other items are written at once."""
     for item in items:
         match item:
             case RawMessage():

@@ -1,4 +1,4 @@
-"""What is wrong with a recording, in one line of bounded length."""
+"""Report of a recording's damage in one line of bounded length."""
 
 from typing import Final
 
@@ -6,7 +6,7 @@ _SHOWN: Final = 3
 
 
 class DamageReport:
-    """The first damages in words, further ones by their number."""
+    """The first damages as text, further ones counted."""
 
     def __init__(self) -> None:
         self._shown: list[str] = []
@@ -19,12 +19,12 @@ class DamageReport:
             self._more += 1
 
     def add_all(self, other: "DamageReport", prefix: str = "") -> None:
-        """Take over another report, each text with ``prefix``."""
+        """Add another report, with ``prefix`` before each text."""
         for text in other._shown:
             self.add(prefix + text)
         self._more += other._more
 
     @property
     def text(self) -> str | None:
-        """None as long as all is well."""
+        """The line, or None without damage."""
         return "; ".join(self._shown) + (f"; and {self._more} more" if self._more else "") or None

@@ -1,4 +1,4 @@
-"""From messages to observed poses: each channel by the library of its encoding."""
+"""Decoding of messages to observed poses, by the library of each channel's encoding."""
 
 import struct
 from collections.abc import Callable, Iterable, Sequence
@@ -22,14 +22,14 @@ MESSAGE_LIMIT: Final = 2**22
 _ROW: Final = struct.Struct("<q7d")
 _ROW_COLUMNS: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 POSES_PER_RECORD: Final = 4
-"""So many poses of a known layout are as much work as a record."""
+"""Number of poses of a known layout that count as the work of one record."""
 _DEFINITION_BYTES_PER_RECORD: Final = 16
-"""So many bytes of a definition are as much work as a record."""
+"""Bytes of a definition that count as the work of one record."""
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 
 
 class Undecodable(Exception):
-    """A message that is not what its schema promises."""
+    """A message does not match its schema."""
 
 
 class _Reading(NamedTuple):
@@ -37,8 +37,8 @@ class _Reading(NamedTuple):
 
     Parameters
     ----------
-    decode : by the library; None where the definition in the file cannot be used.
-    assumption : why the known definition of the type is used, in words, or None where it is not.
+    decode : the library's decoder; None where the definition in the file cannot be used.
+    assumption : why the known definition of the type is used, in words; None where it is not.
     """
 
     decode: Callable[[bytes], Any] | None
@@ -47,11 +47,11 @@ class _Reading(NamedTuple):
 
 
 class MessageDecoder:
-    """Decodes messages by the schema of their channel; keeps one decoder per channel.
+    """Decodes messages by the schema of their channel, with one decoder per channel.
 
     Parameters
     ----------
-    budget : of the recording; messages that are larger than it explains are not decoded.
+    budget : of the recording; messages that exceed it are not decoded.
     """
 
     def __init__(self, budget: WorkBudget | None = None) -> None:
@@ -60,8 +60,8 @@ class MessageDecoder:
         self._current: tuple[Channel, _Reading] | None = None
 
     def decode(self, message: RawMessage) -> Any:
-        """The message as an object with attributes; raises Undecodable, or MissingExtra where no library is
-        installed for it."""
+        """The message as an object with attributes; raises Undecodable, or MissingExtra without its
+        library."""
         channel, _, data = message
         try:
             decode = self._reading(channel).decode
@@ -81,11 +81,11 @@ class MessageDecoder:
             raise Undecodable(f"{channel.topic}: {error}") from error  # errors of optional libraries
 
     def assumption(self, channel: Channel) -> str | None:
-        """Why the messages of a channel are read by the known definition of their type, if they are."""
+        """Why a channel is read by the known definition of its type; None if it is not."""
         return self._reading(channel).assumption if channel.encoding == "cdr" else None
 
     def layouts(self, channel: Channel) -> Layouts:
-        """What is known of where poses are in the messages of a channel."""
+        """The known byte layouts of a channel's messages."""
         return self._reading(channel).layouts
 
     def observe(self, message: RawMessage) -> list[Observation]:
@@ -104,7 +104,7 @@ class MessageDecoder:
         return found
 
     def observe_all(self, messages: Sequence[RawMessage]) -> ObservedColumns | None:
-        """The poses in messages of one channel, if they are of one source and of a layout that is known."""
+        """The poses in messages of one channel; None unless they are of one source and a known layout."""
         channel = messages[0].channel
         if channel.encoding == POSE_ROW:
             return _rows(messages)
@@ -112,7 +112,7 @@ class MessageDecoder:
         return None if known is None else known.layouts.read_all([message.data for message in messages])
 
     def _observe(self, message: RawMessage) -> list[Observation]:
-        """The same by the library's decoder."""
+        """The poses in a message, by the library's decoder."""
         decoded = self.decode(message)
         try:
             found = observations(message.channel.type, decoded)
@@ -149,7 +149,7 @@ class MessageDecoder:
         return _Reading(decode, layouts, assumption)
 
     def _count_work(self, message: RawMessage, records: int) -> None:
-        """Count the work beyond that of one record; raises Undecodable where the file does not explain it."""
+        """Count the work beyond that of one record; raises Undecodable where it exceeds the budget."""
         if records and self._budget is not None:
             try:
                 self._budget.count_records(records)
@@ -158,17 +158,17 @@ class MessageDecoder:
 
 
 def assumption_text(count: int, type_name: str, why: str) -> str:
-    """One line that says that a definition was assumed for so many poses."""
+    """One line that says that a definition was assumed for ``count`` poses."""
     return f"{count} poses are read by the known definition of {type_name}: {why}"
 
 
 def may_have_poses(channel: Channel) -> bool:
-    """Whether its messages are poses, and can be decoded."""
+    """Whether a channel's messages are poses and can be decoded."""
     return (is_pose_type(channel.type) and is_readable(channel)) or channel.encoding == POSE_ROW
 
 
 def is_readable(channel: Channel) -> bool:
-    """Whether it says what is in its messages, and there is a library for that."""
+    """Whether a channel has a schema that a library can decode."""
     if not channel.type:
         return False
     match channel.encoding, channel.schema_encoding:
@@ -180,12 +180,12 @@ def is_readable(channel: Channel) -> bool:
 
 
 def row_channel(topic: str, type_name: str, frame_id: str, child_frame_id: str) -> Channel:
-    """A channel of poses that other modules have put into rows: of a table, or composed of transforms."""
+    """A channel of poses in rows, from a table or composed of transforms."""
     return Channel(topic, POSE_ROW, type_name, "", f"{frame_id}\0{child_frame_id}".encode())
 
 
 def pose_row(stamp_ns: int, numbers: Iterable[float]) -> bytes:
-    """A message of such a channel: position and quaternion ``xyzw``."""
+    """A message of a row channel; ``numbers`` are position (m) and quaternion ``xyzw``."""
     return _ROW.pack(stamp_ns, *numbers)
 
 
@@ -211,7 +211,7 @@ def _rows(messages: Sequence[RawMessage]) -> ObservedColumns | None:
 
 
 def _decoder_of(channel: Channel) -> Callable[[bytes], Any] | None:
-    """What decodes a channel by its schema; None if that is unusable."""
+    """The decoder of a channel by its schema; None if that is unusable."""
     match channel.encoding:
         case "cdr":
             return cdr_reading(channel)
@@ -231,5 +231,5 @@ def _tried(
         return read(channel)
     except MissingExtra:
         raise
-    except Exception:  # it raises whatever the schema leads it to
+    except Exception:  # an invalid schema can raise anything
         return None

@@ -1,4 +1,4 @@
-"""Definitions of ROS 2 messages with poses, for channels that name their type but do not define it."""
+"""Definitions of ROS 2 pose messages, for channels that name their type without defining it."""
 
 import re
 from typing import Final
@@ -37,13 +37,13 @@ _TYPES: Final = {
 
 
 def definition_of(type_name: str) -> str | None:
-    """The text of a message definition with all its parts; None where the type is not known."""
+    """The text of a message definition with all nested types; None for an unknown type."""
     text = _TYPES.get(type_name)
     return None if text is None else completed(text)
 
 
 def is_complete(text: str) -> bool:
-    """Whether a definition has all the parts that it uses, as far as those are known here."""
+    """Whether a definition contains all nested types that are known here."""
     there = {name.replace("/msg/", "/") for name in _PART.findall(text)} | {"builtin_interfaces/Time"}
     short = {name.rpartition("/")[2] for name in there}
     used = {name.replace("/msg/", "/") for name in _USED.findall(text)}
@@ -52,7 +52,7 @@ def is_complete(text: str) -> bool:
 
 
 def completed(text: str) -> str:
-    """A definition with the parts that it may use without defining them."""
+    """A definition with the known nested types that it lacks."""
     there = set(_PART.findall(text))
     return text + "".join(
         f"\n{_RULE}\nMSG: {part}\n{body}" for part, body in _PARTS.items() if part not in there

@@ -1,4 +1,4 @@
-"""Libraries that only some formats need: extras of the package, imported where such a format is met."""
+"""Optional libraries of some formats, imported when a recording needs them."""
 
 from types import ModuleType
 from typing import Final
@@ -10,11 +10,11 @@ _EXTRAS: Final = {"rosbags": "bags", "mcap_protobuf": "foxglove", "polars": "tab
 
 
 def need(module: str, what: str) -> ModuleType:
-    """The module of an optional library that reads ``what``.
+    """Import an optional library that reads ``what``.
 
     Raises
     ------
     MissingExtra
-        It is not installed; the text names the extra.
+        The library is not installed; the message names the extra.
     """
     return module_of_extra(module, _EXTRAS[module.partition(".")[0]], what)

@@ -1,4 +1,4 @@
-"""Protobuf and JSON messages, as Foxglove's tools record them, decoded to objects with attributes."""
+"""Decoding of protobuf and JSON messages, as recorded by Foxglove's tools, to objects with attributes."""
 
 import json
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from contact_tracker.recording.items import Channel
 
 
 def protobuf_reading(channel: Channel) -> Callable[[bytes], Any] | None:
-    """What decodes the messages of a protobuf channel; raises what its schema leads the library to."""
+    """The decoder of a protobuf channel; an invalid schema can raise any error of the library."""
     factory = need("mcap_protobuf.decoder", "protobuf").DecoderFactory()
     decoder: Callable[[bytes], Any] | None = factory.decoder_for(
         channel.encoding, Schema(id=1, name=channel.type, encoding="protobuf", data=channel.schema)

@@ -1,4 +1,4 @@
-"""Which chain of transforms gives the poses that ``--frame PARENT->CHILD`` or ``--relative-to`` asks for."""
+"""Chains of transforms for the poses that ``--frame PARENT->CHILD`` or ``--relative-to`` selects."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -21,11 +21,11 @@ from contact_tracker.recording.transform_tree import (
 ARROW: Final = "->"
 _BODY: Final = "the body "
 _REFERENCE: Final = "the reference "
-"""Names of frames that no log has."""
+"""Frame names that do not occur in logs."""
 
 
 class FrameFilter(ChannelFilter):
-    """What ``ChannelFilter`` takes, the transforms, and the topic that poses are relative to."""
+    """Accepts what ``ChannelFilter`` accepts, transforms, and the topic that poses are relative to."""
 
     def __init__(self, topic: str | None, relative_to: str | None) -> None:
         super().__init__(topic)
@@ -36,7 +36,7 @@ class FrameFilter(ChannelFilter):
         return is_asked or canonical(channel.type) in TRANSFORM_TYPES or channel.topic == self._relative_to
 
     def takes(self, source: PoseSource) -> bool:
-        """Whether the poses themselves may be of this source."""
+        """Whether this source may be that of the poses."""
         channel = next(c for c in self.seen.values() if (c.topic, c.type) == (source.topic, source.type))
         return super().__call__(channel)
 
@@ -48,12 +48,12 @@ class Chain(tuple[Step, ...]):
 
     @property
     def body(self) -> int:
-        """The place of the last that moves: it gives the stamps."""
+        """Index of the last moving transform, which gives the stamps."""
         return max((i for i, step in enumerate(self) if not is_static(step.source)), default=-1)
 
 
 def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain | None:
-    """The transforms that lead from the parent to the child of ``PARENT->CHILD``, if one of them moves."""
+    """The transforms from parent to child of ``PARENT->CHILD``; None unless one of them moves."""
     parent, _, child = frame.partition(ARROW)
     found = TransformTree(filter(is_transform, known)).chain(parent, child)
     chain = Chain(found or ())
@@ -63,11 +63,11 @@ def chain_between(known: Mapping[PoseSource, list[Logged]], frame: str) -> Chain
 def chain_relative(
     path: str, known: Iterable[PoseSource], source: PoseSource, relative_to: str
 ) -> Chain | None:
-    """The transforms from a frame, or from what another topic measures, to the body of ``source``."""
+    """The transforms from a frame, or from the body of another topic, to the body of ``source``."""
     sources = set(known)
     references = [s for s in sources if s.topic == relative_to and s != source]
     tree = {s for s in sources if is_transform(s) and s != source}
-    # Bodies in the same frame are found without a tree; nothing leads on from a body.
+    # Bodies in the same frame are found without a tree; a body has no children.
     body = replace(source, child_frame_id=_BODY)
     steps, start = {s: Step(s, False) for s in tree} | {body: Step(source, False)}, relative_to
     if references and not any(map(is_transform, references)):
@@ -83,7 +83,7 @@ def chain_relative(
 
 
 def composition_hint(sources: Iterable[PoseSource]) -> str:
-    """Words for those who have to choose among transforms that lead from one frame to one body."""
+    """A hint for a choice among transforms that connect one frame to one body."""
     steps = [source for source in sources if is_transform(source)]
     parents = {frame_name(source.frame_id) for source in steps}
     children = {frame_name(source.child_frame_id) for source in steps}
@@ -94,13 +94,13 @@ def composition_hint(sources: Iterable[PoseSource]) -> str:
 
 
 def composed_source(chain: Chain, parent: str, child: str) -> PoseSource:
-    """What the poses of a chain are called."""
+    """The source name of the poses of a chain."""
     body = chain[chain.body].source
     return PoseSource(body.topic, body.type, parent, child)
 
 
 def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:
-    """One line where the frame that poses are given in may move itself, else None."""
+    """One line if the parent frame of the poses may itself move, else None."""
     tree = TransformTree(s for s in known if s != source)
     root = tree.moving_root(source.frame_id) if source.frame_id else None
     if root is None:

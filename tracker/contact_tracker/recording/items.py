@@ -1,4 +1,4 @@
-"""What single MCAP records hold: payloads in, values out."""
+"""Parsing of single MCAP records: payloads to values."""
 
 import struct
 import zlib
@@ -18,13 +18,13 @@ from contact_tracker.recording.limits import WorkBudget
 
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 FIRST_UNKNOWN: Final = max(Opcode) + 1
-"""Records from here on are of later versions of the format, or private: they are passed over."""
+"""Opcodes from here on are of later versions of the format, or private, and skipped."""
 _MOST: Final = 128
-"""So many messages at a time."""
+"""Messages handled at a time."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
 MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 _ALIKE: Final = RECORD_HEAD.size + 2
-"""So many bytes tell opcode, length and channel of a message."""
+"""Bytes that hold opcode, length and channel of a message."""
 _LOG_TIME_AT: Final = 6
 PARSE_ERRORS: Final = (
     McapError,
@@ -44,7 +44,7 @@ POSE_ROW: Final = "contact_tracker/pose_row"
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic with its message type: schema name, its encoding and its text."""
+    """A topic with its message type: name, encoding and text of the schema."""
 
     topic: str
     encoding: str
@@ -83,7 +83,7 @@ def channel_of(record: records.Channel, schemas: Mapping[int, records.Schema]) -
 
 
 def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
-    """The records of a chunk; raises one of PARSE_ERRORS if they are not what was written, or too many."""
+    """The decompressed records of a chunk; raises one of PARSE_ERRORS if they are damaged or too large."""
     size = chunk.uncompressed_size
     budget.inflate(len(chunk.data), size)
     match chunk.compression:
@@ -103,20 +103,20 @@ def inflate(chunk: records.Chunk, budget: WorkBudget) -> bytes:
 
 
 def inflate_zstd(data: bytes, limit: int) -> bytes:
-    """At most ``limit`` bytes, whatever size the compressed data promises."""
+    """Decompress zstd to at most ``limit`` bytes, whatever size the data declares."""
     return zstandard.ZstdDecompressor().stream_reader(data).read(limit)
 
 
 def inflate_lz4(data: bytes, limit: int) -> bytes:
-    """The same of lz4."""
+    """Decompress lz4 to at most ``limit`` bytes."""
     import lz4.frame  # type: ignore[import-untyped]
 
     return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit))
 
 
 class Run(NamedTuple):
-    """``many`` records of one ``opcode`` that follow each other, with payloads of ``size`` bytes, the first
-    ``at`` that byte; if they are messages, they are of one channel."""
+    """``many`` consecutive records of one ``opcode`` from byte ``at``, with payloads of ``size`` bytes each;
+    messages are of one channel."""
 
     opcode: int
     at: int
@@ -125,26 +125,26 @@ class Run(NamedTuple):
 
     @property
     def end(self) -> int:
-        """Where the next record begins."""
+        """Offset of the next record."""
         return self.at - RECORD_HEAD.size + self.many * (RECORD_HEAD.size + self.size)
 
     def log_times_ns(self, data: bytes) -> list[int]:
-        """Of messages."""
+        """Log times of messages (ns)."""
         step, at = RECORD_HEAD.size + self.size, self.at + _LOG_TIME_AT
         times = np.ndarray(self.many, "<u8", data, at, step)
         return cast(list[int], times.tolist())
 
     def payloads(self, data: bytes) -> list[bytes]:
-        """Of messages, without their heads."""
+        """Payloads of messages, without their headers."""
         step = RECORD_HEAD.size + self.size
         ends = range(self.at + self.size, self.end + 1, step)
         return [data[end - self.size + MESSAGE_HEAD.size : end] for end in ends]
 
 
 def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
-    """The records of a chunk; messages of one channel and size, as poses are, come many at a time.
+    """The records of a chunk; consecutive messages of one channel and size are grouped.
 
-    Records that no chunk can hold end it: what follows is no record.
+    A record that is not allowed in a chunk ends it.
     """
     first = 0
     while first < len(data):
@@ -162,7 +162,7 @@ def runs(data: bytes, budget: WorkBudget) -> Iterator[Run]:
 
 
 def _alike(data: bytes, first: int, step: int) -> int:
-    """How many messages from that at the byte ``first`` on are as long and of the same channel."""
+    """Number of messages from byte ``first`` on with the same length and channel."""
     head = data[first : first + _ALIKE]
     if data[first + step : first + step + _ALIKE] != head:
         return 1

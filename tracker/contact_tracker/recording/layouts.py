@@ -1,9 +1,9 @@
-"""Poses read at known places in CDR messages: several times faster than decoding field by field.
+"""Poses read at fixed offsets in CDR messages, several times faster than decoding by field.
 
-Where frame names do not change, all messages of a channel differ in stamps and in seven numbers each only, at
-the same bytes. Those places follow from the message type. What is in a message is said by its schema, though,
-and that comes from the file: a layout is used only once the library's decoder has found there what was put
-there for a test. Messages that no layout fits are left to the library.
+With constant frame names, the messages of a channel differ only in stamps and seven numbers per pose, at the
+same offsets, which follow from the message type. As the schema in the file may define that type differently,
+a layout is used only after the library's decoder has read back test values written at these offsets.
+Messages that fit no layout are left to the library.
 """
 
 import struct
@@ -22,14 +22,14 @@ _COVARIANCE: Final = 288
 _TWIST: Final = 48 + _COVARIANCE
 _PER_SIZE: Final = 8
 _TRIALS: Final = 64
-"""So many layouts of one size, and so many trials, are enough: other channels have endless frame names."""
-# None of them is another one read with another sign, width, byte order or place.
+"""Most layouts of one size, and most trials: some channels have endlessly many frame names."""
+# None equals another one read with another sign, width, byte order or offset.
 _TEST_STAMP: Final = (3_012_345_678, 4_023_456_789)
 _TEST_NUMBERS: Final = (1.7, -2.75e-3, 3.1e9, 0.1, -0.2, 0.3, -0.9)
 
 
 class Observation(NamedTuple):
-    """One pose as published, before any validation; ``child_frame_id`` is empty where the type has none."""
+    """One pose as published, before validation; ``child_frame_id`` is empty where the type has none."""
 
     frame_id: str
     child_frame_id: str
@@ -37,7 +37,7 @@ class Observation(NamedTuple):
 
 
 class ObservedColumns(NamedTuple):
-    """The same of many poses of one source."""
+    """Many poses of one source as published."""
 
     frame_id: str
     child_frame_id: str
@@ -45,8 +45,8 @@ class ObservedColumns(NamedTuple):
 
 
 class _Type(NamedTuple):
-    """``stamp_at`` which byte the first stamp is; how many names follow it; how many bytes follow the
-    numbers; whether there may be several such blocks, whose number stands before the first."""
+    """Layout of a message type: ``stamp_at``, offset of the first stamp; number of names after it; bytes
+    after the numbers; whether there may be several such blocks after their count."""
 
     stamp_at: int
     names: int
@@ -66,15 +66,15 @@ _TYPES: Final[Mapping[str, _Type]] = MappingProxyType(
 
 
 class _Block(NamedTuple):
-    """Where one pose is: its stamp, and its numbers."""
+    """Offsets of the stamp and of the numbers of one pose."""
 
     stamp_at: int
     numbers_at: int
 
 
 class _Layout(NamedTuple):
-    """``fixed`` are the bytes before, between and after stamps and numbers that do not change, with their
-    places; ``frames`` those of each pose."""
+    """``fixed`` are the constant bytes around stamps and numbers with their offsets, ``frames`` the frame
+    names of each pose."""
 
     fixed: tuple[tuple[int, int, bytes], ...]
     blocks: tuple[_Block, ...]
@@ -84,7 +84,7 @@ class _Layout(NamedTuple):
     frames: tuple[tuple[str, str], ...]
 
     def read(self, data: bytes) -> list[Observation] | None:
-        """The poses, if these bytes are as expected; ``data`` has the size of the layout."""
+        """The poses if the constant bytes match, else None; ``data`` has the size of the layout."""
         for start, end, expected in self.fixed:
             if data[start:end] != expected:
                 return None
@@ -97,7 +97,7 @@ class _Layout(NamedTuple):
         return found
 
     def read_all(self, messages: Sequence[bytes]) -> ObservedColumns | None:
-        """The poses of messages with one each, if all are as expected; all have the size of the layout."""
+        """The poses of messages with one each if all match, else None; all have the size of the layout."""
         if len(self.blocks) != 1:
             return None
         rows = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
@@ -111,7 +111,7 @@ class _Layout(NamedTuple):
         return ObservedColumns(*self.frames[0], Poses(stamp_ns, numbers[:, :3], numbers[:, 3:]))
 
     def _columns(self, block: _Block) -> np.dtype[np.void]:
-        """What is where, as ``values`` has it."""
+        """The structured dtype of a message."""
         sec = "i" if self.sec == "i" else "u"
         return np.dtype(
             {
@@ -124,7 +124,7 @@ class _Layout(NamedTuple):
 
 
 class Layouts:
-    """The layouts met on one channel, by the size of the message."""
+    """The known layouts of one channel, by message size."""
 
     def __init__(self, message_type: str) -> None:
         self._type = _TYPES.get(message_type)
@@ -132,7 +132,7 @@ class Layouts:
         self._trials = _TRIALS
 
     def read(self, data: bytes) -> list[Observation] | None:
-        """The poses in a message, or None if that is for the library to say."""
+        """The poses in a message; None if no layout fits."""
         for layout in self._by_size.get(len(data), ()):
             observations = layout.read(data)
             if observations is not None:
@@ -140,7 +140,7 @@ class Layouts:
         return None
 
     def read_all(self, messages: Sequence[bytes]) -> ObservedColumns | None:
-        """The poses in messages, if one layout fits all of them."""
+        """The poses in messages; None unless one layout fits all of them."""
         size, *others = {len(data) for data in messages}
         if others:
             return None
@@ -148,7 +148,7 @@ class Layouts:
         return next((columns for columns in found if columns is not None), None)
 
     def learn(self, data: bytes, decode: Callable[[bytes], list[Observation]]) -> None:
-        """Look for the layout of a message that ``decode`` has read; it is asked for test messages."""
+        """Add the layout of a message, if ``decode`` reads back the values of test messages."""
         if self._type is None or not self._trials or len(self._by_size.get(len(data), ())) >= _PER_SIZE:
             return
         self._trials -= 1
@@ -160,7 +160,7 @@ class Layouts:
 
 
 def _blocks(data: bytes, kind: _Type) -> tuple[_Block, ...]:
-    """Where stamps and numbers are, if the message has the size that its type and its names give it."""
+    """The blocks of a message; empty unless its size is that of its type and names."""
     if len(data) < max(kind.stamp_at, _ENCAPSULATION + 4):
         return ()
     order = _order(data)
@@ -190,7 +190,7 @@ def _tried(
     sec: str,
     decode: Callable[[bytes], list[Observation]],
 ) -> _Layout | None:
-    """The layout, if the library finds there what was put there."""
+    """The layout, if the library reads back test values at its offsets."""
     order, test = _order(data), bytearray(data)
     fields, fixed, at = [order], list[tuple[int, int, bytes]](), 0
     for i, (stamp_at, numbers_at) in enumerate(blocks):

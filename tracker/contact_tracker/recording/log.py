@@ -41,33 +41,33 @@ from contact_tracker.recording.sources import (
 from contact_tracker.recording.stamping import Logged, Stamping
 
 _MOST_HEAD: Final = 200_000
-"""Messages that are kept until the frames that are asked for are connected."""
+"""Messages kept until the requested frames are connected."""
 _LATE: Final = 8
-"""So many late sources are named."""
+"""Most late sources that are named."""
 _FEW: Final = 50
-"""The first poses always need a closer look."""
+"""The first poses are always read one by one."""
 
 
 class PoseLog:
-    """Iterate once for the poses of one source, as they are read; memory is bounded.
+    """Iterate once for the poses of one source while they are read, in bounded memory.
 
     Attributes
     ----------
-    source : where the poses come from.
-    taken : so many poses of the source were read, valid or not; the first was logged at
+    source : the source of the poses.
+    taken : number of poses read from the source, valid or not; the first was logged at
         ``first_log_time_ns``.
-    note : one line if the frame of the poses may move itself.
-    late_sources : what showed up after this source was taken for the only one that fits.
+    note : one line if the parent frame of the poses may itself move.
+    late_sources : matching sources that appeared after this one was chosen.
     counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
         ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
-        define, or not so that it can be used), ``other_source`` (poses of late sources),
+        define usably), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.stamping``).
-    damage : one line if the recording turned out truncated or damaged; final after iteration.
+    damage : one line if the recording is truncated or damaged; final after iteration.
 
     Raises
     ------
     AmbiguousSource
-        While iterating, where another source that fits shows up; not if such poses are counted.
+        While iterating, if another matching source appears, unless such poses are counted.
     """
 
     def __init__(
@@ -111,8 +111,8 @@ class PoseLog:
 
     @property
     def assumption(self) -> str | None:
-        """One line if the known definition of a type was used instead of one in the file, or if the unit of
-        times is a guess."""
+        """One line if the known definition of a type replaced that of the file, or the time unit is a
+        guess."""
         count = self.counts.get("known_definition", 0)
         why = self._why or (self._composer.why if self._composer is not None else None)
         return assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
@@ -122,30 +122,30 @@ class PoseLog:
 
     @property
     def gate(self) -> PoseGate:
-        """Where its poses are validated."""
+        """The gate that validates its poses."""
         return self._gate
 
     @property
     def stamping(self) -> Stamping:
-        """Which time they get."""
+        """The rule that gives poses their stamps."""
         return self._stamping
 
     def carry_on(self, gate: PoseGate, stamping: Stamping, taken: int, is_same_log: bool) -> None:
-        """Go on, before the first pose, where another reading of the source has stopped.
+        """Continue, before the first pose, where another reading of the source has stopped.
 
-        ``taken`` poses went through the ``gate`` with that ``stamping``: in the same log they are skipped.
+        ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped.
         """
         self._gate, self._counts = gate, gate.own_counts
         if is_same_log:
             self._stamping, self._skipped = stamping, taken
 
     def close(self) -> None:
-        """Let go of the file before the end is reached."""
+        """Close the file before its end."""
         self._poses.close()
         self._items = iter(())
 
     def batches(self) -> Iterator[Poses]:
-        """The same in columns, of many messages at once: for those who wait for none of them."""
+        """The poses in columns, of many messages at once; with more delay than iteration."""
         items = (item for item in self._items if isinstance(item, RawMessage))
         many = min(_FEW, BATCH)
         while messages := list(islice(items, many)):
@@ -159,14 +159,14 @@ class PoseLog:
             yield Poses.collect(rest)
 
     def _columns(self, messages: list[RawMessage]) -> Poses | None:
-        """The poses of messages that need no closer look; None if one of them does."""
+        """The poses of messages at once; None if one of them has to be read alone."""
         channel = messages[0].channel
         if self._stamping.by_log_time or any(message.channel is not channel for message in messages):
             return None
         observed = self._decoder.observe_all(messages)
-        if observed is None or not self._is_meant(channel, *observed[:2]):
+        if observed is None or not self._is_selected(channel, *observed[:2]):
             return None
-        if self._skipped or not observed.poses.stamp_ns.all():  # a stamp that is zero may be missing
+        if self._skipped or not observed.poses.stamp_ns.all():  # a zero stamp may be a missing one
             return None
         admitted = self._gate.admit_all(observed.poses)
         if admitted is not None:
@@ -180,7 +180,7 @@ class PoseLog:
             self._why = why
             self._counts["known_definition"] += many
 
-    def _is_meant(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
+    def _is_selected(self, channel: Channel, frame_id: str, child_frame_id: str) -> bool:
         source = self.source
         found = (channel.topic, channel.type, frame_id, child_frame_id)
         return found == (source.topic, source.type, source.frame_id, source.child_frame_id)
@@ -200,7 +200,7 @@ class PoseLog:
                 counts["undecodable"] += 1
                 continue
             for frame_id, child_frame_id, pose in observations:
-                if not self._is_meant(item.channel, frame_id, child_frame_id):
+                if not self._is_selected(item.channel, frame_id, child_frame_id):
                     self._note_other(
                         PoseSource(item.channel.topic, item.channel.type, frame_id, child_frame_id)
                     )
@@ -215,7 +215,7 @@ class PoseLog:
                 yield from admit(pose)
 
     def _note_other(self, other: PoseSource) -> None:
-        """A pose of another source: of one that fits as well, or of the same body in another parent frame."""
+        """Note a pose of another matching source, or of the same body in another parent frame."""
         fits = self._frame is None or other.is_named(self._frame)
         if not fits and (not other.child_frame_id or other.child_frame_id != self.source.child_frame_id):
             return
@@ -226,7 +226,7 @@ class PoseLog:
             self.late_sources = (*self.late_sources, other)
 
     def _further(self) -> set[PoseSource]:
-        """The sources of the messages that follow."""
+        """The sources of the following messages."""
         found = set[PoseSource]()
         messages = (item for item in self._items if isinstance(item, RawMessage))
         while len(found) < _LATE and (some := list(islice(messages, BATCH))):
@@ -255,21 +255,22 @@ def open_log(
     topic : take poses from this topic only, ``/topic:TYPE`` where it has several types.
     frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
         header's frame. Where nothing is published from parent to child, transforms between them are composed.
-    follow : read on while the file grows, until it is finished or ``follow.stop()`` is called.
-    count_late : poses of a source that shows up later, and would have fitted, are counted; else, and without
-        ``follow``, iteration ends with AmbiguousSource.
-    relative_to : a frame, or the topic of another body: poses in it instead of in the frame of their header.
-    time_unit : ``s``, ``ms``, ``us`` or ``ns``, of the times of a table; by default as their column is named,
-        or else as they look.
+    follow : continue reading while the file grows, until it is finished or ``follow.stop()`` is called.
+    count_late : whether, with ``follow``, poses of a matching source that appears later are counted; else
+        iteration ends with AmbiguousSource.
+    relative_to : a frame, or the topic of another body, in which poses are given instead of the header's
+    frame. time_unit : ``s``, ``ms``, ``us`` or ``ns``, of the times of a table; by default by the column's
+    name,
+        else guessed from the values.
 
     Raises
     ------
     UnreadableRecording
         No such file, not MCAP, or damaged before the first pose.
     NoPoses
-        Nothing in it is a pose of a known type and encoding, or nothing fits ``topic`` and ``frame``.
+        It has no pose of a known type and encoding, or none matches ``topic`` and ``frame``.
     AmbiguousSource
-        Several sources fit.
+        Several sources match.
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
     wanted = FrameFilter(topic, relative_to) if is_chain else ChannelFilter(topic)
@@ -319,7 +320,7 @@ def _chain(
     frame: str | None,
     relative_to: str | None,
 ) -> tuple[Chain, PoseSource] | None:
-    """The transforms to compose, and what the composed poses are called; None where none are known yet."""
+    """The transforms to compose and the name of the composed poses; None where none are known yet."""
     if relative_to is None:
         steps = chain_between(known, frame) if frame is not None and ARROW in frame else None
         parent, _, child = (frame or "").partition(ARROW)
@@ -336,7 +337,7 @@ def _chain(
 def _note(
     path: str, source: PoseSource, known: Mapping[PoseSource, list[Logged]], follow: Follow | None
 ) -> str | None:
-    """What to say of a frame that may move itself."""
+    """The note on a parent frame that may itself move."""
     if not source.frame_id:
         return None
     sources = set(known)
@@ -347,7 +348,7 @@ def _note(
 
 
 def list_sources(path: str) -> list[PoseSource]:
-    """The pose sources of a recording, found as ``open_log`` finds them; of ``-`` this uses up the start.
+    """The pose sources of a recording, found as by ``open_log``; of ``-`` this consumes the start.
 
     Raises
     ------
@@ -365,7 +366,7 @@ def list_sources(path: str) -> list[PoseSource]:
 
 
 def _messages_by_topic(path: str) -> Counter[str]:
-    """As far as indexes tell."""
+    """Messages by topic, as far as indexes tell."""
     counts: Counter[str] = Counter()
     for part in parts_of(path):
         summary = summary_of(part)

@@ -1,4 +1,4 @@
-"""Messages in the order in which they were logged, from chunks that overlap in time."""
+"""Sorting of messages by log time, from chunks that overlap in time."""
 
 from collections.abc import Iterable, Iterator
 from heapq import heappop, heappush
@@ -11,10 +11,10 @@ _PENDING_BYTES: Final = 256 * 2**20
 
 
 def in_log_order(chunks: Iterable[tuple[int, Iterable[Item]]]) -> Iterator[RawMessage]:
-    """The messages of all chunks by their log time.
+    """The messages of all chunks by log time.
 
-    Chunks come with the time in nanoseconds before which none of their messages was logged, in the order of
-    these times. Messages are held as long as chunks to come may have earlier ones, up to 256 MB of them.
+    Each chunk comes with a lower bound of its log times (ns), in the order of these bounds. Messages are
+    buffered as long as later chunks may have earlier ones, up to 256 MB.
     """
     pending, pending_bytes, number = list[tuple[int, int, RawMessage]](), 0, count()
     for begin_ns, items in chunks:

@@ -1,7 +1,7 @@
-"""Where each type of message keeps stamp, frames and poses, whatever library has decoded it.
+"""Stamps, frames and poses of decoded messages by type, whichever library decoded them.
 
-Of messages with several poses without frames of their own, the child frame is the name or the place of each:
-``0`` is the first pose of a PoseArray. A stamp that a type does not have is zero, as one that nobody set.
+In messages with several poses without frames of their own, the child frame is the name or index of each:
+``0`` is the first pose of a PoseArray. The stamp of a type without one is zero, like an unset stamp.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -14,14 +14,14 @@ from contact_tracker.recording.layouts import Observation
 Reader = Callable[[Any], list[Observation]]
 _SECOND: Final = 1_000_000_000
 _MOST_NS: Final = 2**63 - 1
-"""A later stamp is none: the gate refuses this one."""
+"""Stands for later stamps; the pose gate rejects it."""
 _FRACTIONS: Final = ("nanosec", "nsec", "nanos", "nsecs")
 _ADDED: Final = 0
-"""The action of a marker that is shown; others delete."""
+"""The action of a marker that is shown; the others delete it."""
 
 
 def canonical(type_name: str) -> str:
-    """The name of a ROS type with its ``/msg/``, which ROS 1 and some writers leave out."""
+    """The name of a ROS type with ``/msg/``, which ROS 1 and some writers omit."""
     package, slash, name = type_name.partition("/")
     return f"{package}/msg/{name}" if slash and "/" not in name else type_name
 
@@ -36,7 +36,7 @@ def _pose(header: Any, position: Any, orientation: Any) -> Pose:
 
 
 def _stamp_ns(stamp: Any) -> int:
-    """A time as ROS, protobuf and JSON have it."""
+    """Nanoseconds of a time of ROS, protobuf or JSON."""
     seconds = next(getattr(stamp, name) for name in ("sec", "seconds", "secs") if hasattr(stamp, name))
     fraction = next(getattr(stamp, name) for name in _FRACTIONS if hasattr(stamp, name))
     stamp_ns = int(seconds) * _SECOND + int(fraction)
@@ -157,12 +157,12 @@ def is_pose_type(type_name: str) -> bool:
 
 
 def observations(type_name: str, decoded: Any) -> list[Observation]:
-    """The poses in a decoded message of a pose type; raises what its attributes lead to."""
+    """The poses in a decoded message of a pose type; unexpected attributes can raise any error."""
     return POSE_TYPES[canonical(type_name)](decoded)
 
 
 def typed(found: list[Observation]) -> list[Observation]:
-    """The same of JSON, where anything may stand in place of a name or a number; raises TypeError, too."""
+    """Check the types of poses from JSON, whose values can be of any type; raises TypeError."""
     for frame_id, child_frame_id, _ in found:
         if not (isinstance(frame_id, str) and isinstance(child_frame_id, str)):
             raise TypeError("a name of a frame is no text")

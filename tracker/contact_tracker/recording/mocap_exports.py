@@ -1,9 +1,9 @@
-"""Exports of OptiTrack Motive and of Vicon: names, kinds and units of columns stand in rows above them.
+"""Exports of OptiTrack Motive and of Vicon, whose columns have names, kinds and units in rows above.
 
 Motive writes rows of types, names, IDs (not always), parents (since format 1.25) and values above that of the
-axes, before format 1.23 without words for them; rotations are quaternions or angles. Vicon Tracker and Nexus
-write sections, each with its rate, the names of bodies, of columns and units; three columns of rotation are
-angles or a helical vector, which most exports do not tell.
+axes, before format 1.23 without row labels; rotations are quaternions or angles. Vicon Tracker and Nexus
+write sections, each with its rate and the names of bodies, columns and units; three columns of rotation are
+angles or a helical vector, which most exports do not distinguish.
 """
 
 import csv
@@ -33,12 +33,12 @@ _ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
 
 
 def is_motive(first: str) -> bool:
-    """Whether a file whose first line this is is an export of Motive."""
+    """Whether a file with this first line is an export of Motive."""
     return first.lstrip('\ufeff"').startswith("Format Version")
 
 
 def is_vicon(first: str) -> bool:
-    """The same of Vicon."""
+    """Whether a file with this first line is an export of Vicon."""
     return first.strip().strip(',;\t"') in (*_SECTIONS, *_OTHER_SECTIONS)
 
 
@@ -79,8 +79,8 @@ def motive_layout(lines: Sequence[str]) -> TableLayout:
 
 
 def _motive_times(about: Mapping[str, str], rows: Sequence[Sequence[str]]) -> tuple[int, float]:
-    """The column of times and its unit in nanoseconds: frames where times are those of the frames, rounded to
-    milliseconds as Motive 2.3 and 3 write them; else seconds."""
+    """The time column and its unit in nanoseconds: frame numbers where the times are those of the frames
+    rounded to milliseconds, as Motive 2.3 and 3 write them; else seconds."""
     try:
         rate = number(about.get("Export Frame Rate", ""))
         times = [(number(row[0]), number(row[1])) for row in rows if len(row) > 1]
@@ -91,7 +91,7 @@ def _motive_times(about: Mapping[str, str], rows: Sequence[Sequence[str]]) -> tu
 
 
 def _note(found: dict[tuple[str, str], dict[str, int]], body: tuple[str, str], role: str, place: int) -> None:
-    """One column of a body; another body of the same kind and name gets a number."""
+    """Note one column of a body; another body of the same kind and name gets a number."""
     kind, name = body
     numbered = chain([body], ((kind, f"{name} {i}") for i in range(2, 1000)))
     free = next((one for one in numbered if role not in found.get(one, ())), None)
@@ -100,7 +100,7 @@ def _note(found: dict[tuple[str, str], dict[str, int]], body: tuple[str, str], r
 
 
 def _bodies(found: dict[tuple[str, str], dict[str, int]], unit_m: float) -> tuple[Body, ...]:
-    """Those that have all columns; a bone of the name of a rigid body is left out."""
+    """The bodies with all columns, without bones that share the name of a rigid body."""
     whole = {body: places for body, places in found.items() if places.keys() >= set(_ROLES)}
     return tuple(
         Body(name, tuple(places[role] for role in _ROLES), unit_m)
@@ -144,7 +144,7 @@ def vicon_layout(lines: Sequence[str]) -> TableLayout:
 
 
 def _refused(name: str) -> str:
-    """Why three columns of rotation are not read."""
+    """The message on three columns of rotation, which are not read."""
     about = _ABOUT.match(name)
     kind = about[1] if about is not None else None
     unknown = "three angles or a helical vector, and the file does not say which"
@@ -153,14 +153,14 @@ def _refused(name: str) -> str:
 
 
 def _short(name: str) -> str:
-    """Of an object the name without its segment, where that is the same."""
+    """An object's name, without its segment's if that is the same."""
     plain = _ABOUT.sub("", name, count=1)
     subject, _, segment = plain.partition(":")
     return subject if segment in ("", subject) else plain
 
 
 def _cells(lines: Iterable[str], separator: str) -> list[list[str]]:
-    """The values of each line; of an empty one an empty value."""
+    """The cells of each line; an empty line has one empty cell."""
     try:
         rows = [next(csv.reader([line.replace("\0", "")], delimiter=separator), []) for line in lines]
     except csv.Error as error:

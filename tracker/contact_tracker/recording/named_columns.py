@@ -1,6 +1,6 @@
-"""Which columns of a text file or table are poses, by their names; and TUM trajectories.
+"""Pose columns of text files and tables by their names; and TUM trajectories.
 
-All that is decided here is decided by the first lines, or by the names of the columns.
+Layouts are determined by the first lines or the column names alone.
 """
 
 import csv
@@ -26,19 +26,20 @@ _ANGLE: Final = re.compile(
     r"(?:.*[./: _-])?(?:roll|pitch|yaw|(?:r|rot|rotation|euler|angle|rotvec|axis_?angle)[._/: -]*[xyz])"
     r"(?:_(?:deg|rad))?"
 )
-"""One of three numbers that are a rotation."""
+"""Names of one of three numbers of a rotation."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _TUM_NAMES: Final = 8
 _NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _SHOWN: Final = 12
 _MARKS: Final = (";", "\t", ",")
-"""What may separate values; a comma may be the decimal point as well."""
+"""Separators of values; a comma may also be the decimal point."""
 MOST_COLUMNS: Final = 5000
 _LONGEST_NAME: Final = 200
 
 
 def layout_of_text(lines: Sequence[str]) -> TableLayout:
-    """The layout of a text file by its first lines; raises UnreadableRecording, which says what it lacks."""
+    """The layout of a text file by its first lines; raises UnreadableRecording, which names what is
+    missing."""
     first = next((line for line in lines if line.strip()), "")
     if is_motive(first):
         return motive_layout(lines)
@@ -89,23 +90,23 @@ def layout_of_names(names: Sequence[str], kind: str, separator: str | None, skip
 
 
 def _separator(data: str) -> str | None:
-    """What separates the values of a line: None for any white space."""
+    """The separator of values in a line; None for white space."""
     words = data.split()
     is_tum = len(words) == _TUM_NAMES and are_numbers(words) and not any(word[-1] == "," for word in words)
     if is_tum and len(data.split("\t")) < _TUM_NAMES:
-        return None  # blanks and tabs as they came, commas as decimal points
+        return None  # white space, with commas as decimal points
     return next((mark for mark in _MARKS if mark in data), None)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    """The values in a line, those in quotes without them."""
+    """The values in a line, without quotes."""
     if separator is None:
         return line.split()
     return [value.strip(BLANKS) for value in next(csv.reader([line], delimiter=separator), [])]
 
 
 def _refuse_wider(rows: Sequence[str], separator: str | None, names: int) -> None:
-    """Raise UnreadableRecording if rows have more values than there are ``names``: which is whose is open."""
+    """Raise UnreadableRecording if rows have more values than ``names``: their assignment is ambiguous."""
     for row in rows if separator is not None else ():
         values = _cells(row, separator)
         many = max((i for i, value in enumerate(values, 1) if value), default=0)
@@ -117,7 +118,7 @@ def _refuse_wider(rows: Sequence[str], separator: str | None, names: int) -> Non
 
 
 def _lacking(names: Sequence[str], has_pose: bool) -> str:
-    """What columns of these names lack."""
+    """The message on columns that are missing."""
     shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
     lacking = "no column of times" if has_pose else "no columns of a pose"
     angles = [name for name in names if _ANGLE.fullmatch(_split_unit(name)[0])]
@@ -131,19 +132,19 @@ def _lacking(names: Sequence[str], has_pose: bool) -> str:
 
 
 def _comments(lines: Sequence[str]) -> int:
-    """How many lines stand before the first that is no comment."""
+    """Number of lines before the first one that is not a comment."""
     return next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
 
 
 def _header(comment: str, separator: str | None, count: int) -> list[str] | None:
-    """The names that a comment gives to so many columns."""
+    """The names of ``count`` columns in a comment, if it has them."""
     names = _cells(comment.lstrip("# ").strip(), separator) if comment.strip() else []
     has_axes = {"x", "y", "z"} <= {(_axis(_split_unit(name)[0]) or ("", ""))[1] for name in names}
     return names if len(names) == count and has_axes else None
 
 
 def _split_unit(name: str) -> tuple[str, str]:
-    """A column's name in small letters, and its unit."""
+    """A column's name in lower case, and its unit."""
     plain = name.strip().lstrip("#").strip().lower()
     unit = _UNIT.search(plain)
     if unit is None:
@@ -152,7 +153,7 @@ def _split_unit(name: str) -> tuple[str, str]:
 
 
 def _time_column(names: Sequence[str]) -> tuple[int | None, float | None]:
-    """Where the time is, and its unit in nanoseconds if the name says so."""
+    """The index of the time column, and its unit in nanoseconds if the name has one."""
     for place, name in enumerate(names):
         plain, unit = _split_unit(name)
         if _TIME.fullmatch(plain):

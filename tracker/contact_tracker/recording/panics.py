@@ -1,4 +1,4 @@
-"""Silence for panics of Rust libraries, which print to the file descriptor of stderr whatever is caught."""
+"""Suppresses output of panics in Rust libraries, which print to the descriptor of stderr even if caught."""
 
 import os
 import sys
@@ -11,7 +11,7 @@ _STDERR: Final = 2
 
 
 class _Silence:
-    """The number of callers that want silence at the moment, and a copy of stderr's descriptor."""
+    """The number of active callers, and a copy of stderr's descriptor."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -37,7 +37,7 @@ _SILENCE: Final = _Silence()
 
 @contextmanager
 def without_panics() -> Iterator[None]:
-    """Discard meanwhile what is printed to the file descriptor of stderr; errors are raised all the same.
+    """Discard output to the file descriptor of stderr within the context; errors are still raised.
 
     The threads of polars print a message, and with ``RUST_BACKTRACE`` a backtrace.
     """
@@ -51,14 +51,14 @@ def without_panics() -> Iterator[None]:
 
 
 def _closed_stderr() -> int | None:
-    """Redirect the descriptor to nowhere; returns a copy of it, or None if that is not possible."""
+    """Redirect the descriptor to the null device; returns a copy of it, or None if that fails."""
     try:
         kept = os.dup(_STDERR)
     except OSError:
         return None
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-    except OSError:  # no descriptors are left
+    except OSError:  # no free descriptors
         os.close(kept)
         return None
     os.dup2(nowhere, _STDERR)

@@ -1,6 +1,6 @@
-"""What the pages of a Parquet file claim to become, before a library makes it of them.
+"""Checks the declared sizes of a Parquet file's pages before a library decompresses them.
 
-A few bytes can stand for billions of rows, or for gigabytes. Footer and page headers are in Thrift's compact
+A few bytes can expand to billions of rows or to gigabytes. Footer and page headers are in Thrift's compact
 protocol: https://parquet.apache.org/docs/file-format/
 """
 
@@ -15,21 +15,20 @@ from contact_tracker.recording.limits import TooMuchWork, WorkBudget
 PARQUET_MAGIC: Final = b"PAR1"
 _END: Final = struct.Struct("<I4s")
 _PAGE_HEADER: Final = 2**16
-"""A header of a page is no longer; statistics of long texts may be in it."""
+"""Longest page header (bytes); it may contain statistics of long texts."""
 _DEEPEST: Final = 16
 _BOOLEANS, _NUMBERS, _DOUBLE, _BINARY, _LISTS, _STRUCT = (1, 2), (3, 4, 5, 6), 7, 8, (9, 10), 12
 _Struct = Mapping[int, Any]
-"""The fields of a Thrift struct by their numbers."""
+"""The fields of a Thrift struct by number."""
 
 
 def check_pages(path: str, names: Set[str], bodies: int, budget: WorkBudget) -> list[int]:
-    """How many rows are in each group of a file of so many bodies.
+    """Number of rows in each row group of a file with ``bodies`` bodies.
 
     Raises
     ------
     UnreadableRecording
-        Some columns of the file, or its rows, become more than its size explains, or page headers cannot be
-        parsed.
+        Columns or rows exceed the limits for the file's size, or page headers cannot be parsed.
     """
     size = os.path.getsize(path)
     budget.count_read(size)
@@ -72,7 +71,7 @@ def _name(column: _Struct) -> str:
 
 
 def _pages(file: IO[bytes], column: _Struct, rows: int, size: int) -> Iterator[tuple[int, int]]:
-    """Bytes of each page of a column, as they are stored and as they are when they are decompressed."""
+    """Stored and decompressed bytes of each page of a column."""
     at = min(column[9], column.get(11) or column[9])
     end = at + column[7]
     if not 0 < at <= end <= size or column[5] > rows:
@@ -94,7 +93,7 @@ def _pages(file: IO[bytes], column: _Struct, rows: int, size: int) -> Iterator[t
 
 
 class _Thrift:
-    """A value in the compact protocol; raises LookupError or ValueError where it is cut off or nonsense."""
+    """Parser of the compact protocol; raises LookupError or ValueError for truncated or invalid data."""
 
     def __init__(self, data: bytes) -> None:
         self.at = 0

@@ -1,7 +1,7 @@
 """Message definitions in IDL and of ROS 1 as plain data, by the parsers of rosbags.
 
-Definitions come from the file, and nothing of them becomes code: of rosbags only its parsers are used, never
-its registered types, which it generates and runs. What the parsers give is checked again here.
+Definitions come from the file and must not become code: only the parsers of rosbags are used, not its
+registered types, for which it generates code. The parsers' results are validated here.
 """
 
 import re
@@ -12,19 +12,19 @@ from contact_tracker.recording.extras import need
 from contact_tracker.recording.message_types import canonical
 
 _LONGEST: Final = 2**17
-"""A longer definition is not parsed."""
+"""Longest definition that is parsed."""
 _RULE: Final = re.compile(r"^={80}\n", re.MULTILINE)
 _NAME: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _TYPE: Final = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)*", re.ASCII)
 _OTHERWISE: Final = {"octet": "byte"}
-"""Names of IDL that ros2msg has not."""
+"""Names of types that differ between IDL and ros2msg."""
 _BASE, _NAMED, _ARRAY, _SEQUENCE = 1, 2, 3, 4
-"""The kinds of descriptions of rosbags."""
+"""Kinds of type descriptions in rosbags."""
 
 
 class Field(NamedTuple):
-    """One field: its name and type, and how many there are: None of a plain one, 0 of a sequence of any
-    length, at most ``-many`` where that is negative."""
+    """A field: name, type and length ``many``: None for a scalar, 0 for a sequence of any length, negative
+    for one of at most ``-many``."""
 
     name: str
     type: str
@@ -32,11 +32,11 @@ class Field(NamedTuple):
 
 
 Fields = Mapping[str, Sequence[Field]]
-"""The fields of each type that a definition has, under its name with ``/msg/``."""
+"""The fields of each type in a definition, by type name with ``/msg/``."""
 
 
 def fields_of_idl(text: str) -> Fields:
-    """The types of a definition in IDL; raises what the text leads the parser to."""
+    """The types of a definition in IDL; an invalid text can raise any error of the parser."""
     typesys = need("rosbags.typesys", "ros2idl")
     types: dict[str, Any] = {}
     for part in _RULE.split(_checked(text)):
@@ -46,13 +46,13 @@ def fields_of_idl(text: str) -> Fields:
 
 
 def fields_of_ros1(text: str, type_name: str) -> Fields:
-    """The types of a definition of ROS 1, in which a header has its number; raises as above."""
+    """The types of a definition of ROS 1, in which a header has a sequence number; raises as above."""
     types = need("rosbags.typesys", "ROS 1").get_types_from_msg(_checked(text), canonical(type_name))
     return _fields(types)
 
 
 def ros2msg_of(fields: Fields, type_name: str) -> str:
-    """A definition as ros2msg has it."""
+    """A definition in ros2msg."""
     own, parts = canonical(type_name), list[str]()
     for name in (own, *(other for other in fields if other != own)):
         lines = "".join(f"{_written(field)} {field.name}\n" for field in fields[name])

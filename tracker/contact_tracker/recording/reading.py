@@ -1,4 +1,4 @@
-"""One pass over a recording: a file, a folder of parts that follow each other, or standard input."""
+"""One pass over a recording: a file, a folder of consecutive parts, or standard input."""
 
 import os
 import re
@@ -29,28 +29,28 @@ _PACKED: Final = {
     b"PK\x03\x04": "unzip",
     b"BZh": "bunzip2",
 }
-"""How other compressed files begin, and what makes plain ones of them."""
+"""First bytes of other compressed files, and the commands that decompress them."""
 _LFS: Final = b"version https://git-lfs"
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
-"""Parts of one recording overlap by no more, and no more lies between them."""
+"""Largest overlap of, and largest gap between, parts of one recording."""
 _NAMED: Final = 4
 _BEGIN: Final = 64
-"""So many bytes tell what a file is."""
+"""Number of first bytes that identify a format."""
 
 
 def parts_of(path: str) -> list[str]:
-    """The files of a recording in their order: ``path`` itself, or what a rosbag2 folder holds. The
+    """The files of a recording in order: ``path`` itself, or the parts in a rosbag2 folder. The
     ``metadata.yaml`` of a folder stands for the folder.
 
-    Parts are ordered by name with numbers as numbers; of a part that is there both plain and compressed
-    the plain one is taken, of one in .mcap and .db3 the .mcap.
+    Parts are ordered by name with numbers as numbers; uncompressed parts are preferred to compressed copies,
+    .mcap to .db3.
 
     Raises
     ------
     UnreadableRecording
-        If there is no such file, or the folder holds no part.
+        There is no such file, or the folder has no part.
     """
     path = recording_of(path)
     if path == STDIN or not os.path.isdir(path):
@@ -67,7 +67,7 @@ def parts_of(path: str) -> list[str]:
 
 
 def _is_there_twice(name: str, names: Sequence[str]) -> bool:
-    """Whether a part is there decompressed, or converted to MCAP, as well."""
+    """Whether a part also exists decompressed or converted to MCAP."""
     plain = _plain(name)
     if plain != name:
         return plain in names
@@ -75,19 +75,18 @@ def _is_there_twice(name: str, names: Sequence[str]) -> bool:
 
 
 def recording_of(path: str) -> str:
-    """The recording that a name means: that of a folder's ``metadata.yaml`` is the folder."""
+    """The recording that a path stands for: a folder's ``metadata.yaml`` for the folder."""
     return os.path.dirname(path) or "." if os.path.basename(path) == _METADATA else path
 
 
 def _packed_in(folder: str) -> str:
-    """What to do with packed parts in a folder, if there are any."""
+    """The advice on compressed parts in a folder, if there are any."""
     names = sorted(n for n in os.listdir(folder) if re.search(r"\.(mcap|db3)\.\w+$", n.lower()))
     return f"; decompress {names[0]} first" if names else ""
 
 
 def may_be_recording(path: str) -> bool:
-    """Whether a file begins as an MCAP file or a ROS bag does, or is compressed and what is in it cannot be
-    told.
+    """Whether a file begins like MCAP or a ROS bag, or is compressed with unknown content.
 
     Raises
     ------
@@ -107,7 +106,7 @@ def may_be_recording(path: str) -> bool:
 
 
 def summary_of(part: str) -> Summary | None:
-    """The index at the end of a file, or None where there is none that describes all its channels."""
+    """The index at the end of a file; None unless it describes all channels."""
     if not is_regular(part):
         return None
     try:
@@ -122,10 +121,10 @@ def summary_of(part: str) -> Summary | None:
 
 
 def refuse_unrelated(path: str, parts: Sequence[str]) -> None:
-    """Raise AmbiguousSource if the files of a folder are recordings of their own.
+    """Raise AmbiguousSource if the files of a folder are separate recordings.
 
-    Parts of one recording stand beside a metadata.yaml, or follow each other in log time; of files without
-    an index only the names tell, which differ in their numbers then.
+    Parts of one recording have a metadata.yaml or are consecutive in log time; files without an index have
+    names that differ only in numbers.
     """
     if len(parts) < 2 or os.path.exists(os.path.join(path, _METADATA)):
         return
@@ -158,7 +157,7 @@ def _without_numbers(part: str) -> str:
 
 
 def _interval_ns(part: str) -> tuple[int, int] | None:
-    """The log times between which its messages are, if its index knows them."""
+    """First and last log time of a part, if its index has them."""
     summary = summary_of(part)
     if summary is None or summary.statistics is None or not summary.statistics.message_count:
         return None
@@ -166,31 +165,31 @@ def _interval_ns(part: str) -> tuple[int, int] | None:
 
 
 def is_in_log_order(summary: Summary) -> bool:
-    """Whether no chunk of a file has messages that were logged before those of an earlier chunk."""
+    """Whether the chunks of a file do not overlap in log time."""
     chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     return all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
 
 
 class Reading:
-    """Iterate once for the items of all parts; then ``damage`` tells what could not be read.
+    """Iterate once for the items of all parts; afterwards ``damage`` names what could not be read.
 
     Parameters
     ----------
     path : file, folder or ``-``.
     wanted : messages of other channels are skipped unread.
-    follow : wait for what is still being written; a folder is complete once it has a metadata.yaml.
-    time_unit : of the times of a table, as of ``config.quantities.TIMES_NS``; by default what they look like.
+    follow : wait for more data; a folder is complete once it has a metadata.yaml.
+    time_unit : of the times of a table, as in ``config.quantities.TIMES_NS``; by default guessed from values.
 
     Attributes
     ----------
-    assumption : one line on what a table does not say, or None.
+    assumption : one line on what was assumed about a table, or None.
 
     Raises
     ------
     UnreadableRecording
-        No such file, or, while iterating, if nothing of it is MCAP.
+        No such file, or, while iterating, nothing of it is MCAP.
     AmbiguousSource
-        A folder of recordings of their own.
+        A folder of separate recordings.
     """
 
     def __init__(
@@ -216,7 +215,7 @@ class Reading:
 
     @property
     def damage(self) -> str | None:
-        """One line, or None as long as all is well."""
+        """One line, or None without damage."""
         return self._damage.text
 
     def __iter__(self) -> Iterator[Item]:
@@ -266,7 +265,7 @@ class Reading:
 
     def _sorted(self, stream: ByteStream, summary: Summary, prefix: str) -> Iterator[Item]:
         """The items of a file whose chunks overlap in log time: attachments and metadata, then messages by
-        their log time. Chunks are held as long as others may have earlier messages."""
+        log time. Chunks are buffered as long as others may have earlier messages."""
         places = [a.offset for a in summary.attachment_indexes] + [m.offset for m in summary.metadata_indexes]
         yield from self._read(RecordLoop(stream, self._wanted, summary, places=places), prefix)
         chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
@@ -279,7 +278,7 @@ class Reading:
         return self._read(loop, prefix)
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
-        """Parts in order, and whether there is only the one; when following, those to come too."""
+        """Parts in order, and whether each is the only one; when following, new ones, too."""
         single = not os.path.isdir(self.path)
         done: list[str] = []
         while not (single and done):
@@ -295,7 +294,7 @@ class Reading:
 
 
 def _begin(part: str) -> bytes:
-    """The first bytes of a file; none of what can be read only once."""
+    """The first bytes of a file; empty if it can be read only once."""
     if not is_regular(part):
         return b""
     try:
@@ -314,7 +313,7 @@ def _refuse_packed(part: str, begin: bytes) -> None:
 
 
 def _is_sortable(summary: Summary) -> bool:
-    """Whether the index knows all that is in the file."""
+    """Whether the index covers the whole file."""
     known = summary.statistics
     return known is not None and (
         (known.chunk_count, known.attachment_count, known.metadata_count)
@@ -323,7 +322,7 @@ def _is_sortable(summary: Summary) -> bool:
 
 
 def _plain(name: str) -> str:
-    """The name of a part without the ending of compressed files, in whatever case."""
+    """The name of a part without the suffix of compressed files, in any case."""
     ending = next((end for end in _COMPRESSED if name.lower().endswith(end)), "")
     return name.removesuffix(name[len(name) - len(ending) :]) if ending else name
 

@@ -1,4 +1,4 @@
-"""ROS 2 messages decoded: CDR by the definition that the channel has, or else by that of its type's name."""
+"""Decoding of ROS 2 messages (CDR) by the channel's definition, or else by the known one of its type."""
 
 from collections.abc import Callable
 from contextlib import redirect_stderr
@@ -18,7 +18,7 @@ Decoder = Callable[[bytes], Any]
 
 
 def cdr_reading(channel: Channel) -> Decoder | None:
-    """What decodes CDR by the definition in the file, in ros2msg or ros2idl; None if that cannot be used."""
+    """The decoder by the definition in the file, ros2msg or ros2idl; None if that is unusable."""
     name = canonical(channel.type)
     try:
         text = channel.schema.decode(errors="replace")
@@ -27,17 +27,17 @@ def cdr_reading(channel: Channel) -> Decoder | None:
         return _decoder(name, completed(text)) if text.strip() else None
     except MissingExtra:
         raise
-    except Exception:  # it raises whatever the text leads it to
+    except Exception:  # an invalid text can raise anything
         return None
 
 
 def lacks_parts(channel: Channel) -> bool:
-    """Whether the definition in the file uses known parts that it does not define."""
+    """Whether the definition in the file lacks known nested types."""
     return channel.schema_encoding == "ros2msg" and not is_complete(channel.schema.decode(errors="replace"))
 
 
 def known_reading(channel: Channel) -> Decoder | None:
-    """What decodes CDR by the known definition of a type of that name; None where none is known."""
+    """The decoder by the known definition of the channel's type; None for unknown types."""
     name = canonical(channel.type)
     known = definition_of(name)
     return None if known is None else _decoder(name, known)
@@ -45,5 +45,5 @@ def known_reading(channel: Channel) -> Decoder | None:
 
 def _decoder(name: str, text: str) -> Decoder | None:
     schema = Schema(id=1, name=name, encoding="ros2msg", data=text.encode())
-    with redirect_stderr(StringIO()):  # the parser prints what it then raises
+    with redirect_stderr(StringIO()):  # the parser also prints its errors
         return DecoderFactory().decoder_for("cdr", schema)

@@ -1,7 +1,6 @@
-"""Messages of ROS 1, decoded by the fields of their definition: little-endian, packed without gaps.
+"""Decoding of ROS 1 messages by the fields of their definition: little-endian, without padding.
 
-See http://wiki.ros.org/msg. Sizes are checked against what is left of the message before anything is made
-of them.
+See http://wiki.ros.org/msg. Sizes are checked against the rest of the message before memory is allocated.
 """
 
 import struct
@@ -25,11 +24,11 @@ _TIMES: Final = {
 _LENGTH: Final = struct.Struct("<I")
 
 _Step = Callable[[bytes, int], tuple[Any, int]]
-"""Takes a message and a place in it; gives the value there, and the place after it."""
+"""Takes a message and an offset; returns the value there and the offset after it."""
 
 
 def ros1_reading(channel: Channel) -> Callable[[bytes], Any]:
-    """What decodes the messages of a channel of ROS 1; raises what its definition leads to."""
+    """The decoder of a channel of ROS 1; an invalid definition can raise any error."""
     types = _Types({**fields_of_ros1(channel.schema.decode(), channel.type), **_TIMES})
     step = types.message(canonical(channel.type))
 
@@ -43,7 +42,7 @@ def ros1_reading(channel: Channel) -> Callable[[bytes], Any]:
 
 
 class _Types:
-    """What reads each type of a definition, made once."""
+    """Readers of the types of a definition, each made once."""
 
     def __init__(self, fields: Fields) -> None:
         self._fields = fields
@@ -73,7 +72,7 @@ class _Types:
         return step
 
     def _steps(self, fields: Sequence[Field]) -> Iterator[tuple[list[str], _Step]]:
-        """Fields in their order, as many at once as have a fixed size, and what reads their values."""
+        """Consecutive fields with their reader; those of fixed size are read together."""
         names, formats = list[str](), "<"
         for field in fields:
             if field.many is None and field.type in _FORMATS:
@@ -135,7 +134,7 @@ def _array_of_numbers(letter: str, many: int) -> _Step:
 
 
 def _count(data: bytes, at: int, many: int) -> tuple[int, int]:
-    """How many elements follow, each of a byte at least, and where: a fixed number, or a written one."""
+    """The number of elements (at least one byte each), fixed or as written, and their offset."""
     if many <= 0:
         (many,) = _LENGTH.unpack_from(data, at)
         at += _LENGTH.size

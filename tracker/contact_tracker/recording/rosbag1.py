@@ -1,4 +1,4 @@
-"""The container of ROS 1, a ``.bag`` file of version 2.0: chunk by chunk, also where its index is missing.
+"""The container of ROS 1, a ``.bag`` file of version 2.0, read by chunks, with or without index.
 
 A record is a header of named fields, and data. See http://wiki.ros.org/Bags/Format/2.0.
 """
@@ -19,14 +19,14 @@ from contact_tracker.recording.log_order import in_log_order
 BAG_MAGIC: Final = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
 _BZ2_WORK: Final = 4
-"""To decompress a byte of bz2 takes so many times as long as one of zstd or lz4."""
+"""Time to decompress a byte of bz2, relative to zstd or lz4."""
 _LENGTH: Final = struct.Struct("<I")
 _TIME: Final = struct.Struct("<II")
 _SECOND_NS: Final = 1_000_000_000
 
 
 class _Record(NamedTuple):
-    """``fields`` of the header by their names."""
+    """A record with the ``fields`` of its header by name."""
 
     fields: dict[bytes, bytes]
     data: bytes
@@ -46,17 +46,17 @@ class _Record(NamedTuple):
 def read_rosbag1(
     path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
-    """The messages of a ``.bag`` file by their log time; without an index in the order of its chunks.
+    """The messages of a ``.bag`` file by log time; without an index in the order of its chunks.
 
     Parameters
     ----------
     wanted : messages of other channels are skipped unread.
-    report : is called with a line for each thing that cannot be read.
+    report : called with one line for each part that cannot be read.
 
     Raises
     ------
     UnreadableRecording
-        It does not begin as a bag does, or its messages are encrypted.
+        It does not begin like a bag, or is encrypted.
     """
     with open_stream(path, budget=budget) as stream:
         bag = _Bag(stream, wanted, report)
@@ -91,7 +91,7 @@ class _Bag:
         self._overlaps = False
 
     def indexed_chunks(self) -> list[tuple[int, int]] | None:
-        """When the chunks begin and where they are, in the order of these times; None without an index."""
+        """First log time and offset of each chunk, by log time; None without an index."""
         chunks = dict[int, int]()
         with suppress(*PARSE_ERRORS, EOFError):
             place = self._head.number(b"index_pos")
@@ -108,7 +108,7 @@ class _Bag:
         return None
 
     def messages_at(self, place: int) -> list[RawMessage]:
-        """Those of the chunk at a byte, by their log time."""
+        """The messages of the chunk at an offset, by log time."""
         try:
             if self._overlaps:
                 return []
@@ -125,7 +125,7 @@ class _Bag:
         return []
 
     def _is_read_before(self, begin: int, end: int) -> bool:
-        """Whether some byte of a chunk belongs to one that was read; else it counts as read from now on."""
+        """Whether a chunk overlaps one that was read; if not, it is marked as read."""
         at = bisect(self._chunks, (begin, end))
         before, after = self._chunks[at - 1 : at], self._chunks[at : at + 1]
         if any(begin < other_end and other < end for other, other_end in (*before, *after)):
@@ -134,7 +134,7 @@ class _Bag:
         return False
 
     def messages_as_written(self) -> Iterator[RawMessage]:
-        """Those of one chunk after the other, each by their log time."""
+        """The messages of one chunk after the other, each by log time."""
         while True:
             place = self._stream.position
             try:
@@ -149,7 +149,7 @@ class _Bag:
             yield from self._messages(record, place)
 
     def _messages(self, record: _Record, place: int) -> list[RawMessage]:
-        """Those of a chunk; where it is damaged, those before."""
+        """The messages of a chunk, up to any damage."""
         found = list[RawMessage]()
         try:
             found.extend(self._messages_of(record))
@@ -158,7 +158,7 @@ class _Bag:
         return sorted(found, key=lambda message: message.log_time_ns)
 
     def _messages_of(self, record: _Record) -> Iterator[RawMessage]:
-        """The same one by one; raises one of PARSE_ERRORS where it is damaged."""
+        """The messages of a chunk one by one; raises one of PARSE_ERRORS at damage."""
         if record.kind == _CONNECTION:
             self._note_connection(record)
         elif record.kind == _MESSAGE:
@@ -207,7 +207,7 @@ class _Bag:
         return found
 
     def _record(self) -> _Record:
-        """The next record of the file; raises EOFError at its end, with words if it is cut off there."""
+        """The next record of the file; raises EOFError at its end, with a message if it is truncated."""
         parts = list[bytes]()
         for _ in range(2):
             head = self._stream.read(_LENGTH.size)
@@ -223,7 +223,7 @@ class _Bag:
 
 
 def _record_at(data: bytes, at: int) -> tuple[_Record, int]:
-    """The record of a chunk at a byte, and where the next one begins."""
+    """The record of a chunk at an offset, and the offset of the next one."""
     parts = list[bytes]()
     for _ in range(2):
         (size,) = _LENGTH.unpack_from(data, at)

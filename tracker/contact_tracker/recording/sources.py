@@ -1,12 +1,12 @@
-"""Which poses a recording holds, and which of them are meant.
+"""Pose sources of a recording, and selection of one.
 
 A source is a topic with its frames. Where a file has an index, its channels are known from there and their
-frames from a prefix that starts at the first chunk that holds each. Everything else (pipes, growing,
-truncated and index-less files) is judged by the prefix of the whole. A prefix is one second of log time from
-its first pose, and at most 2000 pose messages. Where another source that fits shows up only later, the user
-has to choose; a live stream goes on with the first one, and says so.
-`/tf_static` does not move, and `/contact/frames` are those of a result: they count as sources only when their
-topic is asked for.
+frames from a prefix that starts at the first chunk of each. Otherwise (pipes, growing, truncated and
+index-less files) the prefix of the whole decides. A prefix is one second of log time from its first pose, and
+at most 2000 pose messages. If another matching source appears only later, the user has to choose; a live
+stream continues with the first one, and reports it.
+`/tf_static` does not move, and `/contact/frames` belongs to results: these are sources only if their topic is
+requested.
 """
 
 import re
@@ -36,7 +36,7 @@ _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses. ``messages`` on its topic, where the index tells."""
+    """One stream of poses; ``messages`` is their number on its topic, where the index has it."""
 
     topic: str
     type: str
@@ -53,12 +53,13 @@ class PoseSource:
         return f"{self.topic} {self.frames or '(no frame)'} ({self.type})"
 
     def is_named(self, frame: str) -> bool:
-        """Whether ``--frame`` means this: ``parent->child``, the child, or the frame of a childless type."""
+        """Whether ``--frame`` names this source: ``parent->child``, the child, or the frame of a childless
+        type."""
         return frame in (self.frames, self.child_frame_id or self.frame_id)
 
 
 class ChannelFilter:
-    """Whether a channel may carry the poses that are meant; remembers all channels it was asked about.
+    """Whether a channel may carry the selected poses; records all channels that were tested.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ class ChannelFilter:
         return may_have_poses(channel) and self._is_asked(channel)
 
     def takes(self, source: PoseSource) -> bool:
-        """Whether the poses themselves may be of this source, among those of the channels that are read."""
+        """Whether this source may be that of the poses; transforms are read as well."""
         return True
 
     def _is_asked(self, channel: Channel) -> bool:
@@ -87,7 +88,7 @@ class ChannelFilter:
         return bool(colon) and channel.topic == topic and kind in names
 
     def nothing_found(self, path: str) -> NoPoses:
-        """The error that says what the recording holds instead of the poses that were asked for."""
+        """The error that lists what the recording has instead of the selected poses."""
         seen = list(self.seen.values())
         asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
         if any(map(self, asked)):
@@ -116,12 +117,12 @@ class ChannelFilter:
 
 
 def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
-    """The prefix of each wanted channel that an index knows; reads a few chunks of each and no more.
+    """The prefix of each wanted channel in an index; reads only a few chunks of each.
 
     Raises
     ------
     NoPoses
-        If the indexes know all channels, and none is wanted.
+        The indexes list all channels, and none is wanted.
     """
     messages: list[RawMessage] = []
     read_channels: set[Channel] = set()
@@ -145,7 +146,7 @@ def peek(path: str, wanted: ChannelFilter) -> list[RawMessage]:
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
-    """The prefixes of some channels; those that begin in the same chunk are read together."""
+    """The prefixes of some channels; those in the same first chunk are read together."""
     beginning = dict[int, set[Channel]]()
     starts = {chunk.chunk_start_offset: chunk.message_index_offsets.keys() for chunk in summary.chunk_indexes}
     unplaced = dict(missing)
@@ -162,8 +163,8 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
 
 
 def _take_prefixes(items: Iterator[Item], channels: set[Channel]) -> list[RawMessage]:
-    """``take_prefix`` of each channel in one pass, ended with the last of them or after as many messages as
-    all prefixes may have."""
+    """``take_prefix`` of each channel in one pass, until all are complete or the limit of messages is
+    reached."""
     taken, open_channels = dict[Channel, list[RawMessage]](), set(channels)
     messages = (item for item in items if isinstance(item, RawMessage))
     for message in islice(messages, PREFIX_MESSAGES * max(len(channels), 1)):
@@ -179,7 +180,7 @@ def _take_prefixes(items: Iterator[Item], channels: set[Channel]) -> list[RawMes
 
 
 def message_counts(summary: Summary | None) -> list[tuple[int, int]]:
-    """Channel ids with their number of messages, in the order of ids."""
+    """Channel ids with their number of messages, by id."""
     if summary is None or summary.statistics is None:
         return []
     counts = summary.statistics.channel_message_counts
@@ -204,7 +205,7 @@ def _is_full(prefix: list[RawMessage]) -> bool:
 def poses_by_source(
     messages: Iterable[RawMessage], decoder: MessageDecoder
 ) -> dict[PoseSource, list[Logged]]:
-    """The sources in some messages, each with its poses; what cannot be decoded is passed over."""
+    """The sources in some messages, each with its poses; undecodable messages are skipped."""
     poses: dict[PoseSource, list[Logged]] = {}
     for message in messages:
         try:
@@ -218,7 +219,7 @@ def poses_by_source(
 
 
 def only_one(path: str, sources: Iterable[PoseSource], hint: str = "") -> PoseSource:
-    """The source, if it is one; raises AmbiguousSource, which lists them, if there are several."""
+    """The only source; raises AmbiguousSource, which lists them, if there are several."""
     first, *others = sources
     if others:
         raise only_one_fits(path, (first, *others), hint)
@@ -226,7 +227,7 @@ def only_one(path: str, sources: Iterable[PoseSource], hint: str = "") -> PoseSo
 
 
 def only_one_fits(path: str, sources: Iterable[PoseSource], hint: str = "") -> AmbiguousSource:
-    """The error where several sources fit; ``hint`` says what else could be meant."""
+    """The error for several matching sources; ``hint`` names alternatives."""
     listing = _listing(map(str, sorted(set(sources))), "; ")
     return AmbiguousSource(
         f"{path} holds several pose sources, choose by --topic or --frame{hint}: {listing}"
@@ -239,7 +240,7 @@ def not_named(path: str, frame: str, sources: Iterable[PoseSource]) -> NoPoses:
 
 
 def _undecoded(topics: Iterable[str]) -> str:
-    """What to say of topics whose messages give no pose."""
+    """The message on topics without decodable poses."""
     return (
         f"no pose on {_listing(topics)} can be read: messages are empty, or not what their definition in the "
         "file says, or it cannot be used"
@@ -247,7 +248,7 @@ def _undecoded(topics: Iterable[str]) -> str:
 
 
 def _reasons(channels: Sequence[Channel]) -> str:
-    """Why these are no sources of poses, and what would be."""
+    """The message on channels that are not pose sources."""
     reasons = [_unsuitable(channel) for channel in channels[:_LISTED]]
     advice = [f"poses are {USUAL}"] if any(map(is_readable, channels)) else []
     if not all(map(is_readable, channels)):
@@ -263,7 +264,7 @@ def _unsuitable(channel: Channel) -> str:
 
 
 def _printable(text: str) -> str:
-    """Names come from the file: no line breaks, no control of the terminal, no endless lines."""
+    """A name from the file without line breaks and control characters, of bounded length."""
     return "".join(c if c.isprintable() else "?" for c in text[:_TEXT_SHOWN])
 
 

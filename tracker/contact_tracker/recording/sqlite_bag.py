@@ -1,7 +1,7 @@
 """The container of rosbag2 in SQLite, a ``.db3`` file.
 
-A database can say how its tables come about, in expressions that run when they are read. What is read here
-are plain tables only, by an authorizer that allows nothing else, and with bounded work.
+A database can define tables by expressions that run when they are read. An authorizer allows only plain
+tables here, and the work is bounded.
 """
 
 import os
@@ -17,24 +17,24 @@ from contact_tracker.recording.limits import RECORD_LIMIT, TooMuchWork, WorkBudg
 
 _TABLES: Final = frozenset({"messages", "topics", "message_definitions"})
 _HIDDEN: Final = 6
-"""The place in ``table_xinfo`` of whether a column is none of the plain ones."""
+"""Index in ``table_xinfo`` of whether a column is hidden or generated."""
 _STEPS: Final = 10_000
-"""Of the virtual machine, between looks at how many there were."""
+"""Steps of the virtual machine between checks of their number."""
 _LEAST_STEPS: Final = 50_000_000
 _STEPS_PER_BYTE: Final = 20
 _MOST_NAMED: Final = 500
-"""Of more topics not only the messages that are wanted are read."""
+"""With more topics all messages are read and filtered afterwards."""
 
 
 def read_sqlite(
     path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
-    """The messages of a ``.db3`` file in the order of their log time; parameters as of ``read_rosbag1``.
+    """The messages of a ``.db3`` file by log time; parameters as of ``read_rosbag1``.
 
     Raises
     ------
     UnreadableRecording
-        It is no database of rosbag2.
+        It is not a database of rosbag2.
     """
     size = os.path.getsize(path)
     budget.count_read(size)
@@ -72,7 +72,7 @@ def _opened(path: str, size: int) -> sqlite3.Connection:
 
 
 def _check_tables(file: sqlite3.Connection) -> None:
-    """Raise UnreadableRecording unless the tables of rosbag2 are there, and plain ones."""
+    """Raise UnreadableRecording unless all tables of rosbag2 exist and are plain."""
     found = dict(file.execute("select name, type from sqlite_master").fetchall())
     missing = {"messages", "topics"} - found.keys()
     if missing:

@@ -1,4 +1,4 @@
-"""Which time a pose has: that of its header, or, where headers have none, that at which it was logged."""
+"""Stamps of poses: the time of their header, or the log time where headers have none."""
 
 from collections.abc import Sequence
 from statistics import median
@@ -10,16 +10,16 @@ PREFIX_NS: Final = 1_000_000_000
 PREFIX_MESSAGES: Final = 2000
 SECOND_NS: Final = 1_000_000_000
 COARSE: Final = 4
-"""So many different poses to a stamp, and stamps do not tell their order in time."""
+"""Different poses per stamp from which stamps cannot order poses in time."""
 COARSE_SECONDS: Final = 2
-"""The same of stamps in whole seconds: of these only two are among the first poses."""
+"""The same for stamps in whole seconds, of which only two occur among the first poses."""
 
 Logged = tuple[Pose, int]
 """A pose with the stamp of its header, and its log time in nanoseconds."""
 
 
 class Stamping:
-    """Gives the poses of one source their stamps.
+    """Assigns stamps to the poses of one source.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ class Stamping:
 
     Attributes
     ----------
-    by_log_time : whether every pose gets its log time: all stamps of the prefix are zero, or so few that
-        most poses share one though they differ.
+    by_log_time : whether every pose gets its log time: all stamps of the prefix are zero, or most differing
+        poses share one.
     """
 
     def __init__(self, prefix: Sequence[Logged]) -> None:
@@ -36,30 +36,30 @@ class Stamping:
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
         offsets_ns = [log_time_ns - stamp_ns for stamp_ns, log_time_ns in good]
         self._offset_ns = round(median(offsets_ns)) if good else None
-        # A clock may run faster than log time: so far from zero the stamps of the prefix may take it.
+        # A clock may run faster than log time, so stamps of the prefix may reach this far from zero.
         self._near_zero_ns = max(PREFIX_NS, max(good)[0] - min(good)[0]) if good else PREFIX_NS
 
     @property
     def log_offset_ns(self) -> int:
-        """By how much later than its stamp a pose was logged, usually."""
+        """Median delay from a pose's stamp to its log time (ns)."""
         return 0 if self.by_log_time or self._offset_ns is None else self._offset_ns
 
     @property
     def values(self) -> tuple[bool, int | None, int]:
-        """All that it has taken from the prefix."""
+        """The values derived from the prefix."""
         return self.by_log_time, self._offset_ns, self._near_zero_ns
 
     @classmethod
     def of(cls, values: tuple[bool, int | None, int]) -> "Stamping":
-        """The same again."""
+        """A stamping from its ``values``."""
         stamping = cls(())
         stamping.by_log_time, stamping._offset_ns, stamping._near_zero_ns = values
         return stamping
 
     def lacks_stamp(self, stamp_ns: int, log_time_ns: int) -> bool:
-        """Whether the log time says more of when a pose was than its stamp does.
+        """Whether a pose gets its log time instead of its stamp.
 
-        Zero is no time, unless by the other poses it was then: clocks of simulations start at zero.
+        Zero is an unset stamp, unless the other stamps are near zero: clocks of simulations start there.
         """
         if self.by_log_time:
             return True
@@ -68,7 +68,7 @@ class Stamping:
         return abs(log_time_ns - self._offset_ns) > self._near_zero_ns
 
     def from_log_time(self, log_time_ns: int) -> int:
-        """The stamp of a pose that lacks one; as its header would have it, where the others have stamps."""
+        """The stamp of a pose without one; on the clock of the headers, where others have stamps."""
         return log_time_ns if self.by_log_time or self._offset_ns is None else log_time_ns - self._offset_ns
 
 
@@ -77,7 +77,7 @@ def _are_zero(prefix: Sequence[Logged]) -> bool:
 
 
 def _are_coarse(poses: Sequence[Pose]) -> bool:
-    """Whether most poses share their stamp with others that differ; the same pose again is no other."""
+    """Whether most poses share their stamp with a different pose."""
     stamps = {pose.stamp_ns for pose in poses}
     enough = COARSE_SECONDS if all(stamp_ns % SECOND_NS == 0 for stamp_ns in stamps) else COARSE
     return len({pose[1:] for pose in poses}) >= enough * len(stamps) > 0

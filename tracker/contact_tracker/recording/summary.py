@@ -1,4 +1,4 @@
-"""What a recording holds, as ``contact-tracker info`` shows it."""
+"""Summary of a recording for ``contact-tracker info``."""
 
 import os
 from collections import Counter
@@ -22,7 +22,7 @@ BEGINNING_S: Final = 30.0
 BEGINNING_NS: Final = round(BEGINNING_S * 1e9)
 BEGINNING_POSES: Final = 20_000
 KEPT_POSES: Final = 200_000
-"""Of all sources together."""
+"""Limit for all sources together."""
 _SAMPLE: Final = 50_000
 _MOST_NS: Final = 2**62
 _MAD_TO_SIGMA: Final = 1.4826
@@ -30,18 +30,18 @@ _MAD_TO_SIGMA: Final = 1.4826
 
 @dataclass(frozen=True)
 class SourceSummary:
-    """One pose source; everything that needs poses is nan or None where too few of them are valid.
+    """Summary of one pose source; figures are nan or None where too few poses are valid.
 
     Parameters
     ----------
-    poses, observed : valid poses, and all that were published.
+    poses, observed : numbers of valid and of published poses.
     first_ns, last_ns : stamps of the first and last valid pose.
     median_rate_hz, jitter_s : of the time between poses; jitter is its robust standard deviation.
-    counts : what the gate dropped, repaired or noted, by kind (``gap`` and ``held`` among them).
+    counts : what the gate dropped, repaired or noted, by kind (including ``gap`` and ``held``).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
     beginning : the first valid poses, ``BEGINNING_S`` at most.
-    sigma_position_m, sigma_rotation_rad : estimated sensor noise; for the caller to fill in.
+    sigma_position_m, sigma_rotation_rad : estimated sensor noise; filled in by the caller.
     """
 
     source: PoseSource
@@ -68,7 +68,7 @@ class SourceSummary:
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """A whole recording.
+    """Summary of a recording.
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ class RecordingSummary:
     more_sources : whether there are more.
     topics : messages by (topic, type, encoding), of all topics.
     metadata : records by name. attachments : their names.
-    undecodable : messages of pose topics that are not what their schema promises.
+    undecodable : number of messages of pose topics that do not match their schema.
     damage : one line if it is truncated or damaged.
-    assumptions : one line for each source whose type was not defined in the file, or not usably, or for times
-        whose unit is a guess.
+    assumptions : one line for each source whose type the file does not define usably, and for a guessed time
+        unit.
     """
 
     sources: tuple[SourceSummary, ...]
@@ -136,7 +136,7 @@ def _assumed(reading: Reading) -> tuple[str, ...]:
 
 
 class _Tallies:
-    """Running figures of all sources, from messages that wait until there are many of a channel."""
+    """Running figures of all sources; messages are buffered to many of a channel."""
 
     def __init__(self, decoder: MessageDecoder) -> None:
         self.undecodable = 0
@@ -167,14 +167,14 @@ class _Tallies:
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What was read by known definitions, in words."""
+        """One line for each source read by a known definition."""
         return tuple(
             f"{source.topic}: {assumption_text(self._tallies[source].observed, source.type, why)}"
             for source, why in sorted(self._assumed.items())
         )
 
     def _tally(self, messages: list[RawMessage]) -> None:
-        """Take in messages of one channel."""
+        """Add messages of one channel."""
         channel = messages[0].channel
         columns = self._decoder.observe_all(messages)
         if columns is not None:
@@ -215,7 +215,8 @@ class _Tallies:
 
 
 class _Sample:
-    """An even sample of a stream of integers: when full, every second one goes, then every second comes."""
+    """A regular sample of a stream of integers; when full, every second one is dropped and the stride
+    doubles."""
 
     def __init__(self) -> None:
         self.values = np.zeros(0, np.int64)
@@ -223,7 +224,7 @@ class _Sample:
         self._seen = 0
 
     def add(self, values: NDArray[np.int64]) -> None:
-        """At most ``_SAMPLE`` of them."""
+        """Add at most ``_SAMPLE`` values."""
         self.values = np.append(self.values, values[-self._seen % self._stride :: self._stride])
         self._seen += len(values)
         while len(self.values) > _SAMPLE:
@@ -232,7 +233,7 @@ class _Sample:
 
 
 class _Tally:
-    """Running figures of one source; ``kept`` poses of its beginning, of ``observed`` that were published."""
+    """Running figures of one source, with ``kept`` poses of its beginning and the number ``observed``."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -252,7 +253,7 @@ class _Tally:
         self._high_m = np.full(3, -np.inf)
 
     def add(self, observed: Poses | list[Pose], log_times_ns: list[int], keep: bool) -> None:
-        """Take in poses; the first wait until there are enough to say which stamps they get."""
+        """Add poses; the first are buffered until their stamping is determined."""
         self.observed += len(observed)
         if isinstance(observed, Poses) and self._stamping is not None:
             self._note_offsets(observed.stamp_ns, log_times_ns)
@@ -290,7 +291,7 @@ class _Tally:
         return self._gate.admit(observed)
 
     def _note(self, poses: Poses, keep: bool) -> None:
-        """Take in valid poses."""
+        """Add valid poses."""
         if not len(poses):
             return
         if not self._poses:

@@ -1,4 +1,4 @@
-"""How poses lie in a text file or table."""
+"""Layouts of poses in text files and tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ LENGTHS_M: Final[Mapping[str, float]] = {
 }
 
 BLANKS: Final = '" \t\r\n'
-"""What may stand around a value in its cell."""
+"""Characters that may surround a value in its cell."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body: the places of its seven columns, position first and then the quaternion ``xyzw``."""
+    """A rigid body: indices of its seven columns, position and quaternion ``xyzw``."""
 
     name: str
     columns: tuple[int, ...]
@@ -27,17 +27,17 @@ class Body:
 
 @dataclass(frozen=True)
 class TableLayout:
-    """How poses lie in a table.
+    """Layout of poses in a table.
 
     Parameters
     ----------
-    kind : of file, for people.
-    separator : of the values in a line; None where it is any white space.
+    kind : description of the format.
+    separator : of the values in a line; None for white space.
     skip : lines before the first row.
     is_ragged : whether rows may lack their last values, and have nothing but numbers.
-    time : the column of the time.
-    time_ns : one unit of the time in nanoseconds; None where only the times tell.
-    has_own_unit : whether the format itself says the unit of its times.
+    time : index of the time column.
+    time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
+    has_own_unit : whether the format itself defines the unit of its times.
     """
 
     kind: str
@@ -51,7 +51,7 @@ class TableLayout:
 
 
 def are_numbers(values: Sequence[str]) -> bool:
-    """Whether there are numbers among some values, and nothing else; commas are decimal points."""
+    """Whether values are numbers and empty cells, with at least one number; commas are decimal points."""
     try:
         return len([number(value) for value in values if value.strip(BLANKS)]) > 0
     except ValueError:
@@ -59,18 +59,18 @@ def are_numbers(values: Sequence[str]) -> bool:
 
 
 def number(value: str) -> float:
-    """The number in a cell, in quotes or with a decimal comma as it may be; raises ValueError."""
+    """The number in a cell, which may have quotes or a decimal comma; raises ValueError."""
     return float(value.strip(BLANKS).replace(",", "."))
 
 
 def separator_after(word: str, line: str) -> str:
-    """What separates the values of a line that begins with ``word``, a comma where that is not certain."""
+    """The separator of a line that begins with ``word``; a comma where uncertain."""
     mark = line.strip('" \r\n\ufeff').removeprefix(word).lstrip('" ')[:1]
     return mark if mark in (";", "\t") else ","
 
 
 def metres(unit: str) -> float:
-    """A unit of length in metres; raises UnreadableRecording."""
+    """The factor from a unit of length to metres; raises UnreadableRecording."""
     try:
         return LENGTHS_M[unit.lower()]
     except KeyError:

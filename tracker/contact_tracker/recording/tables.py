@@ -1,4 +1,4 @@
-"""Tables of poses, by polars: TUM trajectories, CSV and Parquet; each row gives a message for each body."""
+"""Tables of poses, read by polars: TUM trajectories, CSV and Parquet; each row is one message per body."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _HEAD_LINES: Final = 64
 _LONGEST_LINE: Final = 120
-"""Of errors of polars, which list all columns."""
+"""Longest text of an error of polars, which may list all columns."""
 _LINE: Final = 2**18
 _ROWS: Final = 10_000
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
@@ -33,12 +33,12 @@ _NEVER: Final = np.iinfo(np.int64).min
 _MOST_NS: Final = 2.0**62
 OWN_UNIT: Final = "its times have a unit: leave out --time-unit, which is for tables whose times have none"
 _ZLIB: Final = (b"x\x01", b"x\x5e", b"x\x9c", b"x\xda")
-"""So begins what polars would decompress."""
+"""First bytes of files that polars would decompress."""
 _PRINTABLE: Final = bytes(range(32, 127)) + b"\t\r\n\xef\xbb\xbf"
 
 
 def is_table(path: str, begin: bytes) -> bool:
-    """Whether a file that begins so may be a table: Parquet, or text that is not called ``.mcap``."""
+    """Whether a file with these first bytes may be a table: Parquet, or text without the suffix ``.mcap``."""
     if begin.startswith(PARQUET_MAGIC):
         return True
     if begin[:2] in _ZLIB:
@@ -60,20 +60,20 @@ def read_table(
     assume: Callable[[str], None],
     time_unit: str | None = None,
 ) -> Iterator[RawMessage]:
-    """The poses of a table row by row; log times are the times in it.
+    """The poses of a table by rows; log times are the times in it.
 
     Parameters
     ----------
     wanted : bodies of other channels are left out.
-    report : is told in a line of rows that cannot be read.
-    budget : bounds what a compressed table may become.
-    assume : called with a line about what the table leaves to an assumption.
-    time_unit : of ``config.quantities.TIMES_NS``, of a table whose format has none.
+    report : called with one line on rows that cannot be read.
+    budget : bounds the size of a compressed table.
+    assume : called with one line on each assumption.
+    time_unit : a key of ``config.quantities.TIMES_NS``, for a format without one.
 
     Raises
     ------
     UnreadableRecording
-        It has no columns of poses.
+        It has no pose columns.
     """
     polars = need("polars", "a table")
     try:
@@ -118,7 +118,7 @@ def read_table(
 
 
 def _batches(polars: Any, frame: "pl.LazyFrame", groups: list[int] | None) -> "Iterator[pl.DataFrame]":
-    """Rows that have a time; of Parquet group by group, so that no thread reads on between two calls."""
+    """Rows with a time; of Parquet by row groups, so that no thread reads ahead between two calls."""
     has_time = polars.col("time").is_not_null() & (polars.col("time") != "")
     if groups is None:
         yield from frame.filter(has_time).collect_batches(chunk_size=_ROWS, maintain_order=True)
@@ -132,7 +132,7 @@ def _batches(polars: Any, frame: "pl.LazyFrame", groups: list[int] | None) -> "I
 def _opened(
     polars: Any, path: str, budget: WorkBudget
 ) -> "tuple[TableLayout, pl.LazyFrame, list[int] | None]":
-    """The layout, the columns that it needs, by their places as names, and the rows of each group of Parquet.
+    """The layout, its columns named by index, and the rows of each row group of Parquet.
 
     The time is text.
     """
@@ -197,7 +197,7 @@ def _head(path: str) -> list[str]:
 
 
 def _rows_of_section(path: str, skip: int) -> int:
-    """How many lines follow before an empty one: other sections come after it."""
+    """Number of lines before an empty one, which ends the section."""
     many = 0
     with open(path, encoding="utf-8", errors="replace") as file:
         for line in islice(file, skip, None):
@@ -208,13 +208,13 @@ def _rows_of_section(path: str, skip: int) -> int:
 
 
 def _times(polars: Any, batch: "pl.DataFrame") -> NDArray[np.float64]:
-    """The times of the rows that have one, in the unit of the table."""
+    """The times of rows with one, in the unit of the table."""
     floats = batch["time"].cast(polars.Float64, strict=False).drop_nulls().to_numpy()
     return np.asarray(floats[np.isfinite(floats)], np.float64)
 
 
 def _stamps_ns(polars: Any, batch: "pl.DataFrame", scale: float) -> NDArray[np.int64]:
-    """Stamps of the rows, to the nanosecond as written; ``_NEVER`` where they are no numbers."""
+    """Stamps of the rows, exact to the written nanosecond; ``_NEVER`` for other text."""
     seconds = batch["time"]
     floats = seconds.cast(polars.Float64, strict=False).fill_null(np.nan).to_numpy() * scale
     known = np.isfinite(floats) & (np.abs(floats) < _MOST_NS)
@@ -227,7 +227,7 @@ def _stamps_ns(polars: Any, batch: "pl.DataFrame", scale: float) -> NDArray[np.i
 
 
 def _rows(batch: "pl.DataFrame", stamps: NDArray[np.int64], body: Any) -> NDArray[np.void]:
-    """The poses of a body as messages; empty cells are NaN."""
+    """The poses of a body as row messages; empty cells are NaN."""
     rows = np.zeros(len(stamps), _ROW)
     rows["stamp_ns"] = stamps
     for i, place in enumerate(body.columns):

@@ -1,4 +1,4 @@
-"""Units of the times in a table: by name, or by what they would mean where no name tells."""
+"""Units of the times in a table, by name or guessed from the values."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -15,21 +15,21 @@ NAMED_NS: Final[Mapping[str, int]] = {
     **dict.fromkeys(("sec", "secs"), TIMES_NS["s"]),
     "nsec": TIMES_NS["ns"],
 }
-"""Those that names of columns have."""
+"""Units in names of columns."""
 _STEP_S: Final = (0.0005, 0.2)
-"""Between poses: 5 to 2000 a second. Of such steps no two units have any in common."""
+"""Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
 _DATE_S: Final = (946684800.0, 4102444800.0)
-"""Since 1970: the years 2000 to 2100."""
+"""Range of dates since 1970: the years 2000 to 2100."""
 _SECONDS: Final = 1.0
-"""Shorter steps may as well be those of few poses a second."""
+"""Shorter steps may also be those of a low pose rate."""
 _LONGEST_STEP_S: Final = 100.0
-"""Steps of dates are no longer."""
+"""Longest step between dates."""
 
 
 def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
-    """The unit of times that have none, and what to say of it where it is an assumption.
+    """Guess the unit of times; returns it and one line on the assumption, if it is one.
 
-    By the steps between them, or as dates; as dates where both fit and poses would not be minutes apart.
+    Decided by the steps or as dates; as dates if both fit and poses would not be minutes apart.
     """
     if not len(times):
         return "s", None

@@ -1,4 +1,4 @@
-"""Which transforms lead from one frame to another, and whether those of a chain move."""
+"""The tree of frames: chains of transforms between frames, and which of them move."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -21,29 +21,29 @@ TRANSFORM_TYPES: Final = frozenset(
 
 
 class Step(NamedTuple):
-    """One transform of a chain; ``inverted`` where it is published the other way round."""
+    """One transform of a chain; ``inverted`` if it is published in the opposite direction."""
 
     source: PoseSource
     inverted: bool
 
 
 def frame_name(name: str) -> str:
-    """Without the leading slash that ROS 1 had."""
+    """A frame name without the leading slash of ROS 1."""
     return name.lstrip("/")
 
 
 def is_transform(source: PoseSource) -> bool:
-    """Whether a source is part of the tree of frames, and not what was measured of one body."""
+    """Whether a source is a transform between frames instead of a measured pose."""
     return canonical(source.type) in TRANSFORM_TYPES and bool(source.child_frame_id)
 
 
 def is_static(source: PoseSource) -> bool:
-    """Whether it is published as what does not move."""
+    """Whether a source is published as static."""
     return source.topic.endswith("tf_static")
 
 
 class TransformTree:
-    """The frames and what is published between them; of two transforms between the same frames, the first."""
+    """The frames and the transforms between them, of each pair the first."""
 
     def __init__(self, sources: Iterable[PoseSource]) -> None:
         self._steps: dict[str, dict[str, Step]] = {}
@@ -57,7 +57,7 @@ class TransformTree:
         return frame_name(frame) in self._steps
 
     def chain(self, start: str, end: str) -> list[Step] | None:
-        """The fewest transforms from one frame to another; None where there are none."""
+        """The shortest chain of transforms from one frame to another; None if there is none."""
         start, end = frame_name(start), frame_name(end)
         reached: dict[str, tuple[str, Step] | None] = {start: None}
         waiting = deque([start])
@@ -77,7 +77,7 @@ class TransformTree:
         return steps[::-1]
 
     def moving_root(self, frame: str) -> str | None:
-        """The frame above all others, where one of the transforms from there to ``frame`` may move."""
+        """The root of the tree, if a transform from there to ``frame`` may move; else None."""
         at, moves, seen = frame_name(frame), False, set[str]()
         while at not in seen:
             seen.add(at)

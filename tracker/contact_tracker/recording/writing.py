@@ -1,4 +1,4 @@
-"""Write labelled recordings that open everywhere: profile ros2, CDR, zstd chunks with indexes."""
+"""Writing of labelled recordings: profile ros2, CDR, zstd chunks with indexes."""
 
 import struct
 from collections.abc import Callable, Iterator, Mapping
@@ -7,7 +7,7 @@ from typing import IO, Final
 
 from mcap.writer import Writer
 
-from contact_tracker.atomic_file import whatever_is_there, whole_file
+from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.ground_truth import UNSCORED, Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
@@ -58,13 +58,13 @@ def write_recording(
     poses: Poses,
     truth: Truth | None,
     metadata: Mapping[str, str],
-    check: Callable[[], None] = whatever_is_there,
+    check: Callable[[], None] = accept_any,
 ) -> None:
     """Write a recording, whole or not at all; the same input gives the same bytes.
 
     Parameters
     ----------
-    path : replaced if it exists, as long as it is a file.
+    path : an existing file is replaced.
     poses : to ``/object/pose``, log time = header stamp; stamps from 0 to 2^31 s.
     truth : to ``/contact/truth`` at each change of contact, and as the attachment ``truth.json``.
     metadata : the metadata record ``recording``.
@@ -92,7 +92,7 @@ def _write(file: IO[bytes], poses: Poses, truth: Truth | None, metadata: Mapping
     changes: list[tuple[int, str]] = []
     truth_channel = 0
     if truth is not None:
-        # Before the messages: then a recording that is cut off or piped still has its truth.
+        # Before the messages, so that a truncated or piped recording still has its truth.
         writer.add_attachment(0, 0, TRUTH_ATTACHMENT, "application/json", truth.to_json().encode())
         truth_schema = writer.register_schema(TRUTH_TYPE, "ros2msg", b"string data\n")
         truth_channel = writer.register_channel(TRUTH_TOPIC, "cdr", truth_schema)

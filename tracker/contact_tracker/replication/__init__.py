@@ -1,7 +1,7 @@
 """The experiments of the paper (its section IV) on simulated recordings, and the tracker on the same poses.
 
-The paper moved a real cube by hand and measured it by motion capture. Here the simulator does both: the same
-contacts for the same times at the same rate, with white noise, and with noise that a low-pass has correlated.
+The paper moved a real cube by hand and measured it by motion capture. Here both are simulated: the same
+contacts, durations and rate, with white noise and with low-pass-filtered noise.
 """
 
 from contact_tracker.replication.contact_sequence import ContactSequence, replicate_sequence

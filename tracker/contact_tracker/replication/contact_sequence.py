@@ -1,7 +1,7 @@
-"""The paper's second experiment: an object goes from contact to contact, and its state is looked for.
+"""The paper's second experiment: identification of an object's contact state over several contacts.
 
 The paper minimises its objectives on windows of 500 poses, ten poses apart (Fig. 5). The tracker gives a
-posterior in each tick: online, of the poses up to then, and offline, of the whole recording.
+posterior in each tick: online from the poses so far, and offline from the whole recording.
 """
 
 from dataclasses import dataclass
@@ -33,16 +33,16 @@ COLUMNS: Final = [contact.column for contact in MOVED]
 
 @dataclass(frozen=True, eq=False)
 class ContactSequence:
-    """The W windows of one recording, and what the tracker says of it.
+    """The W windows of one recording, and the tracker's segmentation.
 
     Parameters
     ----------
     noise : its name in ``NOISES``.
-    poses : what was recorded.
+    poses : as recorded.
     truth : (N,) column of the true state of each pose.
     windows : minima of all six objectives, by the batched minimiser.
-    slsqp_window, slsqp_minimum : (S,) some of the windows, and (S, 4) what SLSQP from three random starts
-        finds there, for the contacts of ``MOVED``.
+    slsqp_window, slsqp_minimum : (S,) some of the windows, and (S, 4) their minima by SLSQP from three random
+        starts, for the contacts of ``MOVED``.
     segmentation : of the tracker.
     """
 
@@ -61,22 +61,22 @@ class ContactSequence:
 
     @property
     def slsqp_points(self) -> Array:
-        """(S, 4) what SLSQP finds, in the scale of ``curves``."""
+        """(S, 4) minima by SLSQP, in the scale of ``curves``."""
         return np.asarray(self.slsqp_minimum / self.windows.minimum[:, COLUMNS].max(axis=0))
 
     @property
     def slsqp_gain(self) -> Array:
-        """(S, 4) by which share of the curves' maximum SLSQP's minimum is the lower one."""
+        """(S, 4) how much lower the minima by SLSQP are, relative to the curves' maximum."""
         return np.asarray(self.curves[self.slsqp_window] - self.slsqp_points)
 
     def window_at(self, stamp_ns: Ints) -> Array:
-        """Number of the window, with its fraction, that ends at each stamp (K,); negative before any."""
+        """Fractional index of the window that ends at each stamp (K,); negative before the first."""
         frame = np.interp(stamp_ns, self.poses.stamp_ns, np.arange(len(self.poses)))
         return np.asarray((frame - (FRAMES - 1)) / STEP)
 
     @property
     def window_truth(self) -> Ints:
-        """(W,) column of the state that holds in all of a window, -1 for one that straddles a change."""
+        """(W,) column of a window's state, -1 for one with a change."""
         begin = np.arange(len(self.windows.stamp_ns)) * STEP
         changes = np.concatenate([[0], np.cumsum(self.truth[1:] != self.truth[:-1])])
         whole = changes[begin] == changes[begin + FRAMES - 1]
@@ -84,7 +84,7 @@ class ContactSequence:
 
     @property
     def online(self) -> Ints:
-        """(W,) the tick that was reported last when a window ends."""
+        """(W,) the last reported tick at the end of a window."""
         return tick_in_force(self.windows.stamp_ns, self.segmentation.filtered.stamp_ns)
 
     @property
@@ -98,12 +98,12 @@ class ContactSequence:
         return [MOVED[column] for column in self.curves.argmin(axis=1)]
 
     def online_labels(self) -> list[Contact]:
-        """(W,) what the tracker says when a window ends."""
+        """(W,) the tracker's online label at the end of a window."""
         labels = self.segmentation.filtered.contacts
         return [labels[tick] for tick in self.online]
 
     def offline_labels(self) -> list[Contact]:
-        """(W,) what it says afterwards of the time at which a window ends."""
+        """(W,) the tracker's offline label at the end of a window."""
         labels = self.segmentation.beliefs.contacts
         return [labels[tick] for tick in self.offline]
 
@@ -115,7 +115,7 @@ def replicate_sequence(noise: str, seed: int, slsqp_every: int) -> ContactSequen
     ----------
     noise : a name in ``NOISES``.
     seed : of the recording; with 1 and white noise it is ``recordings/paper_experiment.mcap``.
-    slsqp_every : SLSQP, which takes a hundred times longer, runs on one window of so many.
+    slsqp_every : SLSQP, which takes a hundred times longer, runs on every so many-th window.
     """
     simulated = simulate("paper_experiment", seed)
     poses = NOISES[noise](simulated.poses)

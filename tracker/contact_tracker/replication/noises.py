@@ -1,4 +1,4 @@
-"""What becomes of the white noise of the simulated sensor before poses are recorded."""
+"""Noise models of recorded poses: white, or filtered."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -18,4 +18,4 @@ def _as_measured(poses: Poses) -> Poses:
 NOISES: Final[Mapping[str, Callable[[Poses], Poses]]] = MappingProxyType(
     {"white": _as_measured, "filtered": partial(low_pass, cutoff_hz=CUTOFF_HZ)}
 )
-"""``filtered``: a Butterworth low-pass, forth and back, as software of motion capture has it."""
+"""``filtered``: a Butterworth low-pass, forward and backward, as in motion-capture software."""

@@ -1,7 +1,7 @@
-"""The paper's first experiment: an object moves in one contact, and its touching elements are estimated.
+"""The paper's first experiment: estimation of the touching elements of an object in one contact.
 
-SLSQP minimises the paper's objective of the contact, which is given, from ten random starts. The tracker
-segments the same poses and is given nothing.
+SLSQP minimises the paper's objective of the known contact from ten random starts. The tracker segments the
+same poses without prior knowledge.
 """
 
 from dataclasses import dataclass, replace
@@ -27,24 +27,24 @@ from contact_tracker.tracking.belief import Segment
 Array = NDArray[np.float64]
 
 MOVED: Final = (Contact.FF, Contact.EF, Contact.VF, Contact.EE)
-"""The contacts in which the paper moves its cube, in its order."""
+"""The contacts of the paper's cube, in its order."""
 SECONDS: Final = 10.0
 STARTS: Final = 10
 
 
 @dataclass(frozen=True, eq=False)
 class SingleContact:
-    """One simulated recording, and what was estimated of it.
+    """One simulated recording, and the estimates from it.
 
     Parameters
     ----------
-    contact, noise : that held, and the name of the noise in ``NOISES``.
+    contact, noise : the true contact, and the name of the noise in ``NOISES``.
     simulated : the recording before any filter, with its truth.
     slsqp, tracker : touching elements; the tracker's are of its longest segment of this contact, None
-        where it found none.
+        without one.
     slsqp_errors, tracker_errors : of these elements against the true ones, object and environment.
-    bound : Cramer-Rao bounds (d, d) of the errors of either element, of white noise: no filter adds to
-        what the poses tell.
+    bound : Cramer-Rao bounds (d, d) of the errors of either element, for white noise: filters add no
+        information.
     labelled : share of the time in which the tracker's label was right.
     """
 
@@ -59,7 +59,7 @@ class SingleContact:
     labelled: float
 
     def bound_of(self, side: str, kind: str) -> Array | None:
-        """The bound of the angle (rad) or the distance (m) alone; None where an element has none."""
+        """The bound of the angle (rad) or the distance (m) alone; None if an element has none."""
         index = SIDES.index(side)
         parts = dict(angles_and_distances(self.contact, index, len(self.bound[index])))
         return self.bound[index][parts[kind], parts[kind]] if kind in parts else None
@@ -71,7 +71,7 @@ def replicate_contact(contact: Contact, noise: str, seed: int) -> SingleContact:
     Parameters
     ----------
     noise : a name in ``NOISES``.
-    seed : of the recording. The motion and the white noise are the same whatever ``noise`` is.
+    seed : of the recording. Motion and white noise do not depend on ``noise``.
     """
     scenario = Scenario((Phase(contact, SECONDS),), name=f"paper: {contact.value}")
     simulated = simulate(scenario, seed)
@@ -95,9 +95,9 @@ def replicate_contact(contact: Contact, noise: str, seed: int) -> SingleContact:
 
 
 def estimate_by_slsqp(contact: Contact, poses: Poses, rng: np.random.Generator) -> ContactGeometry:
-    """The elements at the lowest minimum of the paper's objective, as the paper finds it.
+    """The elements at the lowest minimum of the paper's objective, by the paper's method.
 
-    The world's origin is set amid the positions meanwhile, which changes none of the minima of ``MOVED``
+    The world's origin is shifted to the mean position, which does not change the minima of ``MOVED``
     (docs/theory.md, T8 to T11).
     """
     origin_m = poses.position_m.mean(axis=0)

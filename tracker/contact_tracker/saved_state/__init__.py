@@ -1,4 +1,4 @@
-"""The state of a stream in a file: what was known of it carries on after a restart."""
+"""Saving the state of a stream to a file, to resume it after a restart."""
 
 from contact_tracker.saved_state.encoding import is_same
 from contact_tracker.saved_state.progress import Progress

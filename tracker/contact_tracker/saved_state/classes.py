@@ -1,4 +1,4 @@
-"""The classes of which a state consists: values, made from their fields, and objects that change."""
+"""The classes in a saved state: values, made from their fields, and mutable objects."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -88,9 +88,9 @@ VALUES: Final[tuple[type, ...]] = (
     window.Window,
     belief.Belief,
     belief.FurtherContact,
-    online_formations.Beside,
-    online_formations.Elements,
-    online_formations.Held,
+    online_formations.FormationState,
+    online_formations.ContactElements,
+    online_formations.TrackedContact,
     curved_motion.CurvedMotion,
     state.TrackerState,
     Progress,
@@ -102,4 +102,4 @@ EMPTY_OBJECTS: Final[tuple[Callable[[], Any], ...]] = (
     lambda: default_poses.DefaultPoseFilter(Counter()),
     lambda: excursions.ExcursionFilter(Counter()),
 )
-"""Each makes an object whose fields are those of one that was in use."""
+"""Functions that make empty mutable objects, whose fields are then restored."""

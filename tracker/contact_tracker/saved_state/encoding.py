@@ -1,6 +1,6 @@
-"""Values of known classes as JSON and arrays, and back. Nothing else is ever built, and no code is run.
+"""Encoding of values of known classes as JSON and arrays, and decoding. No other class is built, no code run.
 
-Objects that are shared stay shared: some are compared by identity.
+Shared objects stay shared, as some are compared by identity.
 """
 
 import enum
@@ -21,7 +21,7 @@ from contact_tracker.hypotheses.row_layout import Layout, layout
 from contact_tracker.saved_state.classes import EMPTY_OBJECTS, VALUES
 
 KINDS: Final = "biuf"
-"""Kinds of arrays that may occur: flags and numbers."""
+"""Allowed kinds of arrays: flags and numbers."""
 DEEPEST: Final = 60
 _LAYOUTS: Final = {
     f"{table.__name__} {model.contact.value}": layout(table, model)
@@ -35,7 +35,8 @@ _EMPTY: Final[Mapping[str, Callable[[], Any]]] = {type(empty()).__name__: empty 
 
 
 def field_names(one: type) -> tuple[str, ...]:
-    """Of a value, in the order of its constructor; of another object, in that in which they are set."""
+    """Field names of a value in the order of its constructor, of another object in the order of
+    assignment."""
     if one.__name__ in _EMPTY:
         return tuple(vars(_EMPTY[one.__name__]()))
     if is_dataclass(one):
@@ -44,12 +45,12 @@ def field_names(one: type) -> tuple[str, ...]:
 
 
 def schema() -> dict[str, list[str]]:
-    """The names of the fields of all classes: a state is of the version that has the same."""
+    """The field names of all classes, which identify the version of a state."""
     return {name: list(field_names(one)) for name, one in sorted(_CLASSES.items())}
 
 
 def is_same(one: Any, other: Any) -> bool:
-    """Whether two values are the same to the last bit."""
+    """Whether two values are bit-identical."""
     encoders = Encoder(), Encoder()
     trees = [encoder.encode(value) for encoder, value in zip(encoders, (one, other), strict=True)]
     if json.dumps(trees[0]) != json.dumps(trees[1]):
@@ -59,7 +60,7 @@ def is_same(one: Any, other: Any) -> bool:
 
 
 def fingerprint(value: Any) -> str:
-    """32 hexadecimal digits that two values share only if they are the same to the last bit (BLAKE2b)."""
+    """A hash (BLAKE2b, 32 hexadecimal digits) that is equal only for bit-identical values."""
     encoder = Encoder()
     found = hashlib.blake2b(json.dumps(encoder.encode(value)).encode(), digest_size=16)
     for array in encoder.arrays:
@@ -69,7 +70,7 @@ def fingerprint(value: Any) -> str:
 
 
 class Encoder:
-    """Turns values into a tree for JSON; the ``arrays`` in it by their number."""
+    """Encodes values as a tree for JSON, with references by number to ``arrays``."""
 
     def __init__(self) -> None:
         self.arrays: list[NDArray[Any]] = []
@@ -77,7 +78,7 @@ class Encoder:
         self._kept: list[Any] = []
 
     def encode(self, value: Any) -> Any:
-        """The tree of a value; raises TypeError where a class is not known."""
+        """The tree of a value; raises TypeError for an unknown class."""
         if value is None or type(value) in (bool, int, float, str):
             return value
         if isinstance(value, np.generic):
@@ -92,7 +93,7 @@ class Encoder:
             return ["same", self._known[id(value)]]
         tree = self._encode_object(value)
         self._known[id(value)] = len(self._known)
-        self._kept.append(value)  # no other gets its id meanwhile
+        self._kept.append(value)  # keeps its id unique
         return tree
 
     def _encode_object(self, value: Any) -> Any:
@@ -118,12 +119,12 @@ class Encoder:
 
 
 class Decoder:
-    """Turns a tree into the values that it was made of.
+    """Decodes a tree to its value.
 
     Raises
     ------
     StateError
-        It holds something that ``Encoder`` does not write.
+        The tree is not one that ``Encoder`` writes.
     """
 
     def __init__(self, arrays: Sequence[NDArray[Any]]) -> None:
@@ -131,7 +132,7 @@ class Decoder:
         self._known: list[Any] = []
 
     def decode(self, tree: Any, depth: int = 0) -> Any:
-        """The value."""
+        """The value of a tree."""
         if tree is None or isinstance(tree, bool | int | float | str):
             return tree
         if not isinstance(tree, list) or not tree or depth > DEEPEST:

@@ -1,4 +1,4 @@
-"""How far the stream of one log has come: what is known of it, and what was taken from the log."""
+"""Progress of the stream of one log: the tracker's state, and the position in the log."""
 
 from typing import NamedTuple
 
@@ -11,11 +11,11 @@ from contact_tracker.tracking.belief import FurtherContact
 class Progress(NamedTuple):
     """A stream between two poses.
 
-    ``initial`` is the state that it began with: the same model, lag and knowledge give the same again.
+    ``initial`` is the initial state, which model, lag and prior map determine.
     ``log`` are the topic, type and frames of its source, with the log time of the first pose there (ns);
-    ``taken`` poses went through the ``gate`` with the ``stamping`` (see ``recording.stamping``).
-    ``origin_ns``, ``first_ns`` and ``last_ns`` are stamps, ``used`` poses came through; ``label`` is the last
-    that was shown, ``settled`` whether as settled, and ``further`` the contacts beside it.
+    ``taken`` poses were read, with the ``gate`` and the ``stamping`` (see ``recording.stamping``).
+    ``origin_ns``, ``first_ns`` and ``last_ns`` are stamps, ``used`` the number of valid poses; ``label`` is
+    the last that was shown, ``settled`` whether as settled, and ``further`` the further contacts.
     """
 
     initial: AdaptiveState

@@ -1,4 +1,4 @@
-"""One file: a tree of values and the arrays in it, of one version of the package, with a checksum."""
+"""The file of a state: a tree of values and arrays, with the version of the package and a checksum."""
 
 import hashlib
 import json
@@ -22,18 +22,18 @@ _PARSE_ERRORS: Final = (
     zipfile.BadZipFile,
     *(ValueError, LookupError, TypeError, RuntimeError, EOFError, MemoryError, OverflowError, struct.error),
 )
-"""What zip files, JSON and arrays that are not as they should be lead the libraries to."""
+"""Errors of the libraries for invalid zip files, JSON and arrays."""
 _TREE: Final = "tree.json"
 _HEAD: Final = "head.json"
 
 
 def save(path: Path, value: Any) -> None:
-    """Write a value of the classes in ``classes``, whole or not at all.
+    """Write a value of the classes in ``classes``, atomically.
 
     Raises
     ------
     TypeError
-        It has a part of another class.
+        The value has a part of another class.
     OSError
         The file cannot be written.
     """
@@ -47,14 +47,14 @@ def save(path: Path, value: Any) -> None:
 
 
 def load(path: Path) -> Any:
-    """The value that was saved; nothing in the file is ever run.
+    """The saved value; no code in the file is run.
 
     Raises
     ------
     StateError
-        It is no state, is damaged, or was saved by another version.
+        The file is not a state, is damaged, or was saved by another version.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     try:
         parts = _parts(path)

@@ -1,6 +1,6 @@
-"""Labelled recordings of an object that is moved in contact with fixed surroundings, from a seed.
+"""Simulation of labelled recordings: an object moves in contact with fixed surroundings.
 
-Kinematic: the contact constraint holds exactly before the sensor's noise is added. No input or output.
+Kinematic and seeded; constraints hold exactly before measurement noise is added. No input or output.
 """
 
 from contact_tracker.simulate.scenarios import SCENARIOS, Phase, Scenario, named_scenario

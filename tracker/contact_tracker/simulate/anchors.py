@@ -1,4 +1,4 @@
-"""Poses at which one contact becomes another: they hold both, so nothing jumps."""
+"""Poses at which one contact changes into another; they satisfy both, so the motion is continuous."""
 
 from dataclasses import dataclass
 
@@ -12,20 +12,21 @@ from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
-SETTLE_S = 0.15  # an anchor's rates last about as long
-_CROSSING = (np.radians(50.0), np.radians(130.0))  # edges cross well where contacts change
+SETTLE_S = 0.15  # time constant of the decay of an anchor's rates
+_CROSSING = (np.radians(50.0), np.radians(130.0))  # crossing angle of edges at a change of contact
 _SPEED_M_S = 0.06
 _TURN_RAD_S = np.radians(20.0)
-_ROOM_M = 0.07  # to move in, from the touching point to the rim
-_ROOM_RAD = np.radians(20.0)  # and from the normal to the sides of its cone
+_ROOM_M = 0.07  # desired distance from the touching point to the feature's rim
+_ROOM_RAD = np.radians(20.0)  # desired angle from the normal to the sides of its cone
 
 
 @dataclass(frozen=True, eq=False)
 class Anchor:
-    """A pose that the object passes through where one stretch of motion ends and the next begins.
+    """The pose and velocity between two legs of the motion.
 
     ``touch_object`` (object frame) and ``touch_scene`` (scene frame) are the touching point on either
-    feature in m; the rates are their velocities in m/s and that of the spin in rad/s. The normals rest.
+    feature in m; the rates are their velocities in m/s and that of the spin in rad/s. The normals are at
+    rest.
     """
 
     normal: Array
@@ -42,7 +43,7 @@ class Anchor:
         """From the object's frame to the scene's."""
         return Rigid(self.rotation, self.touch_scene - self.rotation @ self.touch_object)
 
-    def far_from(self, other: "Anchor") -> tuple[float, float]:
+    def distance_to(self, other: "Anchor") -> tuple[float, float]:
         """Distance (m) and angle (rad) to another anchor's pose."""
         shift = self.pose.translation - other.pose.translation
         turn = Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude()
@@ -56,7 +57,7 @@ def choose_chart(
     scene: Polyhedron,
     related: Chart | None = None,
 ) -> Chart:
-    """Features for ``contact``, contained in those of ``related`` or containing them."""
+    """Choose features for ``contact`` that are contained in those of ``related`` or contain them."""
     features = []
     for kind, choice, given in (
         (contact.value[0], object.features, related.object if related else None),
@@ -71,11 +72,13 @@ def _nested(a: Feature, b: Feature) -> bool:
     return a.indices <= b.indices or b.indices <= a.indices
 
 
-def meet(rng: np.random.Generator, before: Anchor | None, leaving: Chart | None, arriving: Chart) -> Anchor:
-    """A pose that holds both contacts, not far from ``before``, with velocities that both allow.
+def sample_anchor(
+    rng: np.random.Generator, before: Anchor | None, leaving: Chart | None, arriving: Chart
+) -> Anchor:
+    """Sample a pose that satisfies both contacts, near ``before``, with velocities that both allow.
 
-    ``leaving`` is None for an object that comes from free motion, or from nowhere. The touching point
-    lies on the features of the contact with fewer constraints, the normals in the cones of the other.
+    ``leaving`` is None after free motion and at the start. The touching point lies on the features of the
+    contact with fewer constraints, the normals in the cones of the other.
     """
     charts = (leaving or arriving, arriving)
     lower = min(charts, key=lambda chart: chart.contact.codimension)
@@ -107,7 +110,7 @@ def meet(rng: np.random.Generator, before: Anchor | None, leaving: Chart | None,
 
 
 def sample_normal(rng: np.random.Generator, feature: Feature, near: Array | None) -> Array:
-    """A normal of the feature's cone with room to turn around it, rather ``near`` than far."""
+    """Sample a normal of the feature's cone, away from its sides and near ``near``."""
     normals = unit(rng.dirichlet(np.full(len(feature.normals), 1.5), 8) @ feature.normals)
 
     def effort(normal: Array) -> float:
@@ -118,7 +121,7 @@ def sample_normal(rng: np.random.Generator, feature: Feature, near: Array | None
 
 
 def sample_point(rng: np.random.Generator, feature: Feature, near: Array | None) -> Array:
-    """A point on the feature with room to move around it, rather ``near`` than far."""
+    """Sample a point on the feature, away from its rim and near ``near``."""
     points = rng.dirichlet(np.ones(len(feature.points)), 16) @ feature.points
 
     def effort(point: Array) -> float:
@@ -129,7 +132,7 @@ def sample_point(rng: np.random.Generator, feature: Feature, near: Array | None)
 
 
 def _rate(rng: np.random.Generator, feature: Feature, point: Array) -> Array:
-    """A velocity within the feature that does not lead out of it."""
+    """Sample a velocity within the feature that does not lead out of it."""
     span = feature.span
     limit = 0.5 * feature.point_clearance(point) / SETTLE_S
     rate = rng.normal(0.0, _SPEED_M_S, len(span)) @ span

@@ -1,10 +1,10 @@
 """Coordinates in which a contact holds by construction.
 
 A contact of two convex bodies has a common normal n (world frame, out of the environment) and a touching
-point. Object and environment do not overlap if -n, seen from the body, lies in the normal cone of the
-object's feature and n in that of the environment's, and both features hold the touching point. So a pose is
-given by two normals, the spin about them and the touching point on either feature; each may move freely
-within its feature, and whatever they do, contact and separation stay exact.
+point. Object and environment do not overlap if -n, in the body frame, lies in the normal cone of the
+object's feature, n in that of the environment's, and both features contain the touching point. So a pose is
+given by two normals, the spin about them and the touching point on either feature. Any values within the
+features give exact contact without overlap.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
-_FACING = np.diag([1.0, -1.0, -1.0])  # two surfaces that touch look at each other
+_FACING = np.diag([1.0, -1.0, -1.0])  # the normals of touching surfaces are opposite
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The two features of a contact and the directions from which spin is counted, one on each.
+    """The two features of a contact, each with the reference direction of the spin.
 
     For two edges whose references are their directions, the spin is the angle at which they cross.
     """
@@ -47,7 +47,7 @@ class Chart:
         return np.asarray(environment @ about @ _FACING @ np.swapaxes(object_frame, -1, -2), float)
 
     def spin(self, rotation: Array, normal: Array, object_normal: Array) -> float:
-        """The spin (rad) whose rotation, with these normals, is nearest to ``rotation`` (3, 3)."""
+        """The spin (rad) whose rotation with these normals is nearest to ``rotation`` (3, 3)."""
         environment = _frame(normal, self.environment_reference)
         about = environment.T @ rotation @ _frame(object_normal, self.object_reference) @ _FACING
         return float(np.arctan2(about[1, 0] - about[0, 1], about[0, 0] + about[1, 1]))
@@ -55,7 +55,7 @@ class Chart:
     def geometry(
         self, body: "Rigid", world: "Rigid", touch_object: Array, touch_scene: Array
     ) -> ContactGeometry:
-        """The touching elements after the changes of frame ``body`` and ``world``."""
+        """The touching elements, transformed by ``body`` and ``world``."""
         return ContactGeometry(
             self.object.element(body.rotation, body.translation, touch_object),
             self.environment.element(world.rotation, world.translation, touch_scene),

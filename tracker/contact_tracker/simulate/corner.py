@@ -1,8 +1,8 @@
-"""An object that touches a table and a wall at once: poses that keep the constraints of both.
+"""Motion of an object that touches a table and a wall at once.
 
-A free random motion is brought to the nearest pose, weighed with a lever, at which the residuals of all
-contacts are what they should be: zero while a contact lasts. The table is the plane z = 0, the wall x = 0;
-the object is above the one and beyond the other.
+A free random motion is projected to the nearest poses (rotations weighted with a lever) with the required
+residuals of all contacts: zero while a contact lasts. The table is the plane z = 0, the wall x = 0; the
+object is at positive z and x.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ TABLE: Final = np.array([0.0, 0.0, 1.0])
 WALL: Final = np.array([1.0, 0.0, 0.0])
 _RAMP_S: Final = 0.8
 _AWAY_M: Final = 0.07
-"""How far the object keeps from the wall while it does not touch it."""
+"""Distance (m) from the wall while the object does not touch it."""
 _SOFT_M: Final = 0.005
 _LEVER_M: Final = 0.1
 _STEPS: Final = 25
@@ -43,7 +43,7 @@ _ANY_TURN_RAD: Final = 0.8
 
 
 class Touch(NamedTuple):
-    """A feature of the object on the table or the wall, whose ``normal`` (3,) looks at the object."""
+    """A feature of the object on the table or the wall, whose ``normal`` (3,) points to the object."""
 
     contact: Contact
     feature: Feature
@@ -67,7 +67,7 @@ class Touch(NamedTuple):
         return np.concatenate([direction, point - direction * (direction @ point), *on_plane])
 
     def geometry(self, body: Rigid, world: Rigid) -> ContactGeometry:
-        """The touching elements after the changes of frame ``body`` and ``world``."""
+        """The touching elements, transformed by ``body`` and ``world``."""
         normal = world.rotation @ self.normal
         plane = Plane(normal, float(normal @ world.translation))
         near = self.feature.points.mean(axis=0)
@@ -76,7 +76,7 @@ class Touch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CornerMotion:
-    """Poses (object to scene) at given times, and what touches: ``second`` only for part of the time."""
+    """Poses (object to scene) at given times and the contacts; ``second`` lasts only for part of the time."""
 
     pose: Rigid
     first: Touch
@@ -90,7 +90,7 @@ def move_in_corner(
 
     Raises
     ------
-    UsageError : the object has no two features that can touch table and wall like that.
+    UsageError : the object has no two features that can touch table and wall in these contacts.
     """
     for attempt in range(_TRIES):
         first, second, base = _choose(rng, object, scenario.phases[0].contact, further.contact)
@@ -104,11 +104,11 @@ def move_in_corner(
 def _choose(
     rng: np.random.Generator, object: Polyhedron, first: Contact, second: Contact
 ) -> tuple[Touch, Touch, Array]:
-    """Features and a rotation (3, 3) at which both touch with room to turn."""
+    """Choose features and a rotation (3, 3) at which both touch, away from the sides of their cones."""
     options = []
     for _ in range(_DRAWS):
-        on_table = _any_of(rng, object, first.value[0])
-        on_wall = _any_of(rng, object, second.value[0])
+        on_table = _random_feature(rng, object, first.value[0])
+        on_wall = _random_feature(rng, object, second.value[0])
         down = _inner_normal(rng, on_table)
         aside = _inner_normal(rng, on_wall)
         aside = aside - down * (down @ aside)
@@ -123,12 +123,12 @@ def _choose(
     if not options:
         raise UsageError(f"scenario: this object cannot be in {first} and {second} at once")
     _, on_table, on_wall, down, aside = max(options, key=lambda one: one[0])
-    body = np.array([aside, np.cross(down, aside), down])  # rows: what becomes -x, ..., -z
+    body = np.array([aside, np.cross(down, aside), down])  # rows: body directions of -x, ..., -z
     scene = np.array([-WALL, np.cross(-TABLE, -WALL), -TABLE])
     return Touch(first, on_table, TABLE), Touch(second, on_wall, WALL), scene.T @ body
 
 
-def _any_of(rng: np.random.Generator, object: Polyhedron, kind: str) -> Feature:
+def _random_feature(rng: np.random.Generator, object: Polyhedron, kind: str) -> Feature:
     features = object.of_kind(kind)
     return features[int(rng.integers(len(features)))]
 
@@ -139,7 +139,7 @@ def _inner_normal(rng: np.random.Generator, feature: Feature) -> Array:
 
 
 def _room(feature: Feature, normal: Array) -> float:
-    """How far (rad) the normal may turn; a face gives no room and needs none."""
+    """Angle (rad) by which the normal may turn; infinite for a face, whose normal is fixed."""
     return _ANY_TURN_RAD if feature.kind == "f" else feature.normal_clearance(normal)
 
 
@@ -153,16 +153,16 @@ def _motion(
     time_s: Array,
     calm: float,
 ) -> Rigid | None:
-    """Poses that keep ``first`` always and ``second`` while it lasts; None where there are none."""
+    """Poses that satisfy ``first`` always and ``second`` while it lasts; None if there are none."""
     bandwidth = rng.uniform(*scenario.bandwidth_hz)
     wave = band_limited(rng, time_s, 6, bandwidth)
     down, aside = base.T @ -TABLE, base.T @ -WALL
     room = _ROOM_SHARE * min(_room(first.feature, down), _room(second.feature, aside))
     turn = within(calm * scenario.amplitude_rad * wave[:, :3], room)
     rotation = base @ Rotation.from_rotvec(turn).as_matrix()
-    apart = _apart(further, time_s)
+    apart = _separation(further, time_s)
     place = scenario.amplitude_m * wave[:, 3:]
-    place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # where it touches, but for its tilt
+    place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # touching, up to the tilt
     away = place[:, 0] * apart + _AWAY_M * apart
     place[:, 0] = away - rotation[:, 0] @ second.feature.points.mean(axis=0)
     start = Rigid(rotation, place)
@@ -177,8 +177,8 @@ def _motion(
     return _project(on_first, [(first, None), (second, gap)])
 
 
-def _apart(further: Further, time_s: Array) -> Array:
-    """(N,) 0 while the further contact lasts, 1 while it does not, smoothly."""
+def _separation(further: Further, time_s: Array) -> Array:
+    """(N,) 0 while the further contact lasts, 1 otherwise, with smooth transitions."""
     before = 0.0 if further.start_s is None else smooth_step((further.start_s - time_s) / _RAMP_S)
     after = 0.0 if further.end_s is None else smooth_step((time_s - further.end_s) / _RAMP_S)
     return np.asarray(np.broadcast_to(np.maximum(before, after), time_s.shape), float)
@@ -191,7 +191,7 @@ def _residual(touch: Touch, pose: Rigid) -> Array:
 
 
 def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | None:
-    """The nearest poses (N,) at which residuals are zero or as given (N, K); None if some have none."""
+    """Project to poses (N,) whose residuals are zero or as given (N, K); None if that fails for some."""
     weight = np.repeat([1.0, _LEVER_M], 3)
     rows = [_coefficients(touch) for touch, _ in touches]
     goals = np.concatenate(
@@ -217,12 +217,12 @@ def _project(pose: Rigid, touches: list[tuple[Touch, Array | None]]) -> Rigid | 
 
 
 def _coefficients(touch: Touch) -> Array:
-    """Coefficients (K, 25) of the residuals on all of the lifted pose."""
+    """Coefficients (K, 25) of the residuals on the whole lifted pose."""
     every = touch.model.lifted(np.eye(lifted_pose.SIZE)).T
     return np.asarray(touch.model.family.rows(touch.x) @ every)
 
 
 def _is_outside(object: Polyhedron, pose: Rigid) -> bool:
-    """Whether no vertex gets below the table or into the wall."""
+    """Whether no vertex penetrates the table or the wall."""
     corners = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
     return bool(corners[..., [0, 2]].min() > -1e-7)

@@ -1,4 +1,4 @@
-"""Filters that recording software puts poses through: their noise is correlated afterwards."""
+"""Filters of recording software, which correlate the noise of poses."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,19 +13,19 @@ Array = NDArray[np.float64]
 
 
 def rate_hz(poses: Poses) -> float:
-    """Of the median step between stamps."""
+    """Pose rate by the median step between stamps."""
     return 1e9 / float(np.median(np.diff(poses.stamp_ns)))
 
 
 def smoothed(poses: Poses, smooth: Callable[[Array], Array]) -> Poses:
-    """Positions and quaternions (their signs do not jump) through a filter along the first axis."""
+    """Apply a filter along time to positions and quaternions of continuous sign."""
     quat = smooth(poses.quat_xyzw)
     norm = np.linalg.norm(quat, axis=1)[:, None]
     return replace(poses, position_m=smooth(poses.position_m), quat_xyzw=quat / norm)
 
 
 def low_pass(poses: Poses, cutoff_hz: float) -> Poses:
-    """Butterworth of second order, forth and back; slow poses are left as they are."""
+    """Second-order Butterworth filter, forward and backward; poses at too low a rate stay unchanged."""
     if rate_hz(poses) <= 2.2 * cutoff_hz:
         return poses
     b, a = butter(2, 2.0 * cutoff_hz / rate_hz(poses))

@@ -1,4 +1,4 @@
-"""Motion along one leg: smooth and random in every direction that the contact leaves free."""
+"""Motion along one leg: smooth and random in all free directions of the contact."""
 
 from dataclasses import dataclass
 
@@ -16,18 +16,18 @@ from contact_tracker.states import Contact
 Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]
 
-_TILT_RAMP_S = 0.6  # a gained or lost constraint shows soon
+_TILT_RAMP_S = 0.6  # short, so that a changed constraint is soon observable
 _TURN_RAD_S = 1.2
 _SLIDE_RAMP_S = 1.0
 _LIFT_RAMP_S = 0.8
 _MARGIN = 0.8  # share of the room up to a feature's rim that the motion uses
-_CROSSING = (np.radians(65.0), np.radians(115.0))  # two edges must keep crossing well
+_CROSSING = (np.radians(65.0), np.radians(115.0))  # crossing angle of two edges during the motion
 _CROSSING_ROOM_RAD = np.radians(35.0)
 
 
 @dataclass(frozen=True)
 class Hand:
-    """How the hand moves: root mean square per free direction, and bandwidth."""
+    """Motion of the hand: RMS amplitude per free direction, and bandwidth."""
 
     amplitude_m: float
     amplitude_rad: float
@@ -46,14 +46,14 @@ class Path:
 def move(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
     """The motion of ``leg`` at times (N,) since its start."""
     if leg.contact is Contact.FREE:
-        return _fly(rng, leg, time_s, hand)
+        return _free_motion(rng, leg, time_s, hand)
     if leg.motion == "normal":
         return _touch(rng, leg, time_s, hand)
     return _singular(rng, leg, time_s, hand)
 
 
 def _touch(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
-    """Every coordinate of the chart moves: from the start into random motion and on to the end."""
+    """Motion of all coordinates of the chart: from the start anchor by random motion to the end anchor."""
     chart, start, end = leg.chart, leg.start, leg.end
     slide = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)
     drifts = drift(time_s, SETTLE_S)[:, None], drift(time_s - leg.duration_s, SETTLE_S)[:, None]
@@ -103,12 +103,12 @@ def _spin(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand, weights
 
 
 def _singular(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
-    """At rest, pure translation, or rotation about one axis; ends where it began."""
+    """Rest, pure translation, or rotation about one axis; ends at the pose of its start."""
     at, chart = leg.start, leg.chart
     active = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)[1][:, None]
     still = np.zeros((len(time_s), 1))
     if leg.motion == "one-axis":
-        return _hinge(rng, leg, hand, active * band_limited(rng, time_s, 1, hand.bandwidth_hz))
+        return _rotation_about_axis(rng, leg, hand, active * band_limited(rng, time_s, 1, hand.bandwidth_hz))
     touch_object, touch_scene = still + at.touch_object, still + at.touch_scene
     if leg.motion == "translation":
         wander = _slide(rng, chart.object, at.touch_object, time_s, hand)
@@ -118,7 +118,7 @@ def _singular(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> 
     return _path(still[:, :, None] + at.rotation, touch_object, touch_scene)
 
 
-def _hinge(rng: np.random.Generator, leg: Leg, hand: Hand, wave: Array) -> Path:
+def _rotation_about_axis(rng: np.random.Generator, leg: Leg, hand: Hand, wave: Array) -> Path:
     """Rotation by ``wave`` (N, 1) about the normal, or about an axis within one of the features."""
     at, chart = leg.start, leg.chart
     tilts = [
@@ -135,7 +135,7 @@ def _hinge(rng: np.random.Generator, leg: Leg, hand: Hand, wave: Array) -> Path:
         feature, normal, direction = tilts[choice]
         axis = np.cross(normal, direction)
         angle = within(hand.amplitude_rad * wave, _MARGIN * feature.normal_clearance(normal))
-        if feature is chart.object:  # turning the normal in the body turns the body the other way round
+        if feature is chart.object:  # a turn of the normal in the body is the opposite turn of the body
             axis = -at.rotation @ axis
     rotation = Rotation.from_rotvec(angle * axis).as_matrix() @ at.rotation
     still = np.zeros_like(wave)
@@ -143,12 +143,12 @@ def _hinge(rng: np.random.Generator, leg: Leg, hand: Hand, wave: Array) -> Path:
 
 
 def _room(contact: Contact) -> float:
-    """How far the spin may wander."""
+    """Bound of the random motion of the spin (rad)."""
     return _CROSSING_ROOM_RAD if contact is Contact.EE else float(np.pi)
 
 
-def _fly(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
-    """Off along the normal, over and down again, wandering in all six directions meanwhile."""
+def _free_motion(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
+    """Free motion: lift along the normal, transfer and descent, with random motion in all six directions."""
     first = _coast(leg.chart, leg.start, time_s)
     last = _coast(leg.next_chart, leg.end, time_s - leg.duration_s)
     share = smooth_step(time_s / leg.duration_s)[:, None]
@@ -168,7 +168,7 @@ def _fly(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> Path:
 
 
 def _coast(chart: Chart, anchor: Anchor, time_s: Array) -> Path:
-    """The motion that ``anchor`` has at time 0, soon coming to a stop before and after."""
+    """Motion with the velocity of ``anchor`` at time 0, which decays before and after."""
     lasting = drift(time_s, SETTLE_S)
     spin = chart.spin(anchor.rotation, anchor.normal, anchor.object_normal) + anchor.spin_rate * lasting
     still = np.zeros((len(time_s), 1))
@@ -190,7 +190,7 @@ def _mix(weights: Weights, start: Array, middle: Array, end: Array) -> Array:
 
 
 def _turn(rng: np.random.Generator, feature: Feature, centre: Array, time_s: Array, hand: Hand) -> Array:
-    """Normals (N, 3) that wander around ``centre`` within the feature's cone."""
+    """Random normals (N, 3) around ``centre`` within the feature's cone."""
     tangents = feature.tangents(centre)
     wave = hand.amplitude_rad * band_limited(rng, time_s, len(tangents), hand.bandwidth_hz)
     return _turned(centre, within(wave, _MARGIN * feature.normal_clearance(centre)) @ tangents)
@@ -203,7 +203,7 @@ def _turned(centre: Array, displacement: Array) -> Array:
 
 
 def _slide(rng: np.random.Generator, feature: Feature, centre: Array, time_s: Array, hand: Hand) -> Array:
-    """Points (N, 3) that wander around ``centre`` within the feature."""
+    """Random points (N, 3) around ``centre`` within the feature."""
     span = feature.span
     wave = hand.amplitude_m * band_limited(rng, time_s, len(span), hand.bandwidth_hz)
     return centre + within(wave, _MARGIN * feature.point_clearance(centre)) @ span

@@ -1,4 +1,4 @@
-"""The plan of a recording: which features touch when, and the anchors between."""
+"""The plan of a recording: the features that touch in each leg, and the anchors between legs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,22 +6,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from contact_tracker.geometry.polyhedron import Polyhedron
-from contact_tracker.simulate.anchors import Anchor, choose_chart, meet
+from contact_tracker.simulate.anchors import Anchor, choose_chart, sample_anchor
 from contact_tracker.simulate.chart import Chart
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
 
-_LEAD_S = 0.8  # to reach, or to leave, a pose of rest or of singular motion
+_LEAD_S = 0.8  # before and after rest or singular motion
 _TRAVEL_M_S = 0.25
 _TURN_RAD_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """One stretch of motion between two anchors; a free leg leaves ``chart`` and arrives at ``next_chart``.
+    """The motion between two anchors; a free leg leaves ``chart`` and arrives at ``next_chart``.
 
-    ``lift_m`` is how high a free leg goes; ``wander`` the share of the usual random motion that it gets;
-    ``from_air`` and ``to_air`` say that it begins or ends up there, not in contact.
+    ``lift_m`` is the height of a free leg, ``wander`` its share of the usual random motion; ``from_air`` and
+    ``to_air`` say that it begins or ends at that height instead of in contact.
     """
 
     contact: Contact
@@ -40,14 +40,14 @@ class Leg:
 def plan(
     rng: np.random.Generator, phases: Sequence[Phase], object: Polyhedron, scene: Polyhedron
 ) -> list[Leg]:
-    """Legs that follow ``phases``: each begins at the anchor at which the one before it ended."""
-    stretches = _stretches(phases)
+    """The legs of ``phases``; each begins at the anchor at which the previous one ended."""
+    stretches = _with_transitions(phases)
     chart = choose_chart(rng, _touching(phases[0]), object, scene)
-    anchor = meet(rng, None, None, chart)
+    anchor = sample_anchor(rng, None, None, chart)
     legs: list[Leg] = []
     for index, phase in enumerate(stretches):
         after = stretches[index + 1] if index + 1 < len(stretches) else None
-        following, end = _arrival(rng, phase, after, chart, anchor, object, scene)
+        following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
         if after and phase and after.contact is phase.contact:
             end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
         legs.append(_leg(phase, anchor, end, chart, following, object.radius))
@@ -57,8 +57,8 @@ def plan(
     ]
 
 
-def _stretches(phases: Sequence[Phase]) -> list[Phase | None]:
-    """The phases with all that has to happen between them; None is a lift from one to the next."""
+def _with_transitions(phases: Sequence[Phase]) -> list[Phase | None]:
+    """The phases and the transitions between them; None is a lift from one contact to the next."""
     result: list[Phase | None] = []
     for before, phase, after in zip((None, *phases), phases, (*phases[1:], None), strict=False):
         lead = Phase(phase.contact, _LEAD_S)
@@ -77,11 +77,11 @@ def _comparable(a: Contact, b: Contact) -> bool:
 
 
 def _touching(phase: Phase | None) -> Contact:
-    """The contact that free motion comes from or goes to where there is no other: a vertex on the face."""
+    """The contact of a phase; vertex on face for free motion at an end of the recording."""
     return phase.contact if phase and phase.contact is not Contact.FREE else Contact.VF
 
 
-def _arrival(
+def _leg_end(
     rng: np.random.Generator,
     phase: Phase | None,
     after: Phase | None,
@@ -90,21 +90,21 @@ def _arrival(
     object: Polyhedron,
     scene: Polyhedron,
 ) -> tuple[Chart, Anchor]:
-    """Where a stretch that begins at ``anchor`` ends, and in which chart the next one goes on."""
+    """The anchor at which a leg that begins at ``anchor`` ends, and the chart of the next."""
 
     def option() -> tuple[Chart, Anchor]:
         if phase is None or phase.contact is Contact.FREE:
             arriving = choose_chart(rng, _touching(after), object, scene)
-            return arriving, meet(rng, anchor, None, arriving)
+            return arriving, sample_anchor(rng, anchor, None, arriving)
         if after is None or after.contact in (Contact.FREE, phase.contact):
-            return chart, meet(rng, anchor, chart, chart)
+            return chart, sample_anchor(rng, anchor, chart, chart)
         arriving = choose_chart(rng, after.contact, object, scene, related=chart)
-        return arriving, meet(rng, anchor, chart, arriving)
+        return arriving, sample_anchor(rng, anchor, chart, arriving)
 
     if phase and phase.motion != "normal":
         return chart, anchor
     options = [option() for _ in range(60 if phase is None else 6)]
-    return min(options, key=lambda chosen: _effort(*anchor.far_from(chosen[1])))
+    return min(options, key=lambda chosen: _effort(*anchor.distance_to(chosen[1])))
 
 
 def _effort(distance_m: float, angle_rad: float) -> float:
@@ -114,14 +114,14 @@ def _effort(distance_m: float, angle_rad: float) -> float:
 def _leg(
     phase: Phase | None, start: Anchor, end: Anchor, chart: Chart, following: Chart, radius: float
 ) -> Leg:
-    distance, angle = start.far_from(end)
-    unhurried = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
+    distance, angle = start.distance_to(end)
+    shortest_s = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
     if phase and phase.contact is not Contact.FREE:
-        seconds = max(phase.duration_s, unhurried)
+        seconds = max(phase.duration_s, shortest_s)
         return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)
     lift = 0.03 + 0.4 * (distance + angle * radius)
     if phase:
-        seconds = max(phase.duration_s, unhurried)
+        seconds = max(phase.duration_s, shortest_s)
         return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift + 0.15)
-    seconds = max(0.6, 6.5 * lift, unhurried)
+    seconds = max(0.6, 6.5 * lift, shortest_s)
     return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift, wander=0.0)

@@ -1,4 +1,4 @@
-"""Scenarios: what is to happen in a simulated recording, and the named ones."""
+"""Scenarios of simulated recordings: contacts, motion and measurement; and those with a name."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ MOTIONS: Final = ("normal", "rest", "translation", "one-axis")
 
 
 class Phase(NamedTuple):
-    """``contact`` for ``duration_s``, or longer where a hand needs longer to the next one.
+    """``contact`` for at least ``duration_s``; longer if the next anchor is farther.
 
-    ``motion`` is normal, rest, translation (rotation stands still) or one-axis (rotation about one).
+    ``motion`` is normal, rest, translation (no rotation) or one-axis (rotation about one axis).
     """
 
     contact: Contact
@@ -28,9 +28,9 @@ class Phase(NamedTuple):
 
 
 class Further(NamedTuple):
-    """A second contact beside that of the phase: the object touches a wall, too.
+    """A second contact beside that of the phase, with a wall.
 
-    It lasts from ``start_s`` to ``end_s`` of the recording; None is from the beginning or to the end.
+    It lasts from ``start_s`` to ``end_s`` of the recording; None is its beginning or end.
     """
 
     contact: Contact
@@ -40,11 +40,11 @@ class Further(NamedTuple):
 
 @dataclass(frozen=True)
 class Scenario:
-    """What happens and how it is measured.
+    """The contacts, motion and measurement of a recording.
 
     Parameters
     ----------
-    phases : contacts in order. Between two that do not contain each other the object is lifted over.
+    phases : contacts in order. Between two of which neither contains the other the object is lifted.
     rate_hz : poses per second.
     sigma_position_m, sigma_rotation_rad : white noise per axis (rotation vector in the body frame).
     outlier_probability : share of poses that are 1-6 cm and 4-25 deg off.
@@ -54,8 +54,8 @@ class Scenario:
     amplitude_m, amplitude_rad : root mean square of the motion in each free direction.
     bandwidth_hz : range of the motion's bandwidth; each phase draws its own.
     object, surroundings : names of shapes.
-    further : a second contact of a scenario of one phase, whose surroundings are a table and a wall.
-    name : what the recording says of itself.
+    further : a second contact of a scenario of one phase; the surroundings are then a table and a wall.
+    name : name in the recording's metadata.
     """
 
     phases: tuple[Phase, ...]
@@ -75,7 +75,7 @@ class Scenario:
     name: str = "custom"
 
     def __post_init__(self) -> None:
-        """Raises UsageError where the scenario cannot be played."""
+        """Raises UsageError if the scenario is not possible."""
         _require(len(self.phases) > 0, "a scenario needs at least one phase")
         _require(1.0 <= self.rate_hz <= 1e5, "rate_hz must be in 1..100000")
         for key in ("sigma_position_m", "sigma_rotation_rad", "amplitude_m", "amplitude_rad"):
@@ -168,7 +168,7 @@ def _vision_30hz(_: int) -> Scenario:
 
 
 def _random(seed: int) -> Scenario:
-    """A random walk: usually to a contact that contains the present one or is contained in it."""
+    """A random walk, usually to a contact that contains the present one or is contained in it."""
     rng = np.random.default_rng([seed, 1])
     contact = STATES[rng.integers(7)]
     phases = [Phase(contact, rng.uniform(3.0, 8.0))]
@@ -225,7 +225,7 @@ SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
 
 
 def named_scenario(name: str, seed: int) -> Scenario:
-    """The scenario ``name``; only ``random`` depends on ``seed``. Raises UsageError where unknown."""
+    """The scenario ``name``; only ``random`` depends on ``seed``. Raises UsageError if unknown."""
     if name not in SCENARIOS:
         raise UsageError(f"unknown scenario {name!r}: choose from {', '.join(SCENARIOS)}")
     return SCENARIOS[name](seed)

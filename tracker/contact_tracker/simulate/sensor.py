@@ -1,4 +1,4 @@
-"""How a sensor sees the motion: stamps, noise, outliers, dropouts and held poses."""
+"""Measurement of poses: stamps, noise, outliers, dropouts and repeated poses."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +24,16 @@ def stamps(rng: np.random.Generator, count: int, scenario: Scenario) -> NDArray[
 
 
 def measure(rng: np.random.Generator, stamp_ns: NDArray[np.int64], pose: Rigid, scenario: Scenario) -> Poses:
-    """What the sensor reports of the true poses ``pose`` (N,) of the body in the world."""
+    """Measured poses of the true poses ``pose`` (N,) of the body in the world."""
     count = len(stamp_ns)
     turn = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_rotation_rad
     shift = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_position_m
     wrong = rng.random(count) < scenario.outlier_probability
-    turn[wrong] += _any_direction(rng, count, OUTLIER_RAD)[wrong]
-    shift[wrong] += _any_direction(rng, count, OUTLIER_M)[wrong]
+    turn[wrong] += _random_vectors(rng, count, OUTLIER_RAD)[wrong]
+    shift[wrong] += _random_vectors(rng, count, OUTLIER_M)[wrong]
     quat = (Rotation.from_matrix(pose.rotation) * Rotation.from_rotvec(turn)).as_quat()
     same = np.einsum("ni,ni->n", quat[1:], quat[:-1]) >= 0.0
-    quat[1:] *= np.cumprod(np.where(same, 1.0, -1.0))[:, None]  # q and -q are one rotation: stay on one side
+    quat[1:] *= np.cumprod(np.where(same, 1.0, -1.0))[:, None]  # q and -q are one rotation
     fresh = rng.random(count) >= scenario.hold_probability
     fresh[0] = True
     source = np.maximum.accumulate(np.where(fresh, np.arange(count), 0))
@@ -42,7 +42,7 @@ def measure(rng: np.random.Generator, stamp_ns: NDArray[np.int64], pose: Rigid, 
     return Poses(stamp_ns, (pose.translation + shift)[source], quat[source])[kept]
 
 
-def _any_direction(rng: np.random.Generator, count: int, length: tuple[float, float]) -> Array:
-    """Vectors (count, 3) with lengths drawn evenly between the two."""
+def _random_vectors(rng: np.random.Generator, count: int, length: tuple[float, float]) -> Array:
+    """Vectors (count, 3) of random direction, with lengths uniform in ``length``."""
     directions = unit(rng.normal(0.0, 1.0, (count, 3)))
     return np.asarray(directions * rng.uniform(*length, (count, 1)), float)

@@ -1,4 +1,4 @@
-"""Convex bodies by name: objects as a hand holds them, and surroundings that they touch."""
+"""Named convex bodies: objects of hand size, and surroundings."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -51,10 +51,10 @@ SURROUNDINGS: Final[Mapping[str, Array]] = MappingProxyType(
 
 
 def object_shape(name: str) -> Polyhedron:
-    """The object ``name`` about its own middle."""
+    """The object ``name``, centred at its middle."""
     return convex(OBJECTS[name])
 
 
 def surroundings_shape(name: str) -> Polyhedron:
-    """The fixed body ``name``; what touches it touches its top face (+z) or an edge or corner of that."""
+    """The fixed body ``name``; objects touch its top face (+z) or an edge or corner of it."""
     return convex(SURROUNDINGS[name])

@@ -1,4 +1,4 @@
-"""Smooth signals in time: what a hand does, and how one motion blends into the next."""
+"""Smooth signals in time: random motion of the hand, and blending of motions."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ _LOWEST_HZ = 0.2
 def band_limited(rng: np.random.Generator, time_s: Array, count: int, bandwidth_hz: float) -> Array:
     """``count`` independent random signals (N, count) of mean 0 and about unit power below ``bandwidth_hz``.
 
-    The power is that within ``time_s`` (N,), so that each signal does move in every stretch of motion; in
-    stretches too short for that it stays slower rather than being forced.
+    Power is normalised over ``time_s`` (N,), so that each signal moves in every leg; in very short legs it
+    stays below one.
     """
     shape = (_SINUSOIDS, count)
     frequency = rng.uniform(min(_LOWEST_HZ, bandwidth_hz / 2), bandwidth_hz, shape)
@@ -36,7 +36,7 @@ def smooth_step(x: Array) -> Array:
 
 
 def blend(time_s: Array, duration_s: float, ramp_s: float) -> tuple[Array, Array, Array]:
-    """Weights (N,) of the start, the middle and the end of a stretch: they sum to one at all times."""
+    """Weights (N,) of the start, the middle and the end of a leg, which sum to one."""
     ramp = min(ramp_s, duration_s / 2.0)
     start = 1.0 - smooth_step(time_s / ramp)
     end = smooth_step((time_s - duration_s) / ramp + 1.0)
@@ -44,5 +44,6 @@ def blend(time_s: Array, duration_s: float, ramp_s: float) -> tuple[Array, Array
 
 
 def drift(time_s: Array, settle_s: float) -> Array:
-    """Displacement per unit of speed (N,) at time 0, soon coming to a stop before and after."""
+    """Displacement (N,) per unit of speed at time 0; the speed decays within ``settle_s`` before and
+    after."""
     return np.asarray(settle_s * np.tanh(time_s / settle_s), float)

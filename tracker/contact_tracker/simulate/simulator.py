@@ -1,4 +1,4 @@
-"""From a scenario and a seed to measured poses and what really held."""
+"""Simulation of a scenario from a seed: measured poses and ground truth."""
 
 import json
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from contact_tracker.states import Contact
 Array = NDArray[np.float64]
 
 _WORLD_M = 1.0  # spread of the scene's origin in the world
-_BODY_M = 0.06  # and of the object's middle in the body frame
+_BODY_M = 0.06  # spread of the object's middle in the body frame
 
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """A labelled recording: measured poses, the truth, and what it was made from."""
+    """A labelled recording: measured poses, ground truth, and the metadata of its generation."""
 
     poses: Poses
     truth: Truth
@@ -41,8 +41,8 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     Parameters
     ----------
     scenario : a Scenario, or the name of one in ``SCENARIOS``.
-    seed : any non-negative integer; equal seeds give equal recordings. Motion and measurement are drawn
-        independently of each other: the noise can be changed and the motion stays.
+    seed : any non-negative integer; equal seeds give equal recordings. Motion and measurement draw from
+        independent generators: other noise leaves the motion unchanged.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) 
 def _intervals(
     legs: list[Leg], paths: list[Path], stamp_ns: NDArray[np.int64], body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
-    """What held when. The pose between two legs holds both contacts: it counts as the more constrained."""
+    """Intervals of contacts; the pose between two legs counts to the more constrained contact."""
     result = []
     start = 0
     frame = 0
@@ -141,7 +141,7 @@ def _moved(shape: Polyhedron, frame: Rigid) -> Array:
 
 
 def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array | None) -> dict[str, str]:
-    """What a recording says of itself; table and wall have no vertices."""
+    """The recording's metadata; table and wall have no vertices."""
     vertices = {} if surroundings is None else {"surroundings_vertices_m": json.dumps(surroundings.tolist())}
     noise = {
         "rate": scenario.rate_hz,

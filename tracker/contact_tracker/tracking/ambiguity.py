@@ -1,7 +1,7 @@
-"""Which contacts the motion so far cannot tell from the one believed (docs/theory.md, T23, T24).
+"""Contacts that the motion so far does not distinguish from the label (docs/theory.md, T23, T24).
 
-Judged over about the same span of time and without what is usual in transitions: a label may be preferred for
-being usual, and yet the motion has not shown it.
+Evidence is compared over about the same span of time and without transition probabilities: a label may be
+preferred by these although the motion has not shown it.
 """
 
 from collections.abc import Sequence
@@ -22,28 +22,28 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SAME_SPAN: Final = 0.25
-"""Onsets that differ by this share of the contact's age are about the same span: of old ones few are kept."""
+"""Onsets that differ by this share of the contact's age count as the same span, as few old ones are kept."""
 SAME_SPAN_TICKS: Final = 3
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
 MOST_NATS: Final = 50.0
-"""Beyond doubt."""
+"""Largest evidence (nats) in an exponential, against overflow."""
 VARIED_S: Final = 0.7
 """Time in which other motion has shown all its directions."""
 FIRST_CHOICE: Final = 2.0
 """Weight of the label among states that motion cannot tell apart."""
 OPEN_AT_MOST: Final = 0.9
-"""Probability of a label that does not name all constraints that are kept."""
+"""Greatest probability of a label that does not explain all constraints that are kept."""
 ALMOST: Final = 1.0 - 1e-9
 LEAST_MOTION_TICKS: Final = 10.0
-"""With less motion in the window a contact that is older than the window is judged by its evidence alone, and
-free motion is not said to have one degree of freedom."""
+"""With less motion in the window, a contact that is older than the window is compared by evidence alone, and
+free motion is not tested for one degree of freedom."""
 
 
 class CompetingEvidence(NamedTuple):
     """How well each state explains one span.
 
-    ``evidence`` (7,) in nats against any one of them, and ``rms`` (7,), the whitened residual that is left.
+    ``evidence`` (7,) in nats relative to any one of them, and ``rms`` (7,), the whitened residual.
     """
 
     evidence: Array
@@ -51,8 +51,8 @@ class CompetingEvidence(NamedTuple):
 
 
 class Freedom(NamedTuple):
-    """Of the motion: whether it makes no use of the freedom that its label leaves, and whether it has but one
-    degree of freedom."""
+    """Whether the motion does not use all freedom that its label leaves, and whether it has only one degree
+    of freedom."""
 
     underused: bool
     one_direction: bool
@@ -63,8 +63,8 @@ def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedo
 
     Those are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
     underused, not moving in one more direction is no evidence: then also every state that fits the motion,
-    and every state that these contain. Motion of one degree of freedom is that of a hinge, a slide or a screw
-    as well, whatever fits it: then all.
+    and every state that these contain. Motion of one degree of freedom may also be that of a hinge, a slider
+    or a screw: then all states.
     """
     if freedom.one_direction:
         return tuple(state for state in STATES if state is not label)
@@ -77,10 +77,10 @@ def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedo
 
 
 def freedom_of(label: Contact, window: Window, older: bool) -> Freedom:
-    """What use the motion makes of the freedom that ``label`` leaves.
+    """How far the motion uses the freedom that ``label`` leaves.
 
-    ``window`` are the ticks since the onset, as far as they are at hand; ``older`` if there were others.
-    Free motion, too, goes one way at first.
+    ``window`` are the available ticks since the onset; ``older`` if there were others. Free motion also
+    begins in one direction.
     """
     is_short = float(window.motion_ratio.sum()) < LEAST_MOTION_TICKS
     if older and is_short:
@@ -91,26 +91,25 @@ def freedom_of(label: Contact, window: Window, older: bool) -> Freedom:
 
 
 def tempered(probability: Array, sureness: float) -> Array:
-    """Posterior (..., 7), up to a constant, to the power of ``sureness``: the order of the states stays, one
-    and all (T31)."""
+    """Normalised power ``sureness`` of a posterior (..., 7); the order of the states is unchanged (T31)."""
     power = probability**sureness
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
 
 def p_restricted(underused: bool, window: Window, tick_s: float) -> float:
-    """Probability that the object is moved in so few directions on purpose (T30).
+    """Probability that the object is intentionally moved in few directions (T30).
 
-    So it is in a share ``RESTRICTED`` of the contacts. That becomes likely when more and more motion shows no
-    other directions.
+    The prior is ``RESTRICTED``; the probability grows with motion that shows no other directions.
     """
     moved_s = tick_s * float(window.motion_ratio.sum())
     return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if underused else 0.0
 
 
 def at_most(probability: Array, label: Contact, most: float = OPEN_AT_MOST) -> Array:
-    """Posterior (7,) in which the label has ``most`` at most; the rest is as likely any other contact.
+    """Posterior (7,) in which the label has at most ``most``; the rest is distributed equally among the
+    others.
 
-    So of motion that keeps more constraints than the contacts that are named (docs/theory.md, section 18).
+    For motion that keeps more constraints than the reported contacts (docs/theory.md, section 18).
     """
     beyond = float(probability[label.column]) - most
     if beyond <= 0.0:
@@ -123,7 +122,7 @@ def at_most(probability: Array, label: Contact, most: float = OPEN_AT_MOST) -> A
 
 
 def p_curved(log_evidence: float) -> float:
-    """Probability that what is called free keeps to a curved surface, whose evidence is so large (nats)."""
+    """Probability that free motion is on a curved surface, given its evidence (nats)."""
     odds = RESTRICTED / (1.0 - RESTRICTED) * np.exp(min(log_evidence, MOST_NATS))
     return float(odds / (1.0 + odds))
 
@@ -135,7 +134,7 @@ def redistribute(
     p_restricted: float,
     possible: tuple[Contact, ...] = CONTACTS,
 ) -> Array:
-    """Posterior (7,) in which what motion does not tell apart, the label and ``others``, shares probability.
+    """Posterior (7,) in which the label and the indistinguishable ``others`` share probability.
 
     The most probable contact among them gives to all the others, in proportion to the probability
     ``p_restricted`` that the restriction of the motion is on purpose (T30). That contact is the label itself,
@@ -161,8 +160,8 @@ def redistribute(
 def decide_by_wrenches(
     label: Contact, others: tuple[Contact, ...], evidence: Array
 ) -> tuple[Contact, tuple[Contact, ...], Array | None]:
-    """What measured wrenches make of a ``label`` and the ``others``, which motion does not tell from it
-    (T41).
+    """Decide by measured wrenches between a ``label`` and the ``others`` that motion does not distinguish
+    from it (T41).
 
     Parameters
     ----------
@@ -170,8 +169,8 @@ def decide_by_wrenches(
 
     Returns
     -------
-    The most probable of them; those that are not ``DECISIVE`` behind it; and the share (7,) of each in the
-    probability of all, None without others. The label is ``FIRST_CHOICE`` times as likely before.
+    The most probable of them; those within ``DECISIVE`` of it; and the share (7,) of each in the probability
+    of all, None without others. The prior of the label is ``FIRST_CHOICE`` times that of others.
     """
     if not others:
         return label, others, None
@@ -187,13 +186,13 @@ def decide_by_wrenches(
 
 
 def shared(probability: Array, share: Array) -> Array:
-    """Posterior (7,) in which the states with a ``share`` (7,) have it of the probability of all of them."""
+    """Posterior (7,) in which states with a ``share`` (7,) divide their total probability accordingly."""
     alike = share > 0.0
     return np.where(alike, probability[alike].sum() * share, probability)
 
 
 def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
-    """The share of the ``change`` (7,), at most 1, with which nothing passes the state ``ahead``."""
+    """The largest share, at most 1, of the ``change`` (7,) with which no state passes the state ``ahead``."""
     lead, loss = probability[ahead] - probability, change - change[ahead]
     behind = (loss > 0.0) & (lead >= 0.0)
     return float(np.min(lead / np.where(behind, loss, np.inf), where=behind, initial=1.0))
@@ -202,8 +201,8 @@ def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> CompetingEvidence:
     """How well each state explains the ticks since about ``onset``, against the label.
 
-    Of each contact the most probable hypothesis of about that onset counts, against the label's evidence from
-    just that onset on. -inf where none is left.
+    For each contact that of the most probable hypothesis of about that onset, against the label's evidence
+    from the same onset. -inf without one.
     """
     slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
     span = np.array([onset - slack, onset + slack + 1])
@@ -223,8 +222,8 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
 
 
 def _evidence(bank: Bank, since: Index) -> Array:
-    """A contact's evidence against free motion ``since`` some ticks, between its hypotheses: the best of each
-    onset, and none that is far behind."""
+    """A contact's evidence against free motion ``since`` some ticks, interpolated between its hypotheses: the
+    best of each onset, without those far behind."""
     near = np.flatnonzero(bank.log_weight >= bank.best - FAR_NATS)
     near = near[best_of(bank.onset[near], bank.log_weight[near])]
     return np.interp(since, bank.onset[near], bank.log_likelihood[near])

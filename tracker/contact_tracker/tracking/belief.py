@@ -1,4 +1,4 @@
-"""What the tracker believes: of a tick, and of a segment."""
+"""Results of the tracker: beliefs of ticks, and segments."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -16,16 +16,16 @@ Array = NDArray[np.float64]
 
 
 class Detail(IntEnum):
-    """How much is told of each tick right after it: what takes time is left out where nobody asks."""
+    """Detail of online beliefs; parts that take time can be left out."""
 
     WEIGHTS = 0
-    """The label, its onset, and the posterior as the hypotheses weigh."""
+    """The label, its onset, and the posterior of the hypotheses."""
     SHARED = 1
-    """What the motion does not tell from the label shares its probability."""
+    """Indistinguishable states share the label's probability."""
     GEOMETRY = 2
-    """Where it touches."""
+    """The geometry of the contact."""
     FORMATION = 3
-    """What else touches."""
+    """The further contacts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class FurtherContact:
 
     Parameters
     ----------
-    contact, probability, geometry : its kind, that it is there at all, and its elements.
-    start_ns, end_ns : from when to when it holds (both included); without an end it still does.
-    inseparable : kinds that the motion does not tell from ``contact``, given the contacts before this one.
-    constraints : that all contacts put on the motion together that hold at the time; of a segment's, the most
-        while this one holds.
+    contact, probability, geometry : its kind, the probability that it is present, and its elements.
+    start_ns, end_ns : the time for which it holds (both included); without an end it still does.
+    inseparable : kinds that the motion does not distinguish from ``contact``, given the contacts before it.
+    constraints : number of independent constraints of all contacts at the time; in a segment, the most while
+        this one holds.
     """
 
     contact: Contact
@@ -63,7 +63,7 @@ def contact_json(
     geometry: ContactGeometry | None,
     inseparable: tuple[Contact, ...],
 ) -> dict[str, Any]:
-    """One of several contacts; it still holds where the span has no end."""
+    """One of several contacts; it still holds if the span has no end."""
     return {
         "contact": contact.value,
         "probability": float(probability),
@@ -76,24 +76,23 @@ def contact_json(
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is believed of one tick.
+    """The belief of one tick.
 
     Parameters
     ----------
     stamp_ns : the tick's time (its last pose).
     contact : the label.
     probability : (7,) posterior of the states, in the order of ``STATES``.
-    onset_ns : when the labelled contact began, as believed.
+    onset_ns : estimated onset of the labelled contact.
     geometry : the touching elements of the labelled contact; None for free.
     residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual
-        (1: at the noise) that its objective function leaves at its minimum over the last 25 ticks with
-        motion, or a little more; nan before there was so much motion.
-    inseparable : states that the motion since the onset does not tell from ``contact``.
-    p_restricted : probability that the object is moved in fewer directions than it could be, on purpose.
+        (1: at the noise) at the minimum of its objective function over the last 25 ticks with motion, or a
+        little more; nan before.
+    inseparable : states that the motion since the onset does not distinguish from ``contact``.
+    p_restricted : probability that the object is intentionally moved in fewer directions than it could be.
     further : contacts beside the labelled one.
     joint : in which the object moves, as found offline.
-    is_open : whether the motion keeps more constraints than those of the contacts that are named, as noticed
-        online.
+    is_open : whether the motion keeps more constraints than those of the reported contacts, as found online.
     """
 
     stamp_ns: int
@@ -110,7 +109,7 @@ class Belief:
 
     @property
     def constraints(self) -> int:
-        """That the contacts named put on the motion together."""
+        """Number of independent constraints of the reported contacts together."""
         return self.further[-1].constraints if self.further else self.contact.codimension
 
     @property
@@ -124,11 +123,11 @@ class Belief:
 
     @property
     def touching(self) -> tuple[str | None, str | None]:
-        """Names of the object's and the environment's element, None for one that nobody knows."""
+        """Names of the object's and the environment's element, None if unknown."""
         return self.geometry.names if self.geometry else (None, None)
 
     def to_json(self) -> dict[str, Any]:
-        """The object that ``live --json`` and ``segment -o FILE.jsonl`` write."""
+        """The JSON object of ``live --json`` and ``segment -o FILE.jsonl``."""
         return {
             "stamp_ns": int(self.stamp_ns),
             "contact": self.contact.value,
@@ -146,8 +145,8 @@ class Belief:
 
 
 class SegmentPart(NamedTuple):
-    """A part of a segment, from ``start_ns`` to ``end_ns`` (both included), in which the same contacts hold:
-    beside that of the segment the ``further`` ones. ``geometries`` are those of all, as far as known."""
+    """A part of a segment, from ``start_ns`` to ``end_ns`` (both included), with constant ``further``
+    contacts. ``geometries`` are those of all contacts, as far as known."""
 
     start_ns: int
     end_ns: int
@@ -160,8 +159,8 @@ class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline.
 
     ``probability`` is the smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are
-    the states that the segment's motion does not tell from ``contact``; ``further`` contacts hold beside it
-    for all of the segment or a part; the motion is that of a ``joint``.
+    the states that the segment's motion does not distinguish from ``contact``; ``further`` contacts hold for
+    all of the segment or a part; ``joint`` is the joint in which the object moves, if any.
     """
 
     start_ns: int
@@ -184,7 +183,7 @@ class Segment:
 
     @property
     def parts(self) -> list["SegmentPart"]:
-        """The segment cut where further contacts join and leave."""
+        """The parts of the segment between begins and ends of further contacts."""
         spans = [(one.start_ns, self.end_ns if one.end_ns is None else one.end_ns) for one in self.further]
         cuts = {self.start_ns, *(start_ns for start_ns, _ in spans), *(end_ns + 1 for _, end_ns in spans)}
         starts = sorted(cut for cut in cuts if self.start_ns <= cut <= self.end_ns)

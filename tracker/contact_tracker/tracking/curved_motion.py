@@ -1,4 +1,4 @@
-"""Whether motion that is called free keeps to a curved surface: then it is none of the six contacts."""
+"""Test of free motion for contact with a curved surface, which is none of the six contacts."""
 
 from typing import Final, NamedTuple
 
@@ -14,49 +14,49 @@ from contact_tracker.tracking.ambiguity import p_curved
 Array = NDArray[np.float64]
 
 SPAN_TICKS: Final = 60
-"""So many ticks are judged together."""
+"""Number of ticks that are tested together."""
 LEAST_TICKS: Final = 40
-"""In fewer, motion as smooth as a hand's may fit by chance."""
+"""Least number of ticks; in fewer, smooth motion of a hand may fit by chance."""
 LEAST_ACTIVITY: Final = 10.0
-"""With less motion in them nothing is said."""
+"""Least motion in them for a test."""
 AGAIN: Final = 1.5
-"""Free motion is judged again whenever it has lasted so many times as long."""
+"""Free motion is tested again when its duration has grown by this factor."""
 
 
 class CurvedMotion(NamedTuple):
-    """Free motion since tick ``since`` was judged ``after`` so many ticks, and keeps to a curved surface with
-    this ``probability``."""
+    """The last test of free motion since tick ``since``: ``after`` this many ticks, with the ``probability``
+    of a curved surface."""
 
     since: int
     after: int
     probability: float
 
 
-NOT_JUDGED: Final = CurvedMotion(-1, 0, 0.0)
+NO_CURVED_MOTION: Final = CurvedMotion(-1, 0, 0.0)
 
 
-def judged_online(
+def update_curved_motion(
     before: CurvedMotion, window: Window, since: int, scales: EvidenceParameters, knowledge: PriorMap
 ) -> CurvedMotion:
-    """After another tick of free motion ``since`` some tick; ``window`` are the last ticks."""
+    """The estimate after another tick of free motion since tick ``since``; ``window`` are the last ticks."""
     known = before if before.since == since else CurvedMotion(since, 0, 0.0)
     age = int(window.index[-1]) + 1 - since
     if age < max(LEAST_TICKS, AGAIN * known.after):
         return known
     first = max(int(window.index.searchsorted(since)), len(window) - SPAN_TICKS)
     last = window.cut(first, None)
-    judged = p_curved(curved_evidence(last, scales)) if _is_judged(last, knowledge) else 0.0
-    return CurvedMotion(since, age, judged)
+    probability = p_curved(curved_evidence(last, scales)) if _is_testable(last, knowledge) else 0.0
+    return CurvedMotion(since, age, probability)
 
 
-def judged_offline(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> Array:
-    """Probability (n,) in each tick of a segment of free motion: it is judged in pieces.
+def curved_probabilities(window: Window, scales: EvidenceParameters, knowledge: PriorMap) -> Array:
+    """Probability (n,) of curved contact in each tick of a segment of free motion, by parts of the segment.
 
-    A surface that is found in one of them may be that of the others: its elements are hard to find in some.
+    The surface found in one part is tried in the others, as its elements are hard to find in some.
     """
     pieces = np.array_split(np.arange(len(window)), max(len(window) // SPAN_TICKS, 1))
     windows = [window.cut(int(rows[0]), int(rows[-1]) + 1) for rows in pieces if len(rows)]
-    fits = [fit_curved(one, scales) if _is_judged(one, knowledge) else None for one in windows]
+    fits = [fit_curved(one, scales) if _is_testable(one, knowledge) else None for one in windows]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.log_evidence, default=None)
     found = np.zeros(len(window))
     for rows, one, fit in zip(pieces, windows, fits, strict=False):
@@ -70,11 +70,11 @@ def judged_offline(window: Window, scales: EvidenceParameters, knowledge: PriorM
 
 
 def is_mostly_curved(probability: Array) -> bool:
-    """Whether most of a segment, by the probability in each tick (n,), keeps to a curved surface."""
+    """Whether most of a segment, by the probability in each tick (n,), is on a curved surface."""
     return bool(np.mean(probability > 0.5) > 0.5)
 
 
-def _is_judged(window: Window, knowledge: PriorMap) -> bool:
-    """Of an object all of whose flat elements are given no curved one is expected; and motion has to tell."""
+def _is_testable(window: Window, knowledge: PriorMap) -> bool:
+    """Whether curved contact is tested: motion suffices, and the object is not completely known."""
     enough = len(window) >= LEAST_TICKS and float(window.motion_ratio.sum()) >= LEAST_ACTIVITY
     return enough and not knowledge.object_complete

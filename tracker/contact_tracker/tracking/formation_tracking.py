@@ -1,4 +1,4 @@
-"""Contacts beside the label, online, as the leading hypothesis has it (docs/theory.md, section 18)."""
+"""Further contacts online, conditioned on the leading hypothesis (docs/theory.md, section 18)."""
 
 from dataclasses import replace
 from typing import Final
@@ -15,47 +15,47 @@ from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.state import TrackerState, scales_of
 
 ESTABLISHED: Final = 0.8
-"""Contacts are looked for beside a label of such a probability..."""
+"""Further contacts are searched beside a label of at least this probability..."""
 ESTABLISHED_TICKS: Final = 20
-"""... that has lasted for so many ticks..."""
+"""... that has lasted this many ticks..."""
 STILL_ESTABLISHED: Final = 0.5
-"""... and those that were found are reported as long as it has this probability."""
+"""... and are reported while the label has at least this probability."""
 
 
 def follow_formation(state: TrackerState, belief: Belief, tick: Tick) -> tuple[TrackerState, Belief]:
-    """What touches beside the label after a tick that was weighed, and the belief with that."""
+    """Update the further contacts after an informative tick; returns the state and the belief with them."""
     label = belief.contact
-    least = STILL_ESTABLISHED if any(one.holds for one in state.beside.held) else ESTABLISHED
+    least = STILL_ESTABLISHED if any(one.is_present for one in state.formation.tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
-        return state._replace(beside=online.interrupted(state.beside)), belief
+        return state._replace(formation=online.suspend(state.formation)), belief
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
     onset, window = int(bank.onset[row]), state.window
     first_row = int(window.index.searchsorted(onset))
     if len(window) - first_row < ESTABLISHED_TICKS:
-        return state._replace(beside=online.interrupted(state.beside)), belief
+        return state._replace(formation=online.suspend(state.formation)), belief
     assert state.averaging is not None
-    some = window.cut(max(first_row, len(window) - online.LONGEST_TICKS), None)
+    some = window.cut(max(first_row, len(window) - online.WINDOW_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
     leave_per_s, origin_m = state.model.transitions.leave_per_s, state.averaging.origin_m
     ticks = FormationTicks(some, scales_of(state.model), leave_per_s, origin_m, state.knowledge)
     first = KnownContact(CONTACT_MODELS[label.column], bank.x[row])
-    beside = online.advance(state.beside, ticks, first)
-    state = state._replace(beside=beside)
-    if beside.is_open:
+    formation = online.advance(state.formation, ticks, first)
+    state = state._replace(formation=formation)
+    if formation.is_open:
         capped = ambiguity.at_most(belief.probability, label)
         belief = replace(belief, probability=capped, is_open=True)
-    return state, replace(belief, further=_told(state, belief, tick))
+    return state, replace(belief, further=_reported(state, belief, tick))
 
 
 def pause_formation(state: TrackerState) -> TrackerState:
-    """After a tick in which nobody asks what touches beside the label."""
-    if state.beside is online.NOTHING_BESIDE:
+    """The state after a tick without an update of the further contacts."""
+    if state.formation is online.EMPTY_FORMATION:
         return state
-    return state._replace(beside=online.interrupted(state.beside))
+    return state._replace(formation=online.suspend(state.formation))
 
 
-def _told(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherContact, ...]:
-    """The further contacts that hold now; ticks are as far apart as the model says."""
+def _reported(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherContact, ...]:
+    """The further contacts present now; ticks are ``tick_ns`` of the model apart."""
     power, now = state.model.certainty.posterior_power, state.ticks - 1
     return tuple(
         FurtherContact(
@@ -65,8 +65,8 @@ def _told(state: TrackerState, belief: Belief, tick: Tick) -> tuple[FurtherConta
             None,
             one.geometry,
             tuple(kind for kind in one.inseparable if state.knowledge.allows(kind)),
-            state.beside.constraints,
+            state.formation.constraints,
         )
-        for one in state.beside.held
-        if one.holds
+        for one in state.formation.tracked
+        if one.is_present
     )

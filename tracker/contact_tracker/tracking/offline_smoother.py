@@ -83,7 +83,7 @@ def segment(
 
     Returns
     -------
-    Segmentation with the Viterbi path, the smoothed posterior and, beside it, what ``step`` said online.
+    Segmentation with the Viterbi path, the smoothed posterior and the online beliefs.
     """
     return Segmentation.join(
         list(pieces(poses, model, progress, knowledge, executor, watch, Detail.GEOMETRY))

@@ -1,4 +1,4 @@
-"""What the tracker says after a tick: of now, and with a lag of a little while ago."""
+"""The belief after a tick: of that tick, or with a lag of an earlier one."""
 
 from dataclasses import replace
 
@@ -13,14 +13,14 @@ from contact_tracker.landmarks.element_pairs import element_pairs
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.curved_motion import NOT_JUDGED, judged_online
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.state import TrackerState, scales_of
 
 Array = NDArray[np.float64]
 
 
 def answer(state: TrackerState, online: Belief) -> Belief | None:
-    """What to say after a tick: the belief itself, or with a lag that of so long ago, once there is one."""
+    """The belief to report after a tick: the latest, or with a lag the earlier one, once there is one."""
     length = state.lag_history.shape[1]
     if not length:
         return online
@@ -28,7 +28,7 @@ def answer(state: TrackerState, online: Belief) -> Belief | None:
 
 
 def flush_lag(state: TrackerState) -> list[Belief]:
-    """What the lag still holds back when the stream has ended."""
+    """The beliefs that the lag has withheld at the end of the stream."""
     said = 1 if len(state.recent) == state.lag_history.shape[1] else 0
     return [lagged_belief(state, row) for row in range(said, len(state.recent))]
 
@@ -45,14 +45,13 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
     probability = np.einsum("j,js->s", weight, state.lag_history[:, back])
     probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.posterior_power)
     contact = STATES[int(np.argmax(probability))]
-    # where that contact was lies in what was said of it at the time, or soon after
+    # the geometry of that contact is in its belief of that time, or soon after
     telling = next((b for b in state.recent[row:] if b.contact is contact), then)
     onset_ns = telling.onset_ns if telling.contact is contact else then.stamp_ns
     geometry = telling.geometry if telling.contact is contact else None
     inseparable = telling.inseparable if telling.contact is contact else ()
     p_restricted = telling.p_restricted if telling.contact is contact else 0.0
-    # as in the belief that knows most, of those whose further contacts had all begun: their constraints are
-    # counted
+    # from the latest belief whose further contacts had all begun: their constraints are counted
     begun = (b.further for b in state.recent[row:] if b.contact is contact and _had_begun(b, then.stamp_ns))
     further = max(begun, key=len, default=())
     is_open = telling.contact is contact and telling.is_open
@@ -76,9 +75,9 @@ def lagged_belief(state: TrackerState, row: int) -> Belief:
 
 
 def state_posterior(state: TrackerState, stamp_ns: int) -> Belief:
-    """What the weights say: posterior of the states, and the best hypothesis of the most probable one.
+    """The posterior of the states by the weights, and the best hypothesis of the most probable one.
 
-    ``label_geometry`` says where it touches, ``share_among_indistinguishable`` what the motion leaves open.
+    ``label_geometry`` adds the geometry, ``share_among_indistinguishable`` the ambiguity.
     """
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
     probability = ambiguity.tempered(weight, state.model.certainty.posterior_power)
@@ -91,7 +90,8 @@ def state_posterior(state: TrackerState, stamp_ns: int) -> Belief:
 
 
 def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief:
-    """The same with the states that the motion does not tell from its label: they share its probability."""
+    """The belief in which states that the motion does not distinguish from the label share its
+    probability."""
     label, onset = belief.contact, state.free_since
     if label is not Contact.FREE:
         onset = int(state.banks[label.column].onset[state.best_rows[label.column]])
@@ -109,17 +109,17 @@ def share_among_indistinguishable(state: TrackerState, belief: Belief) -> Belief
 
 
 def with_curved_motion(state: TrackerState, label: Contact, judges: bool) -> TrackerState:
-    """Free motion is judged now and then, unless another one does that: it may keep to a curved surface."""
+    """Test free motion for a curved surface at intervals, unless another tracker does that."""
     if label is not Contact.FREE:
-        return state._replace(curved=NOT_JUDGED)
+        return state._replace(curved=NO_CURVED_MOTION)
     if not judges:
         return state
     known = state.curved, state.window, state.free_since
-    return state._replace(curved=judged_online(*known, scales_of(state.model), state.knowledge))
+    return state._replace(curved=update_curved_motion(*known, scales_of(state.model), state.knowledge))
 
 
 def label_geometry(state: TrackerState, label: Contact) -> ContactGeometry | None:
-    """Where the best hypothesis of ``label`` touches."""
+    """The geometry of the best hypothesis of ``label``."""
     if label is Contact.FREE:
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]

@@ -1,4 +1,4 @@
-"""What the ticks of a segment tell when its ends are known: its elements, and what else fits."""
+"""Fits of finished segments: their elements, and other contacts that fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,21 +29,21 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import FurtherContact, Segment
-from contact_tracker.tracking.curved_motion import is_mostly_curved, judged_offline
+from contact_tracker.tracking.curved_motion import curved_probabilities, is_mostly_curved
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 
 Array = NDArray[np.float64]
 
 LONGEST_TICKS: Final = 6000
-"""Of a longer segment so many ticks are looked at."""
+"""Most ticks of a segment that are fitted."""
 PIECE_TICKS: Final = 60
-"""They are chosen in pieces of so many: motion shows in steps."""
+"""Length (ticks) of the pieces in which they are chosen by motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentTicks:
-    """Ticks of one contact: all of a segment, and what is needed to look at them."""
+    """All ticks of a segment, and the parameters of its fit."""
 
     window: Window
     contact: Contact
@@ -73,11 +73,11 @@ class FittedFormation(NamedTuple):
 
     @property
     def constraints(self) -> int:
-        """The most that contacts put on the motion together; none without further ones."""
+        """Largest number of constraints of the contacts together; 0 without further ones."""
         return max((rank for _, rank in self.ranks), default=0)
 
     def constraints_with(self, number: int) -> int:
-        """The most while a further contact holds."""
+        """Largest number of constraints while a further contact holds."""
         return max(rank for numbers, rank in self.ranks if number in numbers)
 
 
@@ -86,10 +86,9 @@ NO_FORMATION: Final = FittedFormation()
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """Of one segment, as in ``Belief``: its ``contact`` and ``joint``; ``curved`` is the probability in each
-    tick (n,), or (1,) in all of them, that it is free motion only in so far as none of the six contacts is;
-    where wrenches have chosen the contact among those that motion does not tell apart, the ``share`` (7,) of
-    each in their probability."""
+    """The fit of one segment, with fields as in ``Belief``. ``curved`` is the probability in each tick (n,),
+    or (1,) in all of them, that free motion is on a curved surface; ``share`` (7,) is that of each
+    indistinguishable contact in their probability, where wrenches have decided."""
 
     contact: Contact
     geometry: ContactGeometry | None
@@ -102,28 +101,28 @@ class SegmentFit:
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
-        """Whether the motion keeps more constraints than those of the contacts that are named."""
+        """Whether the motion keeps more constraints than the reported contacts explain."""
         more = self.joint is not None and self.joint.kind.constraints > self.constraints
         return self.formation.is_open or more
 
     @property
     def constraints(self) -> int:
-        """Those of the contacts that are named."""
+        """Number of constraints of the reported contacts."""
         return max(self.formation.constraints, self.contact.codimension)
 
 
 def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
-    """All contacts are fitted to the ticks of each of these segments of one recording from scratch."""
+    """Fit all contacts to the ticks of each of these segments of one recording, from scratch."""
     if not segments:
         return []
     windows = [_most_moving(one.window) for one in segments]
     fits = zip(*(_fitted(contact, windows, segments) for contact in CONTACT_MODELS), strict=True)
-    return [_judged(*one) for one in zip(segments, windows, fits, strict=True)]
+    return [_segment_fit(*one) for one in zip(segments, windows, fits, strict=True)]
 
 
-def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
-    """By the fit of each contact to the segment's ``window``, and by joints."""
-    fit = _judged_contact(segment, window, fits)
+def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
+    """The fit of a segment: its contact, by the fits of all contacts to ``window``, and its joint."""
+    fit = _contact_fit(segment, window, fits)
     banks = zip(CONTACT_MODELS, fits, strict=True)
     known = [KnownContact(contact, bank.x[0]) for contact, bank in banks if len(bank)]
     found = find_joint(window, scales_of(segment.model), known, fit.constraints)
@@ -139,7 +138,7 @@ def _judged(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Segm
     return replace(fit, inseparable=others, p_restricted=p_restricted)
 
 
-def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
+def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, knowledge, label = segment.model, segment.knowledge, segment.contact
     freedom = ambiguity.freedom_of(label, window, older=False)
     rivals = ambiguity.CompetingEvidence(
@@ -151,12 +150,12 @@ def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank])
     p_restricted, share = ambiguity.p_restricted(freedom.underused, window, model.tick_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
-        curved = judged_offline(segment.window, scales_of(model), knowledge)
+        curved = curved_probabilities(segment.window, scales_of(model), knowledge)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
         inseparable = knowledge.allowed if none_fits else inseparable
     if segment.wrench_evidence is not None:
         label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, segment.wrench_evidence)
-    if label is Contact.FREE or none_fits:  # then there are no elements
+    if label is Contact.FREE or none_fits:  # without elements
         return SegmentFit(label, None, inseparable, p_restricted, curved, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     window = window.with_error(model.noise.extra_contact_variance[label.column])
@@ -175,7 +174,7 @@ def _judged_contact(segment: SegmentTicks, window: Window, fits: Sequence[Bank])
 
 
 def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> FittedFormation:
-    """What touches beside the ``first`` contact, which lasts through the ``window``."""
+    """The contacts beside the ``first``, which lasts through the ``window``."""
     model, scales = segment.model, scales_of(segment.model)
     leave_per_s = model.transitions.leave_per_s
     ticks = FormationTicks(window, scales, leave_per_s, segment.origin_m, segment.knowledge)
@@ -195,7 +194,7 @@ def _formation(segment: SegmentTicks, window: Window, first: KnownContact) -> Fi
 
 
 def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
-    """The best hypothesis of a contact about each whole segment, if there can be one."""
+    """The best hypothesis of a contact for each whole segment, if the contact is possible."""
     model, knowledge = segments[0].model, segments[0].knowledge
     frames = [
         Frame.around(one.origin_m, window.zeta[:, T].mean(axis=0))
@@ -208,7 +207,7 @@ def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence
 
 
 def _most_moving(window: Window) -> Window:
-    """The window itself, or where it is very long its pieces with the most motion, in their order."""
+    """The window, or if it is very long its pieces with the most motion, in order."""
     if len(window) <= LONGEST_TICKS:
         return window
     pieces = len(window) // PIECE_TICKS
@@ -230,7 +229,7 @@ class FinishedSegment(NamedTuple):
     ticks: SegmentTicks
 
     def followed_by(self, after: "FinishedSegment") -> "FinishedSegment":
-        """This segment and the next one as one."""
+        """This segment joined with the next one."""
         ticks = replace(self.ticks, window=Window.join([self.ticks.window, after.ticks.window]))
         return FinishedSegment(
             self.column,
@@ -277,7 +276,7 @@ class FinishedSegment(NamedTuple):
         return segment, Beliefs(beliefs, geometries, formations, joints)
 
     def _further(self, formation: FittedFormation) -> list[tuple[int, FurtherContact]]:
-        """With times, each with its number; in the order in which they join."""
+        """The further contacts with times and indices, in the order of their begins."""
         begins = self.rows["start_ns"]
         ends = np.append(begins[1:] - 1, self.end_ns)
         before = int(self.ticks.window.index[0])
@@ -301,10 +300,10 @@ class FinishedSegment(NamedTuple):
 def joined_by_wrenches(
     found: Sequence[tuple[FinishedSegment, SegmentFit]],
 ) -> list[tuple[FinishedSegment, SegmentFit]]:
-    """Segments with their fits, without changes of contact that are none.
+    """Segments with their fits, after merging equal neighbours.
 
-    Where wrenches have chosen the contact of a segment, it may be that of its neighbour, with the same
-    elements: these are one segment, with the elements of the longer part.
+    If wrenches have decided the contact of a segment, it may be that of its neighbour, with the same
+    elements: these become one segment, with the elements of the longer part.
     """
     joined = list[tuple[FinishedSegment, SegmentFit]]()
     for segment, fit in found:
@@ -322,7 +321,7 @@ def joined_by_wrenches(
 
 
 def _is_one(before: tuple[FinishedSegment, SegmentFit], after: tuple[FinishedSegment, SegmentFit]) -> bool:
-    """Whether two neighbours hold the same contact, which wrenches have chosen in one of them."""
+    """Whether two neighbours have the same contact, decided by wrenches in one of them."""
     (first, one), (second, other) = before, after
     chosen = STATES[first.column] is not one.contact or STATES[second.column] is not other.contact
     simple = not (one.formation.further or other.formation.further or one.joint or other.joint)

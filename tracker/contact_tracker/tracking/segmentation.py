@@ -1,4 +1,4 @@
-"""What the tracker believes of a whole recording: its segments, and the beliefs of all its ticks."""
+"""The result for a whole recording: its segments, and the beliefs of all its ticks."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -35,14 +35,14 @@ its ``further`` contacts and its ``joint`` or -1."""
 
 
 class Beliefs(Sequence[Belief]):
-    """T beliefs, kept as columns: hours of them fit into memory. Those that are asked for become ``Belief``.
+    """T beliefs in columns, so that hours of them fit into memory; items are made as ``Belief`` on access.
 
     Parameters
     ----------
     rows : (T,) of dtype ``BELIEF``.
-    geometries : that rows name by number, packed (see ``packing``).
-    formations : further contacts that rows name by number.
-    joints : that rows name by number.
+    geometries : referred to by rows by number, packed (see ``packing``).
+    formations : further contacts, referred to by number.
+    joints : referred to by number.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Beliefs(Sequence[Belief]):
 
     @classmethod
     def of(cls, beliefs: Iterable[Belief]) -> Self:
-        """From beliefs one by one; what has one geometry in common shares it."""
+        """Columns from single beliefs; equal geometries are shared."""
         rows: list[tuple[Any, ...]] = []
         geometries: dict[int, tuple[int, ContactGeometry]] = {}
         formations: dict[int, tuple[int, tuple[FurtherContact, ...]]] = {}
@@ -85,7 +85,7 @@ class Beliefs(Sequence[Belief]):
 
     @classmethod
     def join(cls, parts: Sequence["Beliefs"]) -> Self:
-        """Beliefs one after the other."""
+        """Several columns of beliefs concatenated."""
         rows = np.concatenate([np.zeros(0, BELIEF), *(part.rows for part in parts)])
         lengths = [len(part) for part in parts]
         for name, counts in (
@@ -152,7 +152,7 @@ class Beliefs(Sequence[Belief]):
         return [STATES[column] for column in self.rows["contact"]]
 
     def _geometry(self, number: int) -> ContactGeometry | None:
-        """Neighbours often share it."""
+        """The geometry of a row; consecutive rows often share it."""
         if number < 0:
             return None
         if self._read[0] != number:
@@ -162,14 +162,14 @@ class Beliefs(Sequence[Belief]):
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """The offline answer for T ticks.
+    """The offline result for T ticks.
 
     Parameters
     ----------
     segments : the Viterbi path, in order, covering every tick.
     beliefs : T beliefs with the Viterbi label and the smoothed posterior.
-    filtered : T beliefs as ``step`` gave them, from data up to each tick only.
-    outliers : poses that were left out because they stood far from their neighbours.
+    filtered : T online beliefs, from data up to each tick only.
+    outliers : number of poses that were left out as outliers.
     """
 
     segments: tuple[Segment, ...] = ()
@@ -179,7 +179,7 @@ class Segmentation:
 
     @classmethod
     def join(cls, parts: Sequence["Segmentation"]) -> Self:
-        """Parts of one recording, one after the other."""
+        """Consecutive parts of one recording joined."""
         return cls(
             tuple(segment for part in parts for segment in part.segments),
             Beliefs.join([part.beliefs for part in parts]),

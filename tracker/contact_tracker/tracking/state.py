@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.online import NOTHING_BESIDE, Beside
+from contact_tracker.formations.online import EMPTY_FORMATION, FormationState
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.birth import uninformed_proposal
@@ -20,7 +20,7 @@ from contact_tracker.motion.tick_grid import TickState
 from contact_tracker.motion.window import EMPTY_WINDOW, SlidingWindow, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief
-from contact_tracker.tracking.curved_motion import NOT_JUDGED, CurvedMotion
+from contact_tracker.tracking.curved_motion import NO_CURVED_MOTION, CurvedMotion
 from contact_tracker.tracking.transition_model import log_initial
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class TrackerState(NamedTuple):
     """Number of the tick since which the label is free."""
     free_since_ns: int
     curved: CurvedMotion
-    """What free motion was judged to be."""
+    """The last test of free motion for a curved surface."""
     hazard_exposure: float
     """Exposure to a change of state at the last boundary, in ticks of motion."""
     log_transition: Array
@@ -82,8 +82,8 @@ class TrackerState(NamedTuple):
     """Beliefs of the last L ticks, with a lag."""
     belief: Belief | None
     """The latest belief."""
-    beside: Beside = NOTHING_BESIDE
-    """Contacts beside the label."""
+    formation: FormationState = EMPTY_FORMATION
+    """Search for further contacts."""
 
     @property
     def log_evidence(self) -> float:
@@ -126,7 +126,7 @@ def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> 
         label=None,
         free_since=0,
         free_since_ns=0,
-        curved=NOT_JUDGED,
+        curved=NO_CURVED_MOTION,
         hazard_exposure=0.0,
         log_transition=np.zeros((states, states)),
         log_birth_weight=initial,

@@ -1,10 +1,10 @@
-"""The viewer: what is believed, drawn with rerun into its window or into a file.
+"""The viewer: beliefs and segments drawn with rerun, in a window or into a file.
 
-Importing this package costs nothing; ``offline`` and ``live`` import rerun. Whoever shows a live view only
-when asked takes ``absent`` otherwise.
+Importing this package is cheap; ``offline`` and ``live`` import rerun. ``null_viewer`` replaces a live view
+that is not wanted.
 """
 
 from typing import Final
 
 SILENT: Final = "off,contact_tracker=off"
-"""As ``RUST_LOG`` of this process: rerun keeps its log to itself; what matters of it is an error of ours."""
+"""``RUST_LOG`` of this process: silences rerun's log; relevant failures are raised as errors."""

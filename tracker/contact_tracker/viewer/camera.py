@@ -1,7 +1,7 @@
-"""From where one looks: upright on the surroundings, at the object, near enough for it and what it touches.
+"""Camera of the 3D view: upright with respect to the surroundings, following the object.
 
-The eye of the layout never moves. What moves is the frame that it is in: the object stays about its origin,
-its z axis points away from the plane that is touched, and its unit is as long as the object is large.
+The eye of the layout is fixed in a frame that moves: its origin stays near the object, its z axis points away
+from the touched plane, and its unit is the size of the object.
 """
 
 from collections.abc import Iterable
@@ -17,19 +17,19 @@ from contact_tracker.viewer.scene import UP, Drawing, Extent, side
 Stamps = NDArray[np.int64]
 
 EYE: Final = (0.0, -3.4, 1.9)
-"""Of the layout, in the frame that moves."""
+"""Position of the layout's eye in the moving frame."""
 TARGET: Final = (0.0, 0.0, -0.2)
 SLACK: Final = 0.5
-"""How far the object moves, by its radius, before the frame follows."""
+"""Distance in object radii by which the object moves before the frame follows."""
 _EVERY_NS: Final = 50_000_000
 _ALIKE: Final = np.cos(np.radians(10.0))
 _MOST_PLACES: Final = 4000
 _FARTHEST: Final = 10.0
-"""What seems to touch farther from the object, by its radius, is not waited for."""
+"""Contacts farther from the object, in object radii, do not enlarge the view."""
 
 
 class Touched(NamedTuple):
-    """A normal (3,) of touched planes, for how long they were, and for how long with the object above."""
+    """A normal (3,) of touched planes, the time of contact, and the time with the object above."""
 
     normal: Array
     touched_ns: int
@@ -37,7 +37,7 @@ class Touched(NamedTuple):
 
 
 class Camera:
-    """Follows the object pose by pose, and learns contact by contact what is below it.
+    """Follows the poses of the object and estimates the upward direction from its contacts.
 
     ``extent`` is that of the object.
     """
@@ -51,7 +51,7 @@ class Camera:
         self._next_ns = -(2**62)
 
     def follow(self, poses: Poses) -> tuple[Stamps, Array]:
-        """Where the frame is from now on, as far as it moves: stamps (K,) and origins (K, 3) in the world."""
+        """Move the frame with poses: stamps (K,) and origins (K, 3) in the world where it moves."""
         stamps, origins = [], []
         for row in _spaced(poses.stamp_ns, self._next_ns):
             pose = poses[row : row + 1]
@@ -74,8 +74,8 @@ class Camera:
                 origins.append(self._centre)
         return np.array(stamps, np.int64), np.reshape(origins, (-1, 3))
 
-    def see(self, geometry: ContactGeometry, drawing: Drawing, poses: Poses, lasted_ns: int) -> bool:
-        """Take note of a contact that held for ``lasted_ns``; whether the frame has changed by that."""
+    def add_contact(self, geometry: ContactGeometry, drawing: Drawing, poses: Poses, lasted_ns: int) -> bool:
+        """Add a contact of duration ``lasted_ns``; returns whether the frame has changed."""
         before = self.up, self._radius_m
         if drawing.reach_m < _FARTHEST * self._extent.radius_m:
             self._radius_m = max(self._radius_m, drawing.reach_m)
@@ -88,9 +88,9 @@ class Camera:
 
     @property
     def up(self) -> Array:
-        """(3,) away from the plane that was touched longest; z where none was.
+        """(3,) upward: away from the plane that was touched longest; z without any.
 
-        Faces that touch do not say on which side of each other they are: then it is the side of z.
+        Touching faces do not determine the side; then it is that of z.
         """
         if not self._touched:
             return UP
@@ -99,9 +99,9 @@ class Camera:
         return longest.normal if above >= 0 else -longest.normal
 
     def frame(self) -> Array:
-        """The axes of the frame in the world, its columns (3, 3), as long as its unit (m).
+        """The axes of the frame in the world, columns (3, 3) of the length of its unit (m).
 
-        It looks along the direction in which the object moves least: one sees the motion from the side.
+        The view is along the direction of least motion, so that the motion is visible from the side.
         """
         up = self.up
         level = np.eye(3) - np.outer(up, up)
@@ -114,7 +114,7 @@ class Camera:
 
 
 def _spaced(stamp_ns: Stamps, next_ns: int) -> Iterable[int]:
-    """Rows that are so far apart as the frame is moved, from ``next_ns`` on."""
+    """Rows from ``next_ns`` on at the interval at which the frame is moved."""
     row = int(np.searchsorted(stamp_ns, next_ns))
     while row < len(stamp_ns):
         yield row
@@ -122,7 +122,7 @@ def _spaced(stamp_ns: Stamps, next_ns: int) -> Iterable[int]:
 
 
 def _with(touched: list[Touched], normal: Array, lasted_ns: int, way: float) -> list[Touched]:
-    """``touched`` and a plane that was, which may have been before."""
+    """``touched`` with a further contact, merged with an earlier plane of the same normal."""
     for number, one in enumerate(touched):
         alike = float(one.normal @ normal)
         if abs(alike) > _ALIKE:

@@ -1,4 +1,4 @@
-"""What is drawn under which name: rows for rerun, many at once offline and one at a time live."""
+"""Entities of the views and their rows for rerun: many at once offline, one at a time live."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
@@ -27,13 +27,13 @@ BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
 ORIGIN: Final = "world/view"
 VIEW: Final = "world/view/upright"
-"""The frame that the eye is in (``camera``), in that of its origin: rerun takes a transform whole."""
+"""The frame of the eye (``camera``) within that of its origin: rerun replaces transforms as a whole."""
 LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
 FILTERED: Final = "state/filtered"
 INSEPARABLE: Final = "state/inseparable"
-"""Other contacts that the motion does not tell from the label."""
+"""Contacts that the motion does not distinguish from the label."""
 P_SMOOTHED: Final = "probability/smoothed"
 P_FILTERED: Final = "probability/filtered"
 RESIDUAL: Final = "minima/residual"
@@ -42,9 +42,9 @@ EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4
 OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
-"""Of the meshes of a ``Drawing``."""
+"""Names of the meshes of a ``Drawing``."""
 SHEET: Final = 0.55
-"""Opacity of a face of the surroundings: one sees what is below it."""
+"""Opacity of faces of the surroundings, so that objects below stay visible."""
 _ROWS: Final = 1000
 Columns = Iterable[rr.ComponentColumn]
 
@@ -57,14 +57,14 @@ _LEGEND: Final = """\
 
 
 class Touching(NamedTuple):
-    """Where one touching pair is drawn: its ``meshes`` as in a ``Drawing``, and its name."""
+    """Entities of one touching pair: its ``meshes`` as in a ``Drawing``, and its name."""
 
     meshes: tuple[str, str, str, str]
     label: str
 
 
 def touching(number: int = 0) -> Touching:
-    """The entities of a touching pair, the first of several at once or number ``number`` beside it."""
+    """The entities of the labelled touching pair (0) or of further contact ``number``."""
     end = f"_{number + 1}" if number else ""
     pair = f"world/body/element{end}", f"world/surroundings/element{end}"
     meshes = (pair[0], f"{pair[0]}/uncertainty", pair[1], f"{pair[1]}/uncertainty")
@@ -72,12 +72,12 @@ def touching(number: int = 0) -> Touching:
 
 
 def further_lane(number: int) -> str:
-    """The entity of what further contact ``number``, 1 and more, is over time."""
+    """The entity of the state of further contact ``number`` (from 1) over time."""
     return "state/further" if number == 1 else f"state/further_{number}"
 
 
 def new_recording(name: str | None = None) -> rr.RecordingStream:
-    """A stream with the timelines of the data only; ``name`` is for people."""
+    """A stream with the timelines of the data only; ``name`` is shown in the viewer."""
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid4())
     if name is not None:
         recording.send_recording_name(name)
@@ -87,9 +87,9 @@ def new_recording(name: str | None = None) -> rr.RecordingStream:
 
 
 class Canvas:
-    """Puts rows into ``recording``; times count from ``origin_ns``, the first pose.
+    """Writes rows into ``recording``; times count from ``origin_ns``, the first pose.
 
-    Data that rerun cannot take raise, instead of being dropped with a warning.
+    Data that rerun does not accept raise an error, instead of a warning.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Canvas:
             self._hull(hull)
 
     def pose(self, pose: Pose) -> None:
-        """One pose, by the path that costs least per row."""
+        """Draw one pose, with the least cost per row."""
         since_ns = np.timedelta64(pose.stamp_ns - self._origin_ns, "ns")
         self._recording.set_time(TIMELINE, duration=since_ns)
         self._recording.set_time(STAMP, timestamp=np.datetime64(pose.stamp_ns, "ns"))
@@ -129,7 +129,7 @@ class Canvas:
         self._send(BODY, poses.stamp_ns, columns)
 
     def trail(self, stamp_ns: Stamps, strips: Sequence[Array], contacts: Sequence[Contact]) -> None:
-        """The way (N, 3) of the body's origin up to each stamp, coloured by what held."""
+        """The path (N, 3) of the body's origin up to each stamp, coloured by contact."""
 
         def columns(rows: slice) -> Columns:
             colours = [COLOUR[contact] for contact in contacts[rows]]
@@ -138,22 +138,22 @@ class Canvas:
         self._send(TRAIL, stamp_ns, columns)
 
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
-        """What holds from each stamp on; None for nothing known."""
+        """The contact from each stamp on; None if unknown."""
         names = [None if contact is None else contact.value for contact in contacts]
         self._send(entity, stamp_ns, lambda rows: rr.StateChange.columns(state=_texts(names[rows])))
 
     def have_further(self, most: int) -> None:
-        """Lanes for so many further contacts."""
+        """Add lanes for up to ``most`` further contacts."""
         while self.most_further < most:
             self.most_further += 1
             self._lane(further_lane(self.most_further))
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
-        """Values (N, K) of the K series of an entity; nan leaves a gap."""
+        """Values (N, K) of the K series of an entity; nan is a gap."""
         self._send(entity, stamp_ns, lambda rows: rr.Scalars.columns(scalars=values[rows]))
 
     def inseparable(self, stamp_ns: Stamps, others: Sequence[Sequence[Contact]]) -> None:
-        """What the motion does not tell from the label from each stamp on."""
+        """The contacts that the motion does not distinguish from the label, from each stamp on."""
         texts = [f"or {alternatives(states)}" if states else "" for states in others]
         new = sorted({text for text in texts if text} - set(self._named))
         if new:
@@ -164,15 +164,15 @@ class Canvas:
         self._send(INSEPARABLE, stamp_ns, lambda rows: rr.StateChange.columns(state=texts[rows]))
 
     def stand(self, axes_m: Array) -> None:
-        """How the frame of the eye lies in the world: its axes, columns (3, 3) as long as its unit."""
+        """Set the frame of the eye in the world: axes as columns (3, 3) of the length of its unit (m)."""
         self._static(VIEW, rr.Transform3D(mat3x3=axes_m))
 
     def follow(self, stamp_ns: Stamps, origins_m: Array) -> None:
-        """Where the frame of the eye is from each stamp on: (N, 3)."""
+        """Origins (N, 3) of the frame of the eye from each stamp on."""
         self._send(ORIGIN, stamp_ns, lambda rows: rr.Transform3D.columns(translation=origins_m[rows]))
 
     def drawings(self, stamp_ns: Stamps, drawings: Sequence[Drawing | None], number: int = 0) -> None:
-        """What is drawn of touching pair ``number`` from each stamp on; None clears it."""
+        """Draw touching pair ``number`` from each stamp on; None clears it."""
         entities = touching(number)
         if entities.label not in self._labelled:
             self._labelled.add(entities.label)
@@ -255,7 +255,7 @@ class Canvas:
 
 
 def _chunks(count: int) -> Iterator[slice]:
-    """A thousand rows to a chunk: small chunks double the file, huge ones are slow to show."""
+    """Chunks of a thousand rows: smaller ones double the file, larger ones are slow to show."""
     return (slice(start, min(start + _ROWS, count)) for start in range(0, count, _ROWS))
 
 
@@ -274,7 +274,7 @@ def _place_columns(places: Sequence[Array]) -> Columns:
 def caption(
     contact: Contact, probability: float, others: Sequence[Contact] = (), is_open: bool = False
 ) -> str:
-    """``f-f  0.97 or e-f``; ``is_open``: nobody knows where along their normal the faces are."""
+    """``f-f  0.97 or e-f``; ``is_open``: the position of the faces along their normal is unknown."""
     rest = f" or {alternatives(others)}" if others else ""
     return f"{contact.value}  {probability:.2f}{rest}{', height unknown' if is_open else ''}"
 
@@ -285,5 +285,5 @@ def further_caption(one: FurtherContact) -> str:
 
 
 def _texts(names: Sequence[str | None]) -> list[str]:
-    """rerun takes an empty text for the end of a state."""
+    """State texts; for rerun an empty text ends a state."""
     return [name or "" for name in names]

@@ -1,4 +1,4 @@
-"""A change of contact in words."""
+"""Log lines for changes of contact."""
 
 from collections.abc import Sequence
 
@@ -11,15 +11,15 @@ from contact_tracker.tracking.belief import FurtherContact
 def event(
     since_ns: int, probability: float, geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()
 ) -> str:
-    """When (``since_ns`` after the first pose), how sure, where it touches, what else it may be.
+    """Time (``since_ns`` after the first pose), probability, geometry and alternatives of a contact.
 
-    Of what it tells is the row's level.
+    The contact itself is the row's level.
     """
     return f"{since_ns * 1e-9:7.2f} s  p {probability:.2f}  {describe(geometry, inseparable)}".rstrip()
 
 
 def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
-    """A contact that joins those that there are, or leaves them."""
+    """The begin (``joins``) or end of a further contact."""
     how = "joins " if joins else "leaves"
     where = describe(further.geometry, further.inseparable) if joins else ""
     return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()

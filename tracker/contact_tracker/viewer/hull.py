@@ -1,4 +1,4 @@
-"""The object's hull, where a recording says what its vertices are."""
+"""The object's convex hull, from vertices in a recording's metadata."""
 
 import json
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ class Hull(NamedTuple):
 
 
 def vertices_from_metadata(metadata: Mapping[str, Mapping[str, str]]) -> Array | None:
-    """The object's vertices (V, 3) in the body frame; None where no record gives a list of points."""
+    """The object's vertices (V, 3) in the body frame; None if no record has a list of points."""
     for record in metadata.values():
         try:
             vertices = np.asarray(json.loads(record[KEY]), float)
@@ -36,7 +36,7 @@ def vertices_from_metadata(metadata: Mapping[str, Mapping[str, str]]) -> Array |
 
 
 def hull(vertices_m: Array) -> Hull | None:
-    """The convex hull; None where ``vertices_m`` (V, 3) span no solid."""
+    """The convex hull; None if ``vertices_m`` (V, 3) do not span a solid."""
     try:
         found = ConvexHull(vertices_m)
     except (QhullError, ValueError):

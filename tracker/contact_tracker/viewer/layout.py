@@ -1,4 +1,4 @@
-"""How the views are arranged: 3D and events on the left, everything over time on the right."""
+"""Arrangement of the views: 3D and events on the left, plots over time on the right."""
 
 import inspect
 from typing import Any, Literal
@@ -14,9 +14,9 @@ LIVE_S = 10.0
 
 
 def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
-    """The whole recording at once; ``paper``: with the fixed-window curves.
+    """Layout of a whole recording; ``paper``: with the fixed-window curves.
 
-    Beside others the list of recordings is open.
+    With several recordings their list is open.
     """
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     smoothed = _plot(canvas.P_SMOOTHED, "Probability, smoothed (all data)", everything, top=1.05, legend=True)
@@ -44,7 +44,7 @@ def offline(paper: bool, is_one_of_several: bool = False) -> rrb.Blueprint:
 
 
 def live() -> rrb.Blueprint:
-    """The last seconds before the cursor, which follows the data."""
+    """Layout of a live view: the last seconds before the cursor, which follows the data."""
     recent = rr.TimeRange(
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-LIVE_S),
         end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
@@ -82,7 +82,7 @@ def _blueprint(
 
 
 def _no_column(timeline: str) -> rrb.encodings.TimelineColumn:
-    """The text says the time: the viewer's own column is too narrow to read."""
+    """No time column: the text has the time, as the viewer's column is too narrow."""
     return rrb.encodings.TimelineColumn(timeline, visible=False)
 
 

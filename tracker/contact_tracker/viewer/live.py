@@ -1,10 +1,9 @@
-"""What is believed while it is believed, streamed to the viewer."""
+"""Live view: beliefs streamed to the rerun viewer."""
 
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from contact_tracker.viewer.camera import Camera
 from contact_tracker.viewer.canvas import Canvas, caption, further_caption
 from contact_tracker.viewer.events import event, further_event
 from contact_tracker.viewer.hull import hull
+from contact_tracker.viewer.null_viewer import SelfClosing
 from contact_tracker.viewer.scene import UNKNOWN_EXTENT, draw
 from contact_tracker.viewer.sinks import Sink, close, to_viewer
 
@@ -28,14 +28,14 @@ _FRAME_NS: Final = 10_000_000
 _REDRAW_NS: Final = 500_000_000
 
 
-class LiveViewer:
-    """A ``LiveView`` in the rerun viewer: the body at up to 100 Hz, all else once per belief.
+class LiveViewer(SelfClosing):
+    """A ``LiveView`` in the rerun viewer: the body at up to 100 Hz, everything else per belief.
 
     Parameters
     ----------
     vertices_m : (V, 3) of the object in the body frame, where known.
-    sink : where it goes; by default a viewer on this machine, started where none runs.
-    origin_ns : the stamp from which times count, asked for after the first pose; by default the first pose's.
+    sink : destination; by default a viewer on this machine, which is started if necessary.
+    origin_ns : returns the stamp from which times count, after the first pose; by default the first pose's.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class LiveViewer:
         (sink or to_viewer())(self._recording, layout.live())
 
     def pose(self, pose: Pose) -> None:
-        """Move the body, at most as often as an eye can follow."""
+        """Move the body, at up to 100 Hz."""
         if self._sheet is None:
             self._origin_ns = pose.stamp_ns if self._origin is None else self._origin()
             self._sheet = Canvas(self._recording, self._origin_ns, self._hull, self._extent.radius_m)
@@ -78,7 +78,7 @@ class LiveViewer:
         self._waiting.append(pose)
 
     def belief(self, belief: Belief) -> None:
-        """Draw a belief about poses that were told before; without any there is nothing to draw it on."""
+        """Draw a belief about earlier poses; without poses nothing is drawn."""
         tick = self._take(belief.stamp_ns)
         if self._sheet is None or tick is None:
             return
@@ -111,7 +111,7 @@ class LiveViewer:
         self._lanes(sheet, belief)
 
     def _lanes(self, sheet: Canvas, belief: Belief) -> None:
-        """Which contacts hold beside the label, where that has changed."""
+        """Draw changes of the further contacts."""
         now = [one.contact for one in belief.further]
         sheet.have_further(len(now))
         for number in range(1, sheet.most_further + 1):
@@ -125,7 +125,7 @@ class LiveViewer:
         drawing = None if geometry is None else draw(geometry, tick, self._extent, up)
         if geometry is not None and drawing is not None:
             lasted_ns = int(belief.stamp_ns - self._drawn_ns) if self._drawn_ns else 0
-            if is_settled(belief) and self._camera.see(geometry, drawing, tick, lasted_ns):
+            if is_settled(belief) and self._camera.add_contact(geometry, drawing, tick, lasted_ns):
                 sheet.stand(self._camera.frame())
         self._is_open = drawing is not None and drawing.is_open
         stamp = np.array([belief.stamp_ns], np.int64)
@@ -136,25 +136,14 @@ class LiveViewer:
             sheet.drawings(stamp, [beside], number)
 
     def close(self) -> None:
-        """See the rest delivered; the viewer stays open."""
-        with suppress(ViewerError):  # whoever closes the window early has seen enough
+        """Send the remaining data; the viewer stays open."""
+        with suppress(ViewerError):  # the user may have closed the window
             close(self._recording, _CLOSE_S)
 
     def _take(self, until_ns: int) -> Poses | None:
-        """The poses up to ``until_ns`` that no belief has taken, joined to those before."""
+        """The poses up to ``until_ns`` that belong to no earlier belief; None without any."""
         rows = [] if self._last is None else [self._last]
         while self._waiting and self._waiting[0].stamp_ns <= until_ns:
             rows.append(self._waiting.popleft())
         self._last = rows[-1] if rows else None
         return Poses.collect(rows) if rows else None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

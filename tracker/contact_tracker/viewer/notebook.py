@@ -1,9 +1,9 @@
-"""The viewer in a notebook; it comes with the extra ``notebook``."""
+"""The viewer in a notebook (extra ``notebook``)."""
 
 import os
 from typing import Final
 
-# Asked for when rerun_notebook is imported: without it, the page of the viewer comes from a server of rerun.
+# Read when rerun_notebook is imported: otherwise the viewer's page is loaded from a server of rerun.
 os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "inline")
 
 import rerun as rr
@@ -16,7 +16,7 @@ from contact_tracker.viewer.offline import Shown, show
 __all__ = ["Viewer", "show_in_notebook"]
 WIDTH: Final = 1280
 HEIGHT: Final = 720
-_ = rerun_notebook  # where it is missing the error comes from here: rerun itself imports without it
+_ = rerun_notebook  # raises here if it is missing: rerun itself imports without it
 
 
 def show_in_notebook(shown: Shown, width: int = WIDTH, height: int = HEIGHT) -> Viewer:

@@ -1,14 +1,26 @@
-"""What a live view is told, and the view of those who want none."""
+"""The interface of live views, and a view that shows nothing."""
 
-from types import TracebackType
 from typing import Protocol, Self
 
 from contact_tracker.motion.poses import Pose
 from contact_tracker.tracking.belief import Belief
 
 
+class SelfClosing:
+    """A context manager that calls ``close`` on exit."""
+
+    def close(self) -> None:
+        pass
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
 class LiveView(Protocol):
-    """Is told every pose, and every belief once it is due; a context manager that closes itself."""
+    """Receives every pose, and every belief once it is due; a context manager that closes itself."""
 
     def pose(self, pose: Pose) -> None: ...
 
@@ -18,33 +30,14 @@ class LiveView(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
 
-class NoViewer:
+class NoViewer(SelfClosing):
     """Shows nothing, at no cost."""
 
     def pose(self, pose: Pose) -> None:
         pass
 
     def belief(self, belief: Belief) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
         pass

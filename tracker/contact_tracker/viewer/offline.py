@@ -1,11 +1,11 @@
-"""A whole recording with its segmentation: written to a file or shown in a viewer, piece by piece."""
+"""View of a whole recording with its segmentation, written to a file or shown in a viewer."""
 
 from collections.abc import Callable, Iterable
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
-from contact_tracker.atomic_file import whatever_is_there, whole_file
+from contact_tracker.atomic_file import accept_any, whole_file
 from contact_tracker.errors import NoPoses
 from contact_tracker.geometry.elements import Array
 from contact_tracker.ground_truth import Truth
@@ -22,12 +22,12 @@ class Shown(NamedTuple):
     Parameters
     ----------
     poses : at least one.
-    pieces : what segments them.
-    truth : where it is known; shown as far as there are poses.
-    vertices_m : (V, 3) of the object in the body frame, where known: its hull is drawn faintly.
+    pieces : the function that segments them.
+    truth : ground truth, if known; shown for the time of the poses.
+    vertices_m : (V, 3) of the object in the body frame, if known, for its hull.
     paper : whether to draw the paper's objective functions as well.
-    name : for people.
-    origin_ns : the stamp from which times count, asked for after the first pose; by default the first pose's.
+    name : shown in the viewer.
+    origin_ns : returns the stamp from which times count, after the first pose; by default the first pose's.
     """
 
     poses: Iterable[Pose]
@@ -39,11 +39,10 @@ class Shown(NamedTuple):
     origin_ns: Callable[[], int] | None = None
 
 
-def write_rrd(path: Path, shown: Shown, check: Callable[[], None] = whatever_is_there) -> None:
-    """Write a rerun file with its layout, whole or not at all; ``check`` as of ``whole_file``.
+def write_rrd(path: Path, shown: Shown, check: Callable[[], None] = accept_any) -> None:
+    """Write a rerun file with its layout, atomically; ``check`` as of ``whole_file``.
 
-    Memory grows while one contact lasts, by what ``paper`` keeps (70 bytes per ten poses), and by what rerun
-    notes of each chunk for the end of the file.
+    Memory grows during one contact, with ``paper`` (70 bytes per ten poses), and by rerun's index of chunks.
 
     Raises
     ------
@@ -54,11 +53,11 @@ def write_rrd(path: Path, shown: Shown, check: Callable[[], None] = whatever_is_
 
 
 def show(shown: Shown, sink: Sink, is_one_of_several: bool = False) -> None:
-    """Draw it while it is found; what ``sink`` opens stays open.
+    """Draw a recording while it is segmented; a viewer opened by ``sink`` stays open.
 
     Raises
     ------
-    NoPoses : there is none.
+    NoPoses : there is no pose.
     ViewerError : the viewer does not start or does not take the data.
     """
     rest = iter(shown.poses)

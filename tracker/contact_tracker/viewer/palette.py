@@ -1,4 +1,4 @@
-"""One colour per state, the same in every view."""
+"""Colours of the states, the same in all views."""
 
 from typing import Final
 
@@ -18,4 +18,4 @@ COLOUR: Final[dict[Contact, Colour]] = {
 COLOURS: Final = [COLOUR[state] for state in STATES]
 GREY: Final[Colour] = (170, 176, 186)
 OBJECT: Final[Colour] = (244, 240, 228)
-"""Of the object's elements, whatever touches; those of the surroundings have the colour of the contact."""
+"""Colour of the object's elements; those of the surroundings have the colour of the contact."""

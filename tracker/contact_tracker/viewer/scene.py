@@ -1,4 +1,4 @@
-"""One touching pair as it is drawn: which part of an endless plane or line, and where its name is."""
+"""Drawing of a touching pair: the visible part of infinite planes and lines, and the label's position."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,19 +24,19 @@ from contact_tracker.viewer.shapes import (
 
 ENOUGH_POSES: Final = 200
 _LARGEST_M: Final = 2.0
-"""An object of unknown size is not drawn larger."""
+"""Largest radius (m) of an object of unknown size."""
 _CUBE_ABOVE: Final = 0.25
 _CORNER_LABEL: Final = 0.7
 _WHEEL: Final = 0.65
-"""It fits into the sheet that it touches."""
+"""Size relative to the sheet of the touched face."""
 UP: Final = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """How large the object is: ``centre_m`` (3,) in the body frame, ``radius_m`` about it.
+    """Size of the object: ``centre_m`` (3,) in the body frame, ``radius_m`` around it.
 
-    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is a guess.
+    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is an estimate.
     """
 
     centre_m: Array
@@ -44,7 +44,7 @@ class Extent:
     vertices_m: Array | None = None
 
     def reaching(self, distance_m: float) -> "Extent":
-        """The same, or where it is a guess one that reaches what touches at ``distance_m`` of the centre."""
+        """The same; an estimated extent is enlarged to reach a contact at ``distance_m`` from the centre."""
         if self.vertices_m is not None or not self.radius_m < distance_m <= _LARGEST_M:
             return self
         return replace(self, radius_m=distance_m)
@@ -54,14 +54,14 @@ UNKNOWN_EXTENT: Final = Extent(np.zeros(3), 0.1)
 
 
 class Drawing(NamedTuple):
-    """A touching pair.
+    """The drawing of a touching pair.
 
     Parameters
     ----------
     meshes : the object's element and its uncertainty in the body frame, the surroundings' in the world frame.
-    label_m : (3,) where to name it, in the world frame: beside what touches.
-    reach_m : how far from the object's centre it touches.
-    is_open : whether the motion does not say where along their normal two faces touch.
+    label_m : (3,) position of the label in the world frame.
+    reach_m : distance of the contact from the object's centre.
+    is_open : whether the position of two faces along their normal is unknown.
     """
 
     meshes: tuple[Mesh, Mesh, Mesh, Mesh]
@@ -73,9 +73,9 @@ class Drawing(NamedTuple):
 def draw_all(
     geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent, up: Array = UP
 ) -> Drawing | None:
-    """Draw the pairs that touch at the same time, as ``draw`` does; None without any.
+    """Draw simultaneous touching pairs as ``draw`` does; None without any.
 
-    What is said of all is that of the first.
+    Label, reach and ``is_open`` are those of the first.
     """
     if not geometries:
         return None
@@ -87,14 +87,14 @@ def draw_all(
 
 
 def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP) -> Drawing:
-    """Draw the pair where ``poses`` bring it together: as large as the object, and all of the way it slid.
+    """Draw the pair where it touches during ``poses``: of the object's size, along the whole sliding path.
 
-    Two faces of which only the distance is known are drawn where the hull rests on its lower face, and their
-    uncertainty as a needle along the normal.
+    Two faces of which only the distance is known are drawn at the lower end of the hull, their uncertainty as
+    a needle along the normal.
 
     Parameters
     ----------
-    poses : of the time in which the contact was seen, at least one.
+    poses : of the time of the contact, at least one.
     up : (3,) in the world.
     """
     poses = poses[:: 1 + len(poses) // ENOUGH_POSES]
@@ -132,20 +132,20 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
         of_surroundings(geometry.environment, middle, half_m),
         open_ways[1],
     )
-    return Drawing(meshes, _beside(geometry.environment, middle, half_m, up), reach_m, is_open)
+    return Drawing(meshes, _label_position(geometry.environment, middle, half_m, up), reach_m, is_open)
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
-    """Where ``points`` (N, 3) are: 1 where the normal of ``plane`` points to, -1 behind, 0 if unknown."""
+    """Side of ``points`` (N, 3): 1 in the direction of the normal of ``plane``, -1 opposite, 0 unknown."""
     if plane.covariance is not None:
         middle = np.median(points, axis=0)
-        if not SIGMAS * float(distance_sd_m(plane, middle)) < radius_m:  # also where it is not a number
+        if not SIGMAS * float(distance_sd_m(plane, middle)) < radius_m:  # also for nan
             return 0.0
     return float(np.sign(np.median(points @ plane.normal) - plane.offset_m))
 
 
 def _is_open(geometry: ContactGeometry, centres: Array, radius_m: float) -> bool:
-    """Whether nothing but the distance between two faces is known of where they are."""
+    """Whether only the distance between two faces is known, not their position."""
     if not isinstance(geometry.object, Plane) or not isinstance(geometry.environment, Plane):
         return False
     sd = geometry.environment.covariance
@@ -155,7 +155,7 @@ def _is_open(geometry: ContactGeometry, centres: Array, radius_m: float) -> bool
 
 
 def _resting(geometry: ContactGeometry, rotation: Array, extent: Extent, up: Array) -> ContactGeometry:
-    """Both faces moved along their normal to where the hull ends below; nothing known of them changes."""
+    """Both faces shifted along their normal to the lower end of the hull; their distance stays the same."""
     on_object, on_world = geometry.object, geometry.environment
     assert isinstance(on_object, Plane)
     assert isinstance(on_world, Plane)
@@ -172,7 +172,7 @@ def _resting(geometry: ContactGeometry, rotation: Array, extent: Extent, up: Arr
 
 
 def _place(element: Element) -> Array | None:
-    """Where an element touches, if it says so itself."""
+    """The position of an element, if it has one."""
     return None if isinstance(element, Plane) else element.point_m
 
 
@@ -182,13 +182,13 @@ def _into_body(rotation: Array, position: Array, point: Array) -> Array:
 
 
 def _half_m(element: Element, partner: Array, centre: Array, radius_m: float) -> float:
-    """How far from its ``centre`` an element is drawn."""
+    """Distance (m) from its ``centre`` to which an element is drawn."""
     reach = float(np.max(np.linalg.norm(partner - centre, axis=1))) if isinstance(element, Plane) else 0.0
     return radius_m + min(reach, 3.0 * radius_m)
 
 
 def _centre(element: Element, partner: Array) -> Array:
-    """The middle of what is drawn, for a ``partner`` that was at (N, 3) in the element's frame."""
+    """The centre of a drawn element, for a ``partner`` at positions (N, 3) in the element's frame."""
     if not isinstance(element, Plane):
         return element.point_m
     middle = partner.mean(axis=0)
@@ -196,8 +196,8 @@ def _centre(element: Element, partner: Array) -> Array:
     return centre
 
 
-def _beside(element: Element, centre: Array, half_m: float, up: Array) -> Array:
-    """A corner of a sheet, an end of a bar, below a cube."""
+def _label_position(element: Element, centre: Array, half_m: float, up: Array) -> Array:
+    """The label's position: a corner of a sheet, an end of a bar, or below a cube."""
     match element:
         case Plane(normal):
             away: Array = _CORNER_LABEL * across(normal)[:, 0]

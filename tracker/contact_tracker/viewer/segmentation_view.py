@@ -1,4 +1,4 @@
-"""What is drawn of a segmentation, piece by piece: each with the poses that it is about."""
+"""Incremental drawing of a segmentation with its poses."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -23,7 +23,8 @@ from contact_tracker.viewer.scene import ENOUGH_POSES, UNKNOWN_EXTENT, Drawing, 
 
 
 class OpenFaces(NamedTuple):
-    """Two faces of which only the distance is known, drawn below the object, as ``up`` (3,) was then."""
+    """Two faces of which only the distance is known, drawn below the object for the ``up`` (3,) of that
+    time."""
 
     start_ns: int
     geometry: ContactGeometry
@@ -34,7 +35,7 @@ class OpenFaces(NamedTuple):
 class Painter:
     """Draws into ``recording``; times count from ``origin_ns``, the first pose of the recording.
 
-    ``vertices_m`` (V, 3) of the object, where known. ``paper``: with the paper's objective functions.
+    ``vertices_m`` (V, 3) of the object, if known. ``paper``: with the paper's objective functions.
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class Painter:
         self._last: dict[str, Contact | None] = {}
 
     def poses(self, poses: Poses) -> None:
-        """The next poses, before the piece that is about them."""
+        """Draw the next poses, before the segmentation of them."""
         self._sheet.poses(poses)
         self._waiting.extend(poses)
         if len(poses):
@@ -63,7 +64,7 @@ class Painter:
             self._curves.extend(poses)
 
     def piece(self, found: Segmentation) -> None:
-        """What was concluded next."""
+        """Draw the next piece of the segmentation."""
         filtered, beliefs = found.filtered, found.beliefs
         self._sheet.scalars(canvas.P_FILTERED, filtered.stamp_ns, filtered.probability)
         self._sheet.scalars(canvas.RESIDUAL, filtered.stamp_ns, filtered.residual)
@@ -75,7 +76,7 @@ class Painter:
         self._trail(beliefs)
 
     def finish(self, truth: Truth | None) -> None:
-        """What is drawn of the whole at once."""
+        """Draw what needs the whole recording."""
         self._sheet.stand(self._camera.frame())
         self._turn_over()
         if truth is not None:
@@ -87,7 +88,7 @@ class Painter:
             self._sheet.scalars(canvas.PAPER, curves.stamp_ns, curves.normalised)
 
     def _trail(self, beliefs: Beliefs) -> None:
-        """A strip per tick, joined to the one before: of the poses, the last one goes on waiting for that."""
+        """Draw a strip per tick, joined to the previous one: the last pose is kept for the next strip."""
         poses = self._waiting.poses
         ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
         starts = np.maximum(np.concatenate([[0], ends[:-1]]) - 1, 0)
@@ -98,7 +99,7 @@ class Painter:
         self._waiting.drop(max(int(ends[-1]) - 1, 0))
 
     def _segments(self, found: Segmentation) -> None:
-        """The geometry of each segment from its start, nothing where there is none; its event."""
+        """Draw the geometry of each segment from its start, and its event."""
         poses, segments = self._waiting.poses, found.segments
         starts = np.array([s.start_ns for s in segments], np.int64)
         drawings = [self._drawn(one, _within(poses, one.start_ns, one.end_ns)) for one in segments]
@@ -113,14 +114,14 @@ class Painter:
         self._changes(canvas.SMOOTHED, starts, contacts)
 
     def _further(self, poses: Poses, segments: Sequence[Segment]) -> None:
-        """Each contact beside those of the segments: drawn, named and in a lane from its start to its end."""
+        """Draw, label and plot each further contact from its start to its end."""
         self._sheet.have_further(max((len(segment.further) for segment in segments), default=0))
         parts = [(segment, part) for segment in segments for part in segment.parts]
         starts = np.array([part.start_ns for _, part in parts], np.int64)
         for number in range(1, self._sheet.most_further + 1):
             held = [_further_of(segment, part, number) for segment, part in parts]
             drawings = [
-                None if one is None else self._beside(one, _within(poses, part.start_ns, part.end_ns))
+                None if one is None else self._drawing_of(one, _within(poses, part.start_ns, part.end_ns))
                 for one, (_, part) in zip(held, parts, strict=True)
             ]
             self._sheet.drawings(starts, drawings, number)
@@ -135,11 +136,11 @@ class Painter:
             lane = canvas.further_lane(number)
             self._changes(lane, starts, [None if one is None else one.contact for one in held])
 
-    def _beside(self, one: FurtherContact, within: Poses) -> Drawing:
+    def _drawing_of(self, one: FurtherContact, within: Poses) -> Drawing:
         return draw(one.geometry, within, self._extent, self._camera.up)
 
     def _joins_and_leaves(self, segments: Sequence[Segment]) -> None:
-        """Events of further contacts."""
+        """Add the events of further contacts."""
         rows = [
             (stamp_ns, one.contact, further_event(stamp_ns - self._origin_ns, one, joins))
             for segment in segments
@@ -157,15 +158,15 @@ class Painter:
             return None
         up = self._camera.up
         drawing = draw(segment.geometry, within, self._extent, up)
-        if self._camera.see(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
-            self._sheet.stand(self._camera.frame())  # as well as one knows by now
+        if self._camera.add_contact(segment.geometry, drawing, within, segment.end_ns - segment.start_ns):
+            self._sheet.stand(self._camera.frame())
         if drawing.is_open:
             few = within[:: 1 + len(within) // ENOUGH_POSES]
             self._open.append(OpenFaces(segment.start_ns, segment.geometry, few, up))
         return drawing
 
     def _turn_over(self) -> None:
-        """Draw faces once more that were drawn on what has turned out to be the upper side of the object."""
+        """Redraw faces that were drawn on what has turned out to be the upper side of the object."""
         up = self._camera.up
         wrong = [faces for faces in self._open if faces.up @ up < 0.0]
         stamps = np.array([faces.start_ns for faces in wrong], np.int64)
@@ -174,7 +175,7 @@ class Painter:
             self._sheet.drawings(stamps, drawings)
 
     def _fade(self, found: Segmentation, is_open: Sequence[bool]) -> None:
-        """Each tick's probability; a segment begins with that of its first tick."""
+        """Draw each tick's probability; a segment begins with that of its first tick."""
         beliefs, segments = found.beliefs, found.segments
         stamps = beliefs.stamp_ns
         begins = np.array([s.start_ns for s in segments], np.int64)
@@ -194,7 +195,7 @@ class Painter:
         )
 
     def _changes(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
-        """Only where the state differs from the one before."""
+        """Draw states where they change."""
         before = [self._last.get(entity, "none yet"), *contacts]
         kept = [i for i, contact in enumerate(contacts) if contact is not before[i]]
         self._sheet.states(entity, stamp_ns[kept], [contacts[i] for i in kept])
@@ -203,7 +204,7 @@ class Painter:
 
 
 def _within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
-    """The poses between two stamps, one at least."""
+    """The poses between two stamps, at least one."""
     first = int(np.searchsorted(poses.stamp_ns, start_ns))
     last = int(np.searchsorted(poses.stamp_ns, end_ns, side="right"))
     first = min(first, len(poses) - 1)
@@ -211,5 +212,5 @@ def _within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
 
 
 def _further_of(segment: Segment, part: SegmentPart, number: int) -> FurtherContact | None:
-    """Further contact ``number``, 1 and more, of a segment, if it holds in this part."""
+    """Further contact ``number`` (from 1) of a segment, if it holds in this part."""
     return next((one for one in segment.further[number - 1 : number] if one in part.further), None)

@@ -1,4 +1,4 @@
-"""Elements as triangles: what is the object's is round, what is the surroundings' is square.
+"""Meshes of elements: round for the object, square for the surroundings.
 
 An object's face is a wheel, its edge a round rod, its vertex a ball; a face of the surroundings is a square
 sheet, an edge a square bar, a vertex a cube. Uncertainty is the surface at two standard deviations: a pair of
@@ -50,7 +50,7 @@ def of_object(element: Element, centre: Array, half_m: float) -> Mesh:
 
 
 def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
-    """The same of an element of the surroundings."""
+    """An element of the surroundings within ``half_m`` of ``centre``; EMPTY where it is not finite."""
     match element:
         case Plane(normal):
             return _mesh(_disc(normal, centre, half_m, 2, SQUARE))
@@ -64,8 +64,7 @@ def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
 def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = _ROUND) -> Mesh:
     """The surface at two standard deviations; EMPTY where the covariance is unknown.
 
-    Where it is wider than ``half_m`` it is drawn that wide: nothing is known there. ``angles`` are
-    those of the corners, if it is a plane.
+    Its width is limited to ``half_m``. ``angles`` are those of the corners of a plane.
     """
     covariance, widest = element.covariance, _WIDEST * half_m
     if covariance is None or not np.all(np.isfinite(covariance)):
@@ -93,7 +92,7 @@ def distance_sd_m(plane: Plane, points: Array) -> Array:
 
 
 def needle(direction: Array, centre: Array, half_m: float) -> Mesh:
-    """A thin rod along which something is not known."""
+    """A thin rod along a direction in which a position is unknown."""
     return _mesh(_capped(direction, centre, half_m, 0.5 * _RIM * half_m, _ROUND))
 
 
@@ -186,7 +185,7 @@ def _normals(vertices: Array, triangles: NDArray[np.intp]) -> NDArray[np.float32
 
 
 def _faceted(mesh: Mesh) -> Mesh:
-    """The same with corners that triangles do not share, so that its sides look flat."""
+    """The mesh with separate vertices per triangle, so that its sides look flat."""
     if mesh is EMPTY:
         return EMPTY
     corners = mesh.vertices[mesh.triangles].reshape(-1, 3)

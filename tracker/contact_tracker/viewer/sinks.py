@@ -1,4 +1,4 @@
-"""Where a recording goes: into a file, or into a viewer on this machine."""
+"""Destinations of a rerun recording: a file, or a viewer on this machine."""
 
 import os
 import signal
@@ -20,7 +20,7 @@ from contact_tracker.viewer import SILENT
 HOST: Final = "127.0.0.1"
 PORT: Final = 9876
 _PROGRAM: Final = (sys.executable, "-P", "-m", "rerun_cli")
-"""Without what happens to lie in the current folder."""
+"""Excludes modules in the current folder."""
 WINDOW: Final = ("--hide-welcome-screen",)
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
@@ -31,11 +31,11 @@ _SETTINGS: Final = b"\x04"
 _PREFACE: Final = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + _SETTINGS + bytes(5)
 
 Sink = Callable[[rr.RecordingStream, rrb.Blueprint | None], None]
-"""Takes all that is drawn from then on; the blueprint may follow."""
+"""Receives everything drawn afterwards; the blueprint may follow."""
 
 
 def to_file(path: Path) -> Sink:
-    """A sink that writes ``path``, the blueprint in it, piece by piece."""
+    """A sink that writes ``path`` incrementally, with the blueprint."""
 
     def write(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         path.touch()  # rerun's own error would not be an OSError
@@ -45,7 +45,7 @@ def to_file(path: Path) -> Sink:
 
 
 def to_viewer(port: int = PORT) -> Sink:
-    """A sink that shows it in the viewer at ``port``; a viewer is started where nothing listens there."""
+    """A sink that shows it in the viewer at ``port``; a viewer is started if nothing listens there."""
 
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         speaks = answers(port)
@@ -59,14 +59,14 @@ def to_viewer(port: int = PORT) -> Sink:
 
 
 def address(port: int) -> str:
-    """Where a viewer takes recordings."""
+    """The URL at which a viewer accepts recordings."""
     return f"rerun+http://{HOST}:{port}/proxy"
 
 
 def answers(port: int) -> bool | None:
-    """Whether HTTP/2, which viewers speak, is answered at ``port``; None where nothing listens.
+    """Whether ``port`` answers HTTP/2, as viewers do; None if nothing listens.
 
-    rerun connects to anything, and finds out when it is too late: knock first.
+    rerun connects to anything and fails only later.
     """
     try:
         with socket.create_connection((HOST, port), timeout=_ANSWER_S) as connection:
@@ -80,13 +80,13 @@ def answers(port: int) -> bool | None:
 
 
 def start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
-    """Start a viewer that is reached from this machine only, and outlives this process unless it is ended.
+    """Start a viewer for this machine only, which outlives this process.
 
-    One that does not start, or is not waited for, is ended.
+    It is ended if it does not start or the wait for it is interrupted.
 
     Raises
     ------
-    ViewerError : it does not take recordings at ``port`` in time.
+    ViewerError : it does not accept recordings at ``port`` in time.
     """
     command = [
         *_PROGRAM,
@@ -109,7 +109,7 @@ def start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def _wait_for(viewer: "subprocess.Popen[bytes]", port: int) -> None:
-    """Wait until it takes recordings."""
+    """Wait until the viewer accepts recordings."""
     give_up = time.monotonic() + _START_S
     while not answers(port):
         if viewer.poll() is not None or time.monotonic() > give_up:
@@ -118,7 +118,7 @@ def _wait_for(viewer: "subprocess.Popen[bytes]", port: int) -> None:
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:
-    """End a viewer that was started here, and see it gone with the process that it runs in."""
+    """End a viewer that was started here, and its child process."""
     if sys.platform == "win32":
         viewer.terminate()
         viewer.wait()
@@ -127,7 +127,7 @@ def end(viewer: "subprocess.Popen[bytes]") -> None:
     with suppress(ProcessLookupError):
         os.killpg(viewer.pid, signal.SIGTERM)
         viewer.wait()
-        # Its own child is no child of ours, and where nothing collects it, it stays in the list.
+        # Its child is not a child of this process, and stays a zombie where nothing collects it.
         while time.monotonic() < give_up:
             os.killpg(viewer.pid, 0)
             time.sleep(_POLL_S)
@@ -135,27 +135,27 @@ def end(viewer: "subprocess.Popen[bytes]") -> None:
 
 
 def _environment() -> dict[str, str]:
-    """The environment for a viewer that reports nothing of its use.
+    """The environment for a viewer without usage analytics.
 
-    rerun does so unless told otherwise, and notes that as a choice in its settings the first time it runs, so
-    these do not say what the user wants. It heeds ``CI``, and before that ``FORCE_RERUN_ANALYTICS``.
+    rerun enables analytics by default and stores that in its settings on the first run, so these do not show
+    the user's choice. ``CI`` disables them; ``FORCE_RERUN_ANALYTICS`` takes precedence.
     """
     environment = {"CI": "true", **os.environ}
     if environment.get("RUST_LOG") == SILENT:
-        del environment["RUST_LOG"]  # meant for this process; the viewer shows its log in its window
+        del environment["RUST_LOG"]  # is for this process; the viewer shows its log in its window
     return environment
 
 
 def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:
-    """See everything delivered, then let go.
+    """Deliver all data, then disconnect.
 
     Raises
     ------
-    ViewerError : not all of it was taken in time.
+    ViewerError : not all data were delivered in time.
     """
     try:
         recording.flush(timeout_sec=timeout_s)
-    except Exception as error:  # rerun raises its own and RuntimeError, by version
+    except Exception as error:  # rerun raises its own errors or RuntimeError, by version
         raise ViewerError(f"the rerun viewer or file did not take all data: {error}") from error
     finally:
         recording.disconnect()

@@ -1,27 +1,27 @@
 """The viewer as a page for a browser on this machine."""
 
 from contextlib import suppress
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 from urllib.parse import quote
 
 from contact_tracker.errors import ViewerError
+from contact_tracker.viewer.null_viewer import SelfClosing
 from contact_tracker.viewer.sinks import HOST, PORT, Sink, address, answers, end, start, to_viewer
 
 WEB_PORT: Final = 9090
 
 
-class WebViewer:
-    """Serves the page at ``url`` and what is shown on it, until it is closed; only this machine reaches it.
+class WebViewer(SelfClosing):
+    """Serves the viewer's page at ``url`` and its data to this machine only, until it is closed.
 
     Parameters
     ----------
-    port : at which it takes recordings.
-    web_port : of the page.
+    port : for recordings.
+    web_port : for the page.
 
     Raises
     ------
-    ViewerError : it does not start, or something listens at one of the ports.
+    ViewerError : it does not start, or a port is in use.
     """
 
     def __init__(self, port: int = PORT, web_port: int = WEB_PORT) -> None:
@@ -34,21 +34,10 @@ class WebViewer:
         self.sink: Sink = to_viewer(port)
 
     def wait_until_interrupted(self) -> None:
-        """Serve until Ctrl-C, or until it is ended from elsewhere."""
+        """Serve until Ctrl-C, or until the server ends."""
         with suppress(KeyboardInterrupt):
             self._server.wait()
 
     def close(self) -> None:
-        """End it."""
+        """End the server."""
         end(self._server)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

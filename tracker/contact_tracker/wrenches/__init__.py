@@ -1,2 +1,2 @@
-"""Measured wrenches: what acts between object and surroundings, and what its line of action says of the
-contact."""
+"""Measured wrenches: the contact wrench between object and surroundings, and the evidence of its line of
+action for contacts."""

@@ -1,4 +1,4 @@
-"""What measured wrenches say of each state in a window of time (docs/theory.md, T39 to T41)."""
+"""Evidence of measured wrenches for each state in a window of time (docs/theory.md, T39 to T41)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,29 +15,29 @@ from contact_tracker.wrenches.load import ContactWrenches
 Array = NDArray[np.float64]
 
 EXPONENT: Final = 0.2
-"""Power to which likelihoods of wrenches count: ticks that follow each other repeat each other."""
+"""Power of the likelihoods of wrenches, as consecutive ticks are correlated."""
 FEWEST_TICKS: Final = 3
 FREE_SD_N: Final = 0.5
-"""What is left of the force of a free object: inertia in the tremor of a hand."""
+"""Residual force of a free object (N): inertia in the tremor of a hand."""
 FREE_CLIP: Final = (-2.0, 3.0)
-"""Nats that a tick may say at most, for free motion and against it: a touch may be light."""
+"""Bounds of a tick's evidence (nats) for and against free motion: a contact force may be small."""
 SIGNIFICANT: Final = 5.0
-"""Forces below so many standard deviations have no line of action."""
+"""Least force, in standard deviations, that has a line of action."""
 MISFIT_NATS: Final = -10.0
-"""Where something touches and each contact fits worse than this, none of them is the window's."""
+"""If all contacts fit worse than this although there is a force, the window has no single contact."""
 
 
 @dataclass(frozen=True, eq=False)
 class WrenchEvidence:
-    """Contact wrenches of all ticks of a recording, and what any window of them says."""
+    """Contact wrenches of all ticks of a recording, and the evidence of any window of them."""
 
     wrenches: ContactWrenches
 
     def log_evidence(self, first_ns: int, last_ns: int) -> Array | None:
-        """Log evidence (7,) of each state, to the power ``EXPONENT``, against free motion; None where too
-        little is measured, or no contact fits what is.
+        """Log evidence (7,) of each state, to the power ``EXPONENT``, against free motion; None if there are
+        too few measurements, or no contact fits them.
 
-        The first and the last tick from ``first_ns`` to ``last_ns`` are left out: they may hold another
+        The first and the last tick from ``first_ns`` to ``last_ns`` are left out, as they may be of another
         contact.
         """
         ticks = self.wrenches.ticks
@@ -56,7 +56,7 @@ class WrenchEvidence:
 
     @cached_property
     def _typical_square(self) -> float:
-        """Of forces of a contact: the median of all ticks (N^2)."""
+        """Typical squared contact force: the median of all ticks (N^2)."""
         measured = self.wrenches.force_n[self.wrenches.is_measured]
         return float(np.median(dot(measured, measured))) + FREE_SD_N**2
 
@@ -80,7 +80,7 @@ class WrenchEvidence:
         moment, rotation, square = wrenches.moment_nm[rows], wrenches.ticks.rotation[rows], dot(force, force)
         foot = cross(force, moment) / square[:, None]
         place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
-        middle = foot.mean(axis=0)  # elements are near: their prior is about where the force acts
+        middle = foot.mean(axis=0)  # the prior of elements is centred where the force acts
         of_force, of_moment = (errors[rows] for errors in wrenches.load_errors)
         body = LinesOfAction(
             force,
@@ -89,7 +89,7 @@ class WrenchEvidence:
             of_force,
             of_moment - cross_matrix(middle) @ of_force,
         )
-        world = body.seen_from_world(
+        world = body.in_world_frame(
             rotation, np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
         )
         of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)

@@ -1,8 +1,8 @@
-"""How well the lines of action of a window meet a fixed point, a fixed line, or keep a direction.
+"""Evidence that the lines of action of a window pass a fixed point or a fixed line, or keep a direction.
 
-All of it comes from sums over ticks, so any window is a difference of two of them (docs/theory.md, T39, T40).
-Evidence is against lines of action that wander by ``WANDER_M`` from tick to tick; it has the price of what is
-fitted, by Laplace's approximation for points and by integration over all directions for lines.
+All is computed from sums over ticks, so that any window is a difference of two (docs/theory.md, T39, T40).
+The alternative are lines of action that move by ``WANDER_M`` from tick to tick. Fitted points and lines are
+marginalised, by Laplace's approximation for points and by integration over all directions for lines.
 """
 
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ from contact_tracker.geometry.vectors import EYE, cross, cross_matrix, dot, sphe
 Array = NDArray[np.float64]
 
 FLOOR_M: Final = 0.5e-3
-"""Lines of action pass their element no nearer than this: contacts give way, and ticks hold tremor."""
+"""Standard deviation of lines of action from their element (m): compliance, and tremor within ticks."""
 TWIST_M: Final = 1e-3
-"""Moment about the line of action over the force that a contact at a point has."""
+"""Moment about the line of action over force (m) of a point contact."""
 WANDER_M: Final = 1.5e-3
-"""Standard deviation from tick to tick where nothing holds a line of action."""
+"""Standard deviation from tick to tick of an unconstrained line of action (m)."""
 REACH_M: Final = 0.3
-"""Prior distance of elements from the origin of the window's frame."""
+"""Prior distance of elements from the origin of the window's frame (m)."""
 CONE_RAD: Final = float(np.radians(4.0))
-"""Deviation of forces from the normal, by friction."""
+"""Deviation of forces from the normal by friction (rad)."""
 REPEATED: Final = 0.1
-"""Share of what a tick says of a direction that it says anew: friction follows the motion."""
+"""Share of a tick's evidence on a direction that is independent: friction follows the motion."""
 PARALLEL_RAD: Final = float(np.radians(0.7))
-"""Error of an orientation, with what gives way in a face."""
+"""Error of an orientation, including the compliance of a face (rad)."""
 ANGLES: Final = 36
 REFINEMENTS: Final = 2
 
@@ -40,9 +40,9 @@ class LinesOfAction:
     Parameters
     ----------
     force_n, moment_nm : (T, 3).
-    variance_m2 : (T,) of the place across the force, independent from tick to tick.
-    common_n, common_nm : (T, 3, P) by how much P standard errors, which are the same in all ticks, change
-        forces and moments.
+    variance_m2 : (T,) of the position across the force, independent from tick to tick.
+    common_n, common_nm : (T, 3, P) derivatives of forces and moments by P standard errors that all ticks
+    share.
     """
 
     force_n: Array
@@ -58,17 +58,17 @@ class LinesOfAction:
 
     @property
     def excess(self) -> Array:
-        """(T,) variance of what wanders, with the noise."""
+        """(T,) variance of unconstrained lines, with the noise."""
         return self.variance_m2 + WANDER_M**2
 
     @property
     def row_gain(self) -> float:
-        """What a row earns in all ticks that it holds."""
+        """Log evidence of one constraint in all ticks, at most."""
         return float(0.5 * np.log(self.excess / self.variance_m2).sum())
 
-    def seen_from_world(self, rotation: Array, origin_m: Array) -> "LinesOfAction":
-        """The same in the world, for bodies with ``rotation`` (T, 3, 3) and frames at ``origin_m`` (T, 3);
-        about the mean of these."""
+    def in_world_frame(self, rotation: Array, origin_m: Array) -> "LinesOfAction":
+        """The lines in the world frame, for bodies with ``rotation`` (T, 3, 3) and frames at ``origin_m`` (T,
+        3); about the mean of these."""
         force = np.einsum("tij,tj->ti", rotation, self.force_n)
         moment = np.einsum("tij,tj->ti", rotation, self.moment_nm)
         about = origin_m - origin_m.mean(axis=0)
@@ -77,7 +77,7 @@ class LinesOfAction:
         return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
 
     def through_point(self) -> float:
-        """Log evidence that all go through one point of the frame."""
+        """Log evidence that all lines pass one point of the frame."""
         strength = np.linalg.norm(self.force_n, axis=1)
         across = cross_matrix(self.direction)
         design = across @ np.concatenate([cross_matrix(self.force_n) * REACH_M, self.common_nm], axis=2)
@@ -90,8 +90,8 @@ class LinesOfAction:
         return 2.0 * self.row_gain - 0.5 * squares - 0.5 * float(np.linalg.slogdet(information)[1])
 
     def twist(self) -> float:
-        """Log evidence that there is no moment about the lines themselves: only against, not in favour, since
-        little friction leaves none in any contact."""
+        """Log evidence that there is no moment about the lines themselves; at most zero, as with little
+        friction no contact has one."""
         strength = np.linalg.norm(self.force_n, axis=1)
         twist_m = dot(self.direction, self.moment_nm) / strength
         common = np.einsum("ti,tij->tj", self.direction, self.common_nm) / strength[:, None]
@@ -102,7 +102,7 @@ class LinesOfAction:
         return float(-0.5 * (weight @ twist_m**2 - pull @ np.linalg.solve(information, pull)))
 
     def along_lines(self) -> "LineFits":
-        """Log likelihoods that all meet one line of the frame, which is normal to the mean force, by its
+        """Log likelihoods that all lines intersect one line of the frame, normal to the mean force, by its
         direction."""
         weight = (1.0 / self.variance_m2 - 1.0 / self.excess) / dot(self.force_n, self.force_n)
         rows = np.concatenate(
@@ -129,8 +129,8 @@ class LinesOfAction:
 
 @dataclass(frozen=True, eq=False)
 class LineFits:
-    """Unit directions (N, 3) of lines, their log likelihoods (N,), the ``evidence`` of all with the price of
-    what is fitted, and what its one row earns at most."""
+    """Unit directions (N, 3) of lines, their log likelihoods (N,), the marginal ``evidence``, and the log
+    evidence of one constraint at most."""
 
     direction: Array
     log_likelihood: Array
@@ -139,22 +139,21 @@ class LineFits:
 
     @property
     def best(self) -> Array:
-        """(3,) the likeliest direction."""
+        """(3,) the most likely direction."""
         return np.asarray(self.direction[self.log_likelihood.argmax()])
 
     def across(self, other: Array) -> float:
-        """What is lost, at least, where the line crosses the direction ``other`` (3,): lines that are
-        parallel constrain the same coordinate, and it counts once."""
+        """Least loss of log evidence if the line has to cross the direction ``other`` (3,): parallel lines
+        constrain the same coordinate, which counts once."""
         shared = (self.direction @ other) ** 2
         return float((self.log_likelihood - self.log_likelihood.max() - shared * self.row_gain).max())
 
 
 def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
-    """(N,) of lines with ``direction`` (N, 3), the place of each and the common errors being integrated over.
+    """(N,) of lines with ``direction`` (N, 3), marginalised over their position and the common errors.
 
-    ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, what common errors change of it, and
-    what a shift of the line changes; lines shift across themselves, along the ``normal`` and within the
-    plane.
+    ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, its derivatives by common errors and by
+    a shift of the line, across itself, along the ``normal`` and within the plane.
     """
     count, size = len(moments) // 3, len(direction)
     side = cross(normal, direction)
@@ -173,14 +172,13 @@ def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
 
 
 def fixed_direction(direction: Array) -> float:
-    """Log likelihood that unit vectors (T, 3) are one direction, but for friction."""
+    """Log likelihood that unit vectors (T, 3) are one direction, up to friction."""
     mean = direction.sum(axis=0)
     return float(-0.5 * REPEATED * (len(direction) - mean @ mean / len(direction)) / CONE_RAD**2)
 
 
 def fixed_in_both(direction: Array, rotation: Array) -> float:
-    """The same of one direction of the body, which its rotations (T, 3, 3) keep fixed in the world as
-    well."""
+    """The same for one direction of the body that rotations (T, 3, 3) also keep fixed in the world."""
     count, mean = len(direction), rotation.mean(axis=0)
     turned = EYE - mean.T @ mean
     information = REPEATED * count * (EYE / CONE_RAD**2 + turned / PARALLEL_RAD**2)

@@ -1,5 +1,5 @@
-"""What the hand carries: weight, centre of mass, inertia and the sensor's bias, by ticks in which nothing
-touches.
+"""The load of the hand: weight, centre of mass, inertia and sensor bias, estimated from ticks without
+contact.
 
 Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of the hand (docs/theory.md,
 T38).
@@ -20,29 +20,29 @@ Bools = NDArray[np.bool_]
 
 GRAVITY: Final = 9.80665
 FEWEST_TICKS: Final = 4
-"""Fewer ticks without contact tell no load."""
+"""Least number of ticks without contact for an estimate."""
 ROUNDS: Final = 30
 MOST_COMPARED: Final = 2000
-"""So many free ticks are compared with each other."""
+"""Most free ticks that are compared with each other."""
 NEAR_N: Final = 1.0
-"""Weights that agree within so much are the same load: of free ticks, other than of those in contact."""
+"""Weights that differ by less are of the same load."""
 LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
-"""Of the mean of a tick (N^2, (N m)^2): what no sensor beats, and tremor leaves."""
+"""Least variance of a tick's mean (N^2, (N m)^2), by sensor and tremor."""
 BIAS_SD: Final = (1.0, 0.1)
 """Prior standard deviations of the sensor's bias per axis (N, N m)."""
 CENTRE_SD_M: Final = 0.3
-"""Of the centre of mass about the body's origin."""
+"""Prior standard deviation of the centre of mass about the body's origin (m)."""
 GYRATION_M: Final = 0.3
-"""Of the radius of gyration."""
+"""Prior scale of the radius of gyration (m)."""
 AGREES: Final = 0.07
-"""Share by which weights in single ticks are off a mass that is given."""
+"""Relative deviation of weights in single ticks from a given mass."""
 MASS_SHARE: Final = 0.02
-"""Error of a mass that is given."""
+"""Relative error of a given mass."""
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What the wrench of the hand is without contact.
+    """Parameters of the hand's wrench without contact.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Load:
     force_bias_n, moment_bias_nm : (3,) of the sensor, in the body's axes.
     force_covariance, moment_covariance : (6, 6) of weight and bias, (12, 12) of centre, inertia and bias.
     scale : mean squared residual of the free ticks over their noise.
-    ticks : so many free ticks it fits, by their weights.
+    ticks : sum of the weights of the free ticks that fit.
     """
 
     weight_n: Array
@@ -77,7 +77,7 @@ class ContactWrenches:
     Parameters
     ----------
     force_noise, moment_noise : (T,) variance of the mean per axis, by noise.
-    force_by_load, moment_by_load : (T, 3, 6), (T, 3, 12) what the load's numbers have to do with each.
+    force_by_load, moment_by_load : (T, 3, 6), (T, 3, 12) derivatives of each by the load's parameters.
     """
 
     ticks: TickWrenches
@@ -95,15 +95,14 @@ class ContactWrenches:
         return self.ticks.is_measured
 
     def force_variance(self, rows: NDArray[np.int64]) -> Array:
-        """(n,) per axis, by noise and by the load's errors, in some ticks."""
+        """(n,) variance per axis of some ticks, by noise and by the load's errors."""
         design, covariance = self.force_by_load[rows], self.load.force_covariance
         by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
         return np.asarray(self.force_noise[rows] + by_load)
 
     @cached_property
     def load_errors(self) -> tuple[Array, Array]:
-        """(T, 3, 18) twice: by how much standard errors of the load, one and all independent, change force
-        and moment."""
+        """(T, 3, 18) twice: derivatives of force and moment by independent standard errors of the load."""
         of_force = self.force_by_load @ _root(self.load.force_covariance)
         of_moment = self.moment_by_load @ _root(self.load.moment_covariance)
         none = np.zeros_like
@@ -116,20 +115,20 @@ class ContactWrenches:
 def estimate_load(
     ticks: TickWrenches, is_free: Bools, p_free: Array, mass_kg: float | None = None
 ) -> Load | None:
-    """The load by robust least squares over ticks that are probably free.
+    """Estimate the load by robust least squares over ticks that are probably free.
 
-    Ticks in contact may be among them: the load is what most runs of free ticks agree on, and what stands off
-    counts little. None where there are too few.
+    Ticks in contact may be among them: the estimate starts from the load of most runs of free ticks, and
+    outliers get little weight. None if there are too few ticks.
 
     Parameters
     ----------
-    is_free : (T,) whether motion says that nothing touches: such ticks are used.
-    p_free : (T,) the probability of that.
-    mass_kg : where it is known.
+    is_free : (T,) whether a tick is free by its motion; only these are used.
+    p_free : (T,) probability of that.
+    mass_kg : of the object, if known.
     """
     usable = ticks.is_measured & is_free
     usable[1:] &= is_free[:-1]
-    usable[:-1] &= is_free[1:]  # an acceleration takes in the ticks beside it
+    usable[:-1] &= is_free[1:]  # an acceleration includes the neighbouring ticks
     rows = np.flatnonzero(usable)
     if len(rows) < FEWEST_TICKS:
         return None
@@ -142,7 +141,7 @@ def estimate_load(
 def _agreed_weight(
     ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None
 ) -> Array | None:
-    """The weight (3,) that most runs of ticks agree on: one that holds in one run only may be a contact."""
+    """The weight (3,) of most runs of ticks: that of a single run may be a contact."""
     every = -(-len(rows) // MOST_COMPARED)
     rows, p_free = rows[::every], p_free[::every]
     inertial = (mass_kg or 0.0) * ticks.acceleration[rows]
@@ -161,7 +160,7 @@ def _agreed_weight(
 
 
 def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass_kg: float | None) -> Load:
-    """Iteratively reweighted least squares: force tells weight and its bias, moment the rest."""
+    """Iteratively reweighted least squares: force for weight and its bias, moment for the rest."""
     force_noise = np.maximum(ticks.force_variance[rows], LEAST_VARIANCE[0])
     moment_noise = np.maximum(ticks.moment_variance[rows], LEAST_VARIANCE[1])
     prior_force = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
@@ -210,7 +209,7 @@ def _refined(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass
 
 
 def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
-    """What is left of the measured wrench without the load, with its sign turned: the surroundings' share."""
+    """The wrench of the surroundings: the load's less the measured wrench."""
     rows = np.arange(len(ticks.stamp_ns))
     gravity, inertial = _forces(ticks, load.weight_n, load.mass_kg, load.centre_m, rows)
     of_force, of_moment = _force_design(ticks, rows), _moment_design(ticks, gravity, rows)
@@ -254,8 +253,8 @@ def _solve(design: Array, target: Array, weight: Array, prior: Array, pull: Arra
 def _forces(
     ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array, rows: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Weight less the inertia of the origin's acceleration, and what accelerates the centre, (n, 3) in the
-    body's axes."""
+    """Weight less the inertia of the origin's acceleration, and acceleration relative to the centre, (n, 3)
+    in the body's axes."""
     spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
     swing = cross(turning, centre_m) + cross(spin, cross(spin, centre_m))
     down = np.einsum("tji,j->ti", ticks.rotation[rows], weight_n)
@@ -283,7 +282,7 @@ def _moment_prior(mass: float) -> Array:
 
 
 def _inertia_times(v: Array) -> Array:
-    """(n, 3, 6): of the six numbers of an inertia its product with vectors v (n, 3)."""
+    """(n, 3, 6): derivatives by an inertia's six parameters of its product with vectors v (n, 3)."""
     x, y, z = v.T
     none = np.zeros_like(x)
     rows = [[x, none, none, y, z, none], [none, y, none, x, none, z], [none, none, z, none, x, y]]

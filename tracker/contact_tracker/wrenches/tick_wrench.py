@@ -1,4 +1,4 @@
-"""Poses and wrenches averaged over the same ticks, and how the body accelerates in them."""
+"""Poses, accelerations and wrenches averaged over the same ticks."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 STEADY: Final = 1.5
-"""Accelerations are taken over ticks that are at most so many times their median distance apart."""
+"""Largest interval of ticks for accelerations, relative to the median."""
 
 
 @dataclass(frozen=True, eq=False)
 class TickWrenches:
-    """T ticks. What a tick does not have is zero, and ``is_measured`` says so.
+    """T ticks; values of ticks without measurements (``is_measured`` False) are zero.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class TickWrenches:
     angular_velocity, angular_acceleration : (T, 3) in the body's axes (rad/s, rad/s^2).
     force_n, moment_nm : (T, 3) mean measured wrench about the body's origin, in the body's axes.
     force_variance, moment_variance : (T,) of the mean, per axis, by the scatter within the tick.
-    is_measured : (T,) whether there are poses, in the ticks beside it as well, and wrenches.
+    is_measured : (T,) whether a tick has wrenches, and it and its neighbours have poses.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -46,8 +46,8 @@ class TickWrenches:
 
 
 def average(poses: Poses, wrenches: Wrenches, stamp_ns: NDArray[np.int64]) -> TickWrenches:
-    """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the one
-    before."""
+    """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the previous
+    one."""
     pose_rows = _rows(poses.stamp_ns, stamp_ns)
     mean = _means(poses.rotation.reshape(-1, 9), pose_rows).reshape(-1, 3, 3)
     quat = np.array([nearest(matrix) for matrix in mean]).reshape(-1, 4)
@@ -81,7 +81,7 @@ def _rows(of: NDArray[np.int64], stamp_ns: NDArray[np.int64]) -> NDArray[np.int6
 
 
 def _means(values: Array, rows: NDArray[np.int64]) -> Array:
-    """Means (T, D) of the rows (N, D) between bounds; zero of none."""
+    """Means (T, D) of the rows (N, D) between bounds; zero without rows."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
     count = np.diff(rows)[:, None]
     return np.asarray(
@@ -90,7 +90,7 @@ def _means(values: Array, rows: NDArray[np.int64]) -> Array:
 
 
 def _middle(values: Array) -> Array:
-    """A value near all of them: sums of what is beyond it keep their digits."""
+    """An offset near all values; sums of deviations from it are more precise."""
     return np.asarray(values.mean(axis=0)) if len(values) else np.zeros(values.shape[1])
 
 

@@ -1,5 +1,4 @@
-"""Complexity of the elements of a further contact that were fitted to its ticks (docs/theory.md, T19 and
-T36)."""
+"""Complexity of elements fitted to the ticks of a further contact (docs/theory.md, T19 and T36)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from contact_tracker.motion.window import Window
 Array = NDArray[np.float64]
 
 
-def price(
+def elements_complexity(
     model: ContactModel,
     x: Array,
     motion: ConditionalMotion,
@@ -21,10 +20,9 @@ def price(
     scales: EvidenceParameters,
     noise_factor: float = 1.0,
 ) -> float:
-    """Complexity (nats) of elements x (S,) fitted to the ticks of ``window``, with ``noise_factor`` times
-    their noise.
+    """Complexity (nats) of elements x (S,) fitted to ``window``, with ``noise_factor`` times its noise.
 
-    The information of the first tick, and what free motion predicts, are not counted
+    Excludes the information of the first tick and of the free-motion prediction
     (``evidence.complexity``).
     """
     family = model.family
