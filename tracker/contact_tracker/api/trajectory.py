@@ -111,8 +111,7 @@ class Trajectory:
         ----------
         stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw.
         unit : of the stamps; by default by the suffix of their name (``_ns``, ``_us``, ``_ms``), else
-        seconds.
-            Columns of dates have their own.
+            seconds. Columns of dates have their own.
 
         Raises
         ------
