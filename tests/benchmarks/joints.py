@@ -11,7 +11,7 @@ the longest stretch of the right kind.
 
 ``false`` is the share of the time in which a joint is named though the object is in one contact, or free: in
 simulated motion by hand, and in the recordings of ``--single`` folders. In these an object may turn about one
-axis or move along one direction, as in a joint: ``of which singular`` is in intervals that the truth calls so.
+axis or move along one direction, as in a joint; ``of which singular`` is where the truth says so.
 """
 
 import argparse
