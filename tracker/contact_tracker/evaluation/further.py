@@ -3,7 +3,7 @@
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import pairwise, permutations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -114,9 +114,9 @@ class _TrueSet(NamedTuple):
 def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[_TrueSet, Ints]]:
     """The sets of contacts, each with its scored frames."""
     stamp_ns = scored.stamp_ns
-    interval_of = truth.at(stamp_ns)
-    for index, interval in enumerate(truth.intervals):
-        frames = np.flatnonzero(scored.subsets[Subset.ALL] & (interval_of == index))
+    bounds = np.searchsorted(truth.at(stamp_ns), np.arange(len(truth.intervals) + 1))
+    for interval, (begin, end) in zip(truth.intervals, pairwise(bounds.tolist()), strict=True):
+        frames = begin + np.flatnonzero(scored.subsets[Subset.ALL, begin:end])
         if interval.contact is None or not len(frames):
             continue
         at = stamp_ns[frames]
