@@ -19,7 +19,7 @@ from contact_tracker.joints.geometry import Joint
 from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
-from contact_tracker.simulate import Phase, Scenario, simulate
+from contact_tracker.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker.simulate.signals import band_limited
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
@@ -161,6 +161,14 @@ def test_no_label_is_certain_with_a_joint(kind: JointKind) -> None:
         if belief.joint is not None:
             assert belief.probability.max() <= 0.9
             assert belief.to_json()["joint"]["kind"] == kind.value
+
+
+@needs_kernels
+def test_a_slider_is_no_screw_of_metres_per_radian() -> None:
+    """The noise of its angle would be what turns such a screw."""
+    slider = replace(named_scenario("slider", 2), phases=(Phase(Contact.FREE, 5.0),))
+    joint = joint_in(adaptation.segment(simulate(slider, 2).poses, load_model()))
+    assert joint.kind is JointKind.SLIDER
 
 
 @needs_kernels

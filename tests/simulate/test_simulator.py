@@ -17,7 +17,7 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.ground_truth import TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.simulate import SCENARIOS, Phase, Scenario, Simulated, named_scenario, simulate
-from contact_tracker.simulate.scenarios import FORMATIONS
+from contact_tracker.simulate.scenarios import FORMATIONS, JOINTS
 from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
 from contact_tracker.states import CONTACTS, STATES, Contact
 
@@ -51,7 +51,7 @@ def stays(simulated: Simulated) -> Iterator[tuple[TruthInterval, Poses]]:
 
 
 def all_quiet() -> list[Simulated]:
-    named = [quiet(name, 0) for name in SCENARIOS if name not in {"random", *FORMATIONS}]
+    named = [quiet(name, 0) for name in SCENARIOS if name not in {"random", *FORMATIONS, *JOINTS}]
     return named + [quiet("random", seed) for seed in RANDOM_SEEDS]
 
 
@@ -400,3 +400,42 @@ def test_table_and_wall_are_touched_as_in_the_truth(name: str) -> None:
 def test_impossible_formations_are_refused(change: dict[str, object]) -> None:
     with pytest.raises(UsageError, match="scenario"):
         replace(named_scenario("wall_in_between", 0), **change)
+
+
+@pytest.mark.parametrize("name", JOINTS)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_joints_keep_what_they_keep(name: str, seed: int) -> None:
+    """The element of the body stays on that of the world, but for the way that the joint allows."""
+    simulated = quiet(name, seed)
+    poses, joint = simulated.poses, simulated.joint
+    assert joint is not None
+    assert [interval.contact for interval in simulated.truth.intervals] == [None]
+    place = poses.rotation @ joint.object.point_m + poses.position_m
+    if isinstance(joint.environment, Point):
+        np.testing.assert_allclose(place, np.broadcast_to(joint.environment.point_m, place.shape), atol=1e-9)
+        return
+    axis = joint.environment.direction
+    np.testing.assert_allclose(poses.rotation @ joint.object.direction - axis, 0.0, atol=1e-9)
+    off = place - joint.environment.point_m
+    angle = np.concatenate(
+        [
+            [0.0],
+            Rotation.from_matrix(poses.rotation[1:] @ poses.rotation[:-1].swapaxes(1, 2)).as_rotvec() @ axis,
+        ]
+    ).cumsum()
+    if name == "slider":
+        np.testing.assert_allclose(angle, 0.0, atol=1e-9)
+        assert np.std(off @ axis) == pytest.approx(0.1, rel=0.2)
+    else:
+        assert np.std(angle) == pytest.approx(np.radians(25.0), rel=0.2)
+        np.testing.assert_allclose(off @ axis - off[0] @ axis, joint.pitch_m_per_rad * angle, atol=1e-9)
+    np.testing.assert_allclose(off - np.outer(off @ axis, axis), 0.0, atol=1e-9)
+
+
+def test_a_joint_is_in_the_metadata_of_its_recording() -> None:
+    assert json.loads(simulate("screw", 4).metadata["joint"])["kind"] == "screw"
+
+
+def test_a_joint_beside_contacts_is_refused() -> None:
+    with pytest.raises(UsageError, match="one free phase"):
+        replace(named_scenario("hinge", 0), phases=(Phase(Contact.FF, 5.0),))

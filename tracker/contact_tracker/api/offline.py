@@ -259,8 +259,8 @@ def _wrenches_of(given: str | Wrenches, trajectory: Trajectory, note: Callable[[
             "wrench is a topic, but this trajectory is not from a recording that can be read again"
         )
     found = read_wrenches(trajectory.path, given, trajectory.source, trajectory.poses, trajectory.by_log_time)
-    if found.dropped:
-        note(f"{found.dropped} messages on {given} were dropped")
+    if found.noted:
+        note(f"of the messages on {given}: {found.noted}")
     return found.wrenches
 
 

@@ -144,7 +144,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
-    unused = wrenches.text if wrenches is not None and wrenches.evidence is None else None
+    unused = wrenches.warning if wrenches is not None else None
     notes = [*filter(None, (log.note, log.assumption, unused))]
     notes += [] if adapted is None else warnings(adapted)
     return {

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 HELP: Final = "compare with the truth that recordings carry"
 DESCRIPTION: Final = """\
 Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
-F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total.
-Judged is the contact of each time, or the first of several: the truth of contacts beside it is not
-used. With --relative-to nor is that of elements, which is in the frame of the recording."""
+F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total. These
+judge the contact of each time, or the first of several; those beside it have a table of their own,
+without their elements. With --relative-to the truth of elements, which is in the frame of the
+recording, is not used."""
 EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 
@@ -62,6 +63,7 @@ def _evaluate(
     from contact_tracker.adaptation import OfflineTracker
     from contact_tracker.evaluation.evaluate import Judge
     from contact_tracker.recording import need_truth, open_log
+    from contact_tracker.tracking.belief import Detail
     from contact_tracker.tracking.pose_buffer import watched
 
     truth = need_truth(name, args.topic, args.frame)
@@ -76,7 +78,9 @@ def _evaluate(
     log = open_log(name, args.topic, args.frame, relative_to=args.relative_to, time_unit=args.time_unit)
     with progress(name, "poses", log.source.messages) as set_done:
         tracker = OfflineTracker(model, knowledge, wrenches=wrenches)
-        for piece in watched(log, lambda poses: tracker.pieces(poses, set_done), judge.poses):
+        for piece in watched(
+            log, lambda poses: tracker.pieces(poses, set_done, Detail.FORMATION), judge.poses
+        ):
             judge.piece(piece)
     if not judge.frames:
         raise NoPoses(f"{name}: no pose that can be used")

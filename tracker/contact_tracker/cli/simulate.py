@@ -66,7 +66,10 @@ def _list(seed: int) -> int:
         contacts = " ".join(phase.contact.value for phase in made.phases)
         if made.further is not None:
             contacts += f" + {made.further.contact.value}{_when(made.further)}"
+        what = f"{made.object} on {made.surroundings}: {contacts}"
+        if made.joint is not None:
+            what = f"{made.object} in a joint: {made.joint.value}"
         seconds = sum(phase.duration_s for phase in made.phases)
         size = f"{made.rate_hz:5.0f} Hz {seconds:5.0f} s"
-        show(f"{name:<18}{size}  {made.object} on {made.surroundings}: {contacts}")
+        show(f"{name:<18}{size}  {what}")
     return DONE

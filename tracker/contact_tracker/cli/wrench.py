@@ -51,7 +51,7 @@ def evidence_of(
         found = recorded_evidence(name, args.wrench, log, model, knowledge, args.mass, set_done)
     if found is None:
         return None  # the command itself says so
-    (warn if found.evidence is None else say)(f"{name}: {found.text}")
+    (warn if found.warning else say)(f"{name}: {found.text}")
     return found.evidence
 
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.evaluation.further import FurtherScore, FurtherTicks
 from contact_tracker.evaluation.geometry_errors import GeometryErrors, geometry_errors
 from contact_tracker.evaluation.metrics import Ints, Tally
 from contact_tracker.evaluation.scoring import Scoring, scoring, tick_containing, tick_in_force
@@ -29,16 +30,23 @@ class Evaluation:
 
     Offline is the Viterbi label and the smoothed posterior, a frame taking the belief of the tick that
     contains it. Online is what had been reported at the frame's time: the latest belief not after it.
-    The geometry is that of the offline segments.
+    The geometry is that of the offline segments. Contacts beside the first are scored by themselves,
+    online as far as beliefs tell them (``Detail.FORMATION``).
     """
 
     offline: Tally
     online: Tally
     geometry: GeometryErrors
+    further_offline: FurtherScore
+    further_online: FurtherScore
 
     def __add__(self, other: "Evaluation") -> "Evaluation":
         return Evaluation(
-            self.offline + other.offline, self.online + other.online, self.geometry + other.geometry
+            self.offline + other.offline,
+            self.online + other.online,
+            self.geometry + other.geometry,
+            self.further_offline + other.further_offline,
+            self.further_online + other.further_online,
         )
 
 
@@ -57,7 +65,7 @@ def evaluate(poses: Poses, truth: Truth, segmentation: Segmentation) -> Evaluati
 
 
 class Judge:
-    """Judges a recording piece by piece. Of each pose it keeps 8 bytes, of each tick 130.
+    """Judges a recording piece by piece. Of each pose it keeps 8 bytes, of each tick 150.
 
     The geometry is compared as soon as the segments of a true contact are concluded. Where that lasts for
     more poses than ``pose_buffer.LIMIT``, some of them stand for all.
@@ -73,6 +81,7 @@ class Judge:
         self._stamp_ns = array("q")
         self._offline: list[BeliefRows] = []
         self._online: list[BeliefRows] = []
+        self._further_offline, self._further_online = FurtherTicks(), FurtherTicks()
         self._geometry = geometry_errors(Poses.collect([]), truth, ())
         self._true = deque(_groups(truth))
         self._segments: list[Segment] = []  # those that may lie in what is not yet compared
@@ -92,6 +101,8 @@ class Judge:
         """What was concluded next."""
         self._offline.append(_belief_rows(found.beliefs))
         self._online.append(_belief_rows(found.filtered))
+        self._further_offline.add(found.beliefs)
+        self._further_online.add(found.filtered)
         if found.segments:
             self._segments += found.segments
             self._compare(found.segments[-1].end_ns)
@@ -103,10 +114,14 @@ class Judge:
         scored = scoring(np.frombuffer(self._stamp_ns, np.int64), self._truth)
         self._stamp_ns, stamp_ns = array("q"), scored.stamp_ns  # not twice
         offline, online = _joined(self._offline), _joined(self._online)
+        contains = tick_containing(stamp_ns, offline["stamp_ns"])
+        in_force = tick_in_force(stamp_ns, online["stamp_ns"])
         return Evaluation(
-            _tally(scored, tick_containing(stamp_ns, offline["stamp_ns"]), offline),
-            _tally(scored, tick_in_force(stamp_ns, online["stamp_ns"]), online),
+            _tally(scored, contains, offline),
+            _tally(scored, in_force, online),
             self._geometry,
+            self._further_offline.score(scored, self._truth, contains, offline["contact"]),
+            self._further_online.score(scored, self._truth, in_force, online["contact"]),
         )
 
     def _compare(self, until_ns: int) -> None:

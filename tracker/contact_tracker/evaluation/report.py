@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from contact_tracker.errors import printable
 from contact_tracker.evaluation.evaluate import Evaluation
+from contact_tracker.evaluation.further import FurtherScore
 from contact_tracker.evaluation.geometry_errors import GeometryErrors
 from contact_tracker.evaluation.metrics import Array, Tally, quantile
 from contact_tracker.evaluation.scoring import Subset
@@ -30,6 +31,10 @@ of the time with a probability above 0.9 on a wrong state."""
 CHANGE_NOTE: Final = """\
 Boundary: from a true change to the nearest found one, median and 90 %; missed: share without one.
 Delay: from a true onset until the label stays right for 0.3 s; never: share where it does not."""
+FURTHER_NOTE: Final = """\
+Contacts beside the first. Right: share of the time with several contacts in which all have their
+kinds, and there are no others; open: in which further ones are only said to be inseparable from
+their kinds. False: share of the time without a further contact in which one is reported."""
 GEOMETRY_NOTE: Final = """\
 Found: true segments found with geometry. Angle of normals and directions, distance of the true
 element from the found one where they touched, median and 90 %; share of the elements within 3
@@ -61,6 +66,8 @@ class Report:
             _confusion_text("offline", total.offline),
             _confusion_text("online", total.online),
         ]
+        if total.further_offline.several_s or total.further_offline.false_s or total.further_online.false_s:
+            blocks += [table(_FURTHER, _further_rows(entries), left=2), FURTHER_NOTE]
         if total.geometry.true_segments:
             rows = [[name, *_geometry_cells(value.geometry)] for name, value in entries]
             kinds = ("plane", "line", "point")
@@ -84,6 +91,7 @@ class Report:
 _ACCURACY: Final = ("recording", "", "scored s", *(s.name.lower() for s in Subset), "F1")
 _BELIEF: Final = ("recording", "", "log-loss", "Brier", "ECE", "sure & wrong")
 _CHANGE: Final = ("recording", "", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
+_FURTHER: Final = ("recording", "", "several s", "right", "open", "alone s", "false")
 _GEOMETRY: Final = ("recording", "found", "angle deg", "90 %", "distance mm", "90 %", "within 3 sd")
 
 
@@ -122,6 +130,24 @@ def _change_cells(tally: Tally) -> list[str]:
     ]
 
 
+def _further_rows(entries: list[tuple[str, Evaluation]]) -> list[list[str]]:
+    return [
+        [name if mode == "offline" else "", mode, *_further_cells(score)]
+        for name, value in entries
+        for mode, score in (("offline", value.further_offline), ("online", value.further_online))
+    ]
+
+
+def _further_cells(score: FurtherScore) -> list[str]:
+    return [
+        number(score.several_s, 1),
+        number(score.right),
+        number(score.open),
+        number(score.alone_s, 1),
+        number(score.false),
+    ]
+
+
 def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str]:
     return [
         f"{errors.found_segments}/{errors.true_segments}" if with_found else "",
@@ -153,6 +179,20 @@ def _evaluation_json(value: Evaluation) -> dict[str, Any]:
             **_geometry_json(value.geometry),
             **kinds,
         },
+        "further": {
+            "offline": _further_json(value.further_offline),
+            "online": _further_json(value.further_online),
+        },
+    }
+
+
+def _further_json(score: FurtherScore) -> dict[str, Any]:
+    return {
+        "several_s": score.several_s,
+        "right": _finite(score.right),
+        "open": _finite(score.open),
+        "alone_s": score.alone_s,
+        "false": _finite(score.false),
     }
 
 

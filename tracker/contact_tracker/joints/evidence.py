@@ -101,6 +101,7 @@ def fit_joint(
         play = _play(_whitened(residual, noise_sd, scales).residual, most_play)
     hessian = _whitened(residual, noise_sd, scales, play).normal()[0]
     evidence = _log_ratio(residual, window, scales, play) - _complexity(hessian, deviation)
+    evidence -= 0.5 * (frames.pitch_m / PITCH_M) ** 2  # a slider is also a screw of a far too large pitch
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
     return FittedJoint(model, frames, covariance, scales.likelihood_exponent * evidence)
 

@@ -13,10 +13,19 @@ from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 
 class RecordedEvidence(NamedTuple):
-    """``evidence`` is None where the wrenches say nothing; ``text`` is one line, on the load or why so."""
+    """``evidence`` is None where the wrenches say nothing; ``text`` is one line, on the load or why so.
+
+    ``is_partial`` says whether some of the wrenches were left out.
+    """
 
     evidence: WrenchEvidence | None
     text: str
+    is_partial: bool
+
+    @property
+    def warning(self) -> str | None:
+        """The line where wrenches, or some of them, are not used."""
+        return self.text if self.evidence is None or self.is_partial else None
 
 
 def recorded_evidence(
@@ -45,13 +54,14 @@ def recorded_evidence(
     if not len(poses):
         return None
     found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
+    noted = f"; {found.noted}" if found.noted else ""
     try:
         evidence, load = wrench_evidence(poses, found.wrenches, model, knowledge, mass_kg, progress)
     except NoLoad as reason:
-        return RecordedEvidence(None, f"{topic} is not used: {reason}")
-    noted = f"; dropped {found.dropped}" if found.dropped else ""
+        return RecordedEvidence(None, f"{topic} is not used: {reason}{noted}", bool(noted))
     return RecordedEvidence(
         evidence,
-        f"{len(found.wrenches)} wrenches in the frame {found.frame_id or '(none)'}{noted}; "
+        f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
         f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion",
+        bool(noted),
     )

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.errors import InputError, UsageError
 from contact_tracker.motion.poses import Poses
@@ -13,7 +14,9 @@ from contact_tracker.recording.items import Channel, RawMessage
 from contact_tracker.recording.message_types import canonical
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import PoseSource
-from contact_tracker.wrenches.wrenches import Wrenches, about_body
+from contact_tracker.recording.transform_tree import frame_name
+from contact_tracker.recording.wrench_frames import chain_to, frame_poses
+from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
 _MOST: Final = 20_000_000
@@ -28,14 +31,30 @@ class WrenchLog:
     ----------
     wrenches : finite ones, in order of time, about the body's origin and in its axes.
     dropped : messages that cannot be decoded, without a stamp, not finite, or of a stamp that is repeated.
+    unplaced : wrenches that are left out, since the pose of their frame is not known at their stamp.
+    bad_transforms : transforms to their frame that are left out: no pose, or a stamp that goes back.
     frame_id : of the messages.
+    taken : words on what that frame was taken for.
     damage : one line if the recording is truncated or damaged.
     """
 
     wrenches: Wrenches
     dropped: int
+    unplaced: int
+    bad_transforms: int
     frame_id: str
+    taken: str
     damage: str | None
+
+    @property
+    def noted(self) -> str:
+        """What was left out, in words; nothing where all is well."""
+        counts = (
+            (self.dropped, "dropped {} that cannot be used"),
+            (self.unplaced, f"left out {{}} at times at which the pose of {self.frame_id} is not known"),
+            (self.bad_transforms, "left out {} transforms that are no poses, or whose stamps go back"),
+        )
+        return "; ".join(text.format(count) for count, text in counts if count)
 
 
 def read_wrenches(
@@ -43,9 +62,9 @@ def read_wrenches(
 ) -> WrenchLog:
     """The wrenches on ``topic`` of the object whose ``poses`` come from ``source``.
 
-    Messages are about the origin and in the axes of their ``header.frame_id``. That is the body's frame,
-    or the frame in which its poses are. A pose without a child frame does not name the body's: any other
-    frame is taken for it.
+    Messages are about the origin and in the axes of their ``header.frame_id``. That is the body's frame, the
+    frame in which its poses are, or one to which transforms lead from either. Without a name it is the
+    body's; so is one that no transform names, where poses do not name the body's (they have no child frame).
 
     Parameters
     ----------
@@ -54,9 +73,9 @@ def read_wrenches(
     Raises
     ------
     UsageError
-        There is no such topic, it is of another type, or its frame is neither.
+        There is no such topic, it is of another type, its frame changes, or no transforms lead to it.
     InputError
-        Nothing on it can be read.
+        Nothing on it can be read, or its frame's pose is known at none of its stamps.
     """
     channels: dict[str, Channel] = {}
 
@@ -66,7 +85,7 @@ def read_wrenches(
 
     reading = Reading(path, wanted)
     rows, frames, dropped = list[tuple[float, ...]](), dict[str, int](), 0
-    stamps = list[int]()
+    stamps, log_times = list[int](), list[int]()
     for message, row in _decoded(reading):
         if row is None or len(stamps) == _MOST:
             dropped += 1
@@ -78,6 +97,7 @@ def read_wrenches(
             continue
         frames[frame_id] = frames.get(frame_id, 0) + 1
         stamps.append(stamp_ns)
+        log_times.append(message.log_time_ns)
         rows.append(numbers)
     if not stamps:
         raise _nothing(path, topic, channels)
@@ -89,9 +109,71 @@ def read_wrenches(
     dropped += len(stamps) - len(found)
     if not len(found):
         raise InputError(f"{path}: no wrench on {topic} is finite")
-    if _is_in_world(path, topic, frame_id, source):
-        found = about_body(found, poses)
-    return WrenchLog(found, dropped, frame_id, reading.damage)
+    logged = _Logged(found, np.array(stamps, np.int64), np.array(log_times, np.int64))
+    placed = _about_body(path, topic, frame_id, source, poses, logged)
+    return WrenchLog(
+        placed.wrenches,
+        dropped,
+        len(found) - len(placed.wrenches),
+        placed.bad_transforms,
+        frame_id,
+        placed.taken,
+        reading.damage,
+    )
+
+
+class _Placed(NamedTuple):
+    """As of ``WrenchLog``."""
+
+    wrenches: Wrenches
+    taken: str
+    bad_transforms: int = 0
+
+
+class _Logged(NamedTuple):
+    """Wrenches in their own frame, and the log times of all stamps on their topic."""
+
+    wrenches: Wrenches
+    stamp_ns: NDArray[np.int64]
+    log_time_ns: NDArray[np.int64]
+
+    @property
+    def logged_ns(self) -> NDArray[np.int64]:
+        """When each wrench was logged."""
+        stamps, first = np.unique(self.stamp_ns, return_index=True)
+        return self.log_time_ns[first[stamps.searchsorted(self.wrenches.stamp_ns)]]
+
+
+def _about_body(
+    path: str, topic: str, frame_id: str, source: PoseSource, poses: Poses, logged: _Logged
+) -> _Placed:
+    """The wrenches about the body's origin and in its axes; raises as ``read_wrenches``."""
+    found, body, parent = logged.wrenches, source.child_frame_id, source.frame_id
+    if not frame_id:
+        return _Placed(found, "in no frame that is named: taken as the object's")
+    if body and frame_name(frame_id) == frame_name(body):
+        return _Placed(found, f"in the frame {frame_id}, the object's")
+    if frame_name(frame_id) == frame_name(parent):
+        return _Placed(about_body(found, poses), f"in the frame {frame_id}, that of the poses")
+    chain = chain_to(path, frame_id, source)
+    if chain.steps is None:
+        if body or chain.is_in_tree:
+            raise UsageError(_unconnected(path, topic, frame_id, source))
+        return _Placed(found, f"in the frame {frame_id}, which no transform names: taken as the object's")
+    frames = frame_poses(path, chain, found.stamp_ns, logged.logged_ns)
+    start = body if frames.in_object else parent
+    if not len(frames.poses):
+        raise InputError(
+            f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
+            f"any wrench: are the stamps on {topic} and {', '.join(frames.topics)} of one clock?"
+        )
+    placed = found[found.stamp_ns.searchsorted(frames.poses.stamp_ns)]
+    placed = about_parent(placed, frames.poses)
+    return _Placed(
+        placed if frames.in_object else about_body(placed, poses),
+        f"in the frame {frame_id}, whose pose in {start} is on {', '.join(frames.topics)}",
+        frames.counts["bad_parent"],
+    )
 
 
 def _decoded(reading: Reading) -> Iterator[tuple[RawMessage, tuple[str, int, tuple[float, ...]] | None]]:
@@ -110,16 +192,14 @@ def _decoded(reading: Reading) -> Iterator[tuple[RawMessage, tuple[str, int, tup
             yield item, None
 
 
-def _is_in_world(path: str, topic: str, frame_id: str, source: PoseSource) -> bool:
-    """Whether wrenches are in the frame of the poses; raises UsageError where that is not known."""
-    if frame_id == source.frame_id and frame_id and frame_id != source.child_frame_id:
-        return True
-    if source.child_frame_id and frame_id not in ("", source.child_frame_id):
-        raise UsageError(
-            f"{path}: {topic} is in the frame {frame_id}; wrenches must be in the frame of the object "
-            f"({source.child_frame_id}) or of its poses ({source.frame_id})"
-        )
-    return False
+def _unconnected(path: str, topic: str, frame_id: str, source: PoseSource) -> str:
+    ends = [f"the object ({source.child_frame_id})"] if source.child_frame_id else []
+    ends += [f"its poses ({source.frame_id})"] if source.frame_id else []
+    to = " or of ".join(ends) or "the poses, which name none"
+    return (
+        f"{path}: {topic} is in the frame {frame_id}, and no transforms (/tf, /tf_static) lead there from "
+        f"the frame of {to}: record them too, or transform the wrenches first"
+    )
 
 
 def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> UsageError | InputError:

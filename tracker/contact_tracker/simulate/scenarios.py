@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.errors import UsageError
+from contact_tracker.joints.models import JointKind
 from contact_tracker.simulate.shapes import OBJECTS, SURROUNDINGS
 from contact_tracker.states import STATES, Contact
 
@@ -55,6 +56,7 @@ class Scenario:
     bandwidth_hz : range of the motion's bandwidth; each phase draws its own.
     object, surroundings : names of shapes.
     further : a second contact of a scenario of one phase; the surroundings are then a table and a wall.
+    joint : the joint of a scenario of one free phase; none of the seven states is true then.
     name : name in the recording's metadata.
     """
 
@@ -72,6 +74,7 @@ class Scenario:
     object: str = "cube"
     surroundings: str = "desk"
     further: Further | None = None
+    joint: JointKind | None = None
     name: str = "custom"
 
     def __post_init__(self) -> None:
@@ -91,6 +94,9 @@ class Scenario:
             _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {known}")
         else:
             _check_further(self, self.further)
+        if self.joint is not None:
+            is_plain = len(self.phases) == 1 and self.phases[0].contact is Contact.FREE
+            _require(is_plain and self.further is None, "a joint needs a scenario of one free phase")
         for before, phase in zip((None, *self.phases), self.phases, strict=False):
             _check(phase, before)
 
@@ -212,6 +218,25 @@ FORMATIONS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
 )
 """Scenarios with two contacts at once: the first named on a table, the other on a wall."""
 
+
+def _jointed(kind: JointKind, amplitude_deg: float) -> Callable[[int], Scenario]:
+    def scenario(_: int) -> Scenario:
+        return Scenario(
+            (Phase(Contact.FREE, 24.0),),
+            amplitude_m=0.1,
+            amplitude_rad=float(np.radians(amplitude_deg)),
+            joint=kind,
+            name=kind.value,
+        )
+
+    return scenario
+
+
+JOINTS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
+    {kind.value: _jointed(kind, 15.0 if kind is JointKind.BALL else 25.0) for kind in JointKind}
+)
+"""Scenarios of an object in a joint: a door, a drawer, a cap, a ball in its socket."""
+
 SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
     {
         "paper_experiment": _paper_experiment,
@@ -220,6 +245,7 @@ SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
         "vision_30hz": _vision_30hz,
         "random": _random,
         **FORMATIONS,
+        **JOINTS,
     }
 )
 

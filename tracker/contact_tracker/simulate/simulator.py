@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.polyhedron import Polyhedron
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
+from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.poses import Poses
 from contact_tracker.simulate.chart import Rigid
 from contact_tracker.simulate.corner import move_in_corner
+from contact_tracker.simulate.jointed import TrueJoint, move_in_joint
 from contact_tracker.simulate.motion import Hand, Path, move
 from contact_tracker.simulate.plan import Leg, plan
 from contact_tracker.simulate.scenarios import Further, Scenario, named_scenario
@@ -28,11 +30,13 @@ _BODY_M = 0.06  # spread of the object's middle in the body frame
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """A labelled recording: measured poses, ground truth, and the metadata of its generation."""
+    """A labelled recording: measured poses, ground truth, the metadata of its generation, and the joint in which
+    the object moves, if there is one."""
 
     poses: Poses
     truth: Truth
     metadata: dict[str, str]
+    joint: TrueJoint | None = None
 
 
 def simulate(scenario: str | Scenario, seed: int) -> Simulated:
@@ -59,6 +63,8 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     body = _random_frame(frame_rng, _BODY_M)
     if scenario.further is not None:
         return _simulate_corner(scenario, scenario.further, seed, object, body, world, motion_rng, sensor_rng)
+    if scenario.joint is not None:
+        return _simulate_joint(scenario, scenario.joint, seed, object, body, world, motion_rng, sensor_rng)
     scene = surroundings_shape(scenario.surroundings)
     legs = plan(motion_rng, scenario.phases, object, scene)
     counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
@@ -96,6 +102,28 @@ def _simulate_corner(
     geometry = moved.first.geometry(body, world)
     truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
     return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), None))
+
+
+def _simulate_joint(
+    scenario: Scenario,
+    kind: JointKind,
+    seed: int,
+    object: Polyhedron,
+    body: Rigid,
+    world: Rigid,
+    motion_rng: np.random.Generator,
+    sensor_rng: np.random.Generator,
+) -> Simulated:
+    """An object in a joint: no contact is scored."""
+    duration_s = scenario.phases[0].duration_s
+    time_s = np.linspace(0.0, duration_s, round(duration_s * scenario.rate_hz), endpoint=False)
+    moved = move_in_joint(motion_rng, kind, scenario, time_s)
+    stamp_ns = stamps(sensor_rng, len(time_s), scenario)
+    poses = measure(sensor_rng, stamp_ns, world @ moved.pose @ body.inverse(), scenario)
+    truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
+    joint = moved.joint(body, world)
+    metadata = _metadata(scenario, seed, _moved(object, body), None) | {"joint": joint.to_json()}
+    return Simulated(poses, truth, metadata, joint)
 
 
 def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:

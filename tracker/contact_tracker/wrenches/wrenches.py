@@ -40,6 +40,9 @@ class Wrenches:
         good = np.flatnonzero((np.abs(numbers) <= GREATEST_N).all(axis=1))  # false of NaN
         _, first = np.unique(self.stamp_ns[good], return_index=True)
         rows = good[first]
+        return self[rows]
+
+    def __getitem__(self, rows: NDArray[np.int64]) -> "Wrenches":
         return Wrenches(self.stamp_ns[rows], self.force_n[rows], self.moment_nm[rows])
 
 
@@ -63,3 +66,12 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
         np.einsum("tji,tj->ti", turned, wrenches.force_n),
         np.einsum("tji,tj->ti", turned, moment),
     )
+
+
+def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
+    """Wrenches that are given about the origins of frames and in their axes, about the origin and in the axes
+    of what ``frames`` (one for each) are given in."""
+    turned = frames.rotation
+    force_n = np.einsum("tij,tj->ti", turned, wrenches.force_n)
+    moment = np.einsum("tij,tj->ti", turned, wrenches.moment_nm)
+    return Wrenches(wrenches.stamp_ns, force_n, moment + cross(frames.position_m, force_n))

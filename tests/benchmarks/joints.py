@@ -1,0 +1,224 @@
+"""How well joints are named, and how often one is named that is none.
+
+    python tests/benchmarks/joints.py --seeds 20
+    python tests/benchmarks/joints.py --single FOLDER/physics/robot --tables docs/benchmarks/joints.json
+
+An object in each joint is simulated for some seconds with seeds 1, 2, ... (0.3 mm, 0.15 deg, 200 Hz), and
+segmented. ``named`` is the share of the time in which the joint has its kind, ``other kind`` that in which it
+has another one. Angle, distance and pitch are medians of the errors of axes and centres, in the body and in
+the world, where the body's origin is nearest to them, and ``within 3 sd`` is the share of these elements, in
+the longest stretch of the right kind.
+
+``false`` is the share of the time in which a joint is named though the object is in one contact, or free: in
+simulated motion by hand, and in the recordings of ``--single`` folders. In these an object may turn about one
+axis or move along one direction, as in a joint; ``of which singular`` is where the truth says so.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+import kept_tables
+from contact_tracker import adaptation
+from contact_tracker.config.loading import load_model
+from contact_tracker.evaluation.elements import angle_rad, deviation, distance_m
+from contact_tracker.evaluation.geometry_errors import places
+from contact_tracker.evaluation.tables import number, table
+from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.ground_truth import Truth
+from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.models import JointKind
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log, read_truth
+from contact_tracker.simulate import Phase, Scenario, named_scenario, simulate
+from contact_tracker.simulate.jointed import TrueJoint
+from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Segment
+from kept_tables import Table
+
+COLUMNS: Final = (
+    *("joint", "seconds", "recordings", "named", "other kind"),
+    *("angle, deg", "distance, mm", "pitch, mm/rad", "within 3 sd"),
+)
+FALSE_COLUMNS: Final = ("recordings without a joint", "seconds", "false", "of which singular")
+NAN: Final = float("nan")
+
+
+class Measured(NamedTuple):
+    """Of one recording with a joint; nan where there is no figure."""
+
+    named: float
+    other: float
+    angle_deg: tuple[float, ...] = ()
+    distance_mm: tuple[float, ...] = ()
+    pitch_mm: float = NAN
+    deviations_sd: tuple[float, ...] = ()
+
+
+class Without(NamedTuple):
+    """Of one recording without a joint (s)."""
+
+    seconds: float
+    named_s: float
+    singular_s: float
+
+
+def measure(kind: JointKind, seconds: float, seed: int) -> Measured:
+    """Simulate an object in a joint, segment and judge."""
+    scenario = named_scenario(kind.value, seed)
+    made = simulate(_lasting(scenario, seconds), seed)
+    assert made.joint is not None
+    poses = gate(made.poses)
+    found = _segments(poses)
+    whole = sum(_seconds(one) for one in found)
+    right = [one for one in found if one.joint is not None and one.joint.kind is kind]
+    named = sum(map(_seconds, right)) / whole
+    other = sum(_seconds(one) for one in found if one.joint is not None) / whole - named
+    if not right:
+        return Measured(named, other)
+    best = max(right, key=_seconds)
+    assert best.joint is not None
+    inside = (poses.stamp_ns >= best.start_ns) & (poses.stamp_ns <= best.end_ns)
+    return _judged(best.joint, made.joint, poses[inside])._replace(named=named, other=other)
+
+
+def _judged(found: Joint, true: TrueJoint, poses: Poses) -> Measured:
+    pairs = zip(
+        (found.object, found.environment),
+        (true.object, true.environment),
+        places(ContactGeometry(true.object, true.environment), poses),
+        strict=True,
+    )
+    errors = [
+        (np.degrees(angle_rad(a, b)), 1e3 * distance_m(a, place), deviation(a, b, place).sd)
+        for a, b, place in pairs
+    ]
+    angle, distance, sd = (tuple(float(one) for one in column) for column in zip(*errors, strict=True))
+    pitch = NAN
+    if found.kind is JointKind.SCREW and found.pitch_m_per_rad is not None and true.pitch_m_per_rad:
+        pitch = 1e3 * abs(found.pitch_m_per_rad - true.pitch_m_per_rad)
+    return Measured(0.0, 0.0, angle, distance, pitch, sd)
+
+
+def measure_alone(name: str, seed: int) -> Without:
+    """Simulate an object in one contact, or in none, moved by hand."""
+    contact = next(state for state in STATES if state.value == name)
+    made = simulate(Scenario((Phase(contact, 24.0),), name="alone"), seed)
+    return _false(gate(made.poses), made.truth)
+
+
+def measure_file(path: str) -> Without:
+    """Segment a recording; what its truth calls singular is counted by itself."""
+    return _false(gate(Poses.collect(open_log(path))), read_truth(path))
+
+
+def _false(poses: Poses, truth: Truth | None) -> Without:
+    found = [one for one in _segments(poses) if one.joint is not None]
+    singular_ns = sum(
+        max(min(one.end_ns, interval.end_ns) - max(one.start_ns, interval.start_ns), 0)
+        for one in found
+        for interval in (truth.intervals if truth is not None else ())
+        if interval.singular
+    )
+    seconds = float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9
+    return Without(seconds, sum(map(_seconds, found)), singular_ns * 1e-9)
+
+
+def _lasting(scenario: Scenario, seconds: float) -> Scenario:
+    (phase,) = scenario.phases
+    return replace(scenario, phases=(phase._replace(duration_s=seconds),))
+
+
+def _segments(poses: Poses) -> tuple[Segment, ...]:
+    return tuple(adaptation.segment(poses, load_model()).segments)
+
+
+def _seconds(segment: Segment) -> float:
+    return (segment.end_ns - segment.start_ns) * 1e-9
+
+
+def row(kind: JointKind, seconds: float, measured: Sequence[Measured]) -> list[str]:
+    """A line of the table of joints."""
+    sd = np.array([one for each in measured for one in each.deviations_sd])
+    sd = sd[np.isfinite(sd)]
+    figures = (
+        float(np.mean([one.named for one in measured])),
+        float(np.mean([one.other for one in measured])),
+        _median([one for each in measured for one in each.angle_deg]),
+        _median([one for each in measured for one in each.distance_mm]),
+        _median([one.pitch_mm for one in measured]),
+        float(np.mean(sd <= 3.0)) if len(sd) else NAN,
+    )
+    return [kind.value, f"{seconds:g}", str(len(measured)), *map(number, figures)]
+
+
+def false_row(name: str, measured: Sequence[Without]) -> list[str]:
+    """A line of the table of recordings without a joint."""
+    seconds = sum(one.seconds for one in measured)
+    shares = [sum(getattr(one, key) for one in measured) / seconds for key in ("named_s", "singular_s")]
+    return [name, f"{seconds:.0f}", *map(number, shares)]
+
+
+def _median(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else NAN
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=3, help="so many of each (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, nargs="+", default=[2.5, 5.0, 24.0], metavar="S")
+    parser.add_argument("--single", nargs="+", type=Path, default=[], metavar="FOLDER")
+    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
+    parser.add_argument("--processes", type=int, default=2)
+    args = parser.parse_args(argv)
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
+    seeds = range(1, args.seeds + 1)
+    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+        joints = {
+            (kind, seconds): [pool.submit(measure, kind, seconds, seed) for seed in seeds]
+            for kind in JointKind
+            for seconds in args.seconds
+        }
+        without = {
+            f"{state.value}, by hand": [pool.submit(measure_alone, state.value, seed) for seed in seeds]
+            for state in STATES
+        }
+        without |= {
+            folder.name: [pool.submit(measure_file, str(path)) for path in sorted(folder.glob("*.mcap"))]
+            for folder in args.single
+        }
+        rows = [
+            row(*which, [job.result() for job in some])
+            for which, some in tqdm(joints.items(), file=sys.stderr, disable=None)
+        ]
+        print(table(COLUMNS, rows), flush=True)
+        false_rows = [
+            false_row(name, [job.result() for job in some])
+            for name, some in tqdm(without.items(), file=sys.stderr, disable=None)
+        ]
+        print(table(FALSE_COLUMNS, false_rows))
+    if args.tables:
+        command = f"python tests/benchmarks/joints.py --seeds {args.seeds}"
+        if args.single:
+            command += f" --single {' '.join(f'FOLDER/{folder.name}' for folder in args.single)}"
+        tables = {"joints": Table(COLUMNS, rows), "false": Table(FALSE_COLUMNS, false_rows)}
+        kept_tables.keep(args.tables, command, tables)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,124 @@
+"""Contacts beside the first against their truth."""
+
+import json
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contact_tracker.cli.main import run
+from contact_tracker.evaluation.evaluate import Judge
+from contact_tracker.evaluation.further import FurtherScore
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
+from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
+from contact_tracker.motion.poses import Poses
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking.belief import Belief, FurtherContact
+from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+
+ROOT = Path(__file__).resolve().parents[2]
+STEP_NS = 10_000_000
+FRAMES = 100
+GEOMETRY = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
+POSES = Poses(
+    np.arange(FRAMES, dtype=np.int64) * STEP_NS,
+    np.zeros((FRAMES, 3)),
+    np.tile([0.0, 0.0, 0.0, 1.0], (FRAMES, 1)),
+)
+EF, VF, FF = Contact.EF, Contact.VF, Contact.FF
+
+
+def further(*kinds: Contact) -> FurtherContact:
+    """Of the first kind, inseparable from the others."""
+    return FurtherContact(kinds[0], 0.9, 0, None, GEOMETRY, kinds[1:], 2)
+
+
+def belief(frame: int, label: Contact, *others: FurtherContact) -> Belief:
+    probability = np.full(len(STATES), 1 / len(STATES))
+    return Belief(frame * STEP_NS, label, probability, 0, None, np.zeros(6), (), 0.0, others)
+
+
+def score(truth: Truth, beliefs: list[Belief], pieces: int = 1) -> FurtherScore:
+    judge = Judge(truth)
+    judge.poses(POSES)
+    for part in np.array_split(np.arange(len(beliefs)), pieces):
+        judge.piece(Segmentation(beliefs=Beliefs.of(beliefs[i] for i in part)))
+    return judge.finish().further_offline
+
+
+def true(first: Contact, *others: tuple[Contact, int, int]) -> Truth:
+    rows = tuple(FurtherTruth(a * STEP_NS, b * STEP_NS, contact) for contact, a, b in others)
+    return Truth((TruthInterval(0, FRAMES * STEP_NS, first, further=rows),))
+
+
+def test_shares_of_time_are_those_of_the_frames() -> None:
+    """True from 40 to 59; found from 45 to 64."""
+    beliefs = [belief(i, EF, *([further(VF)] if 45 <= i < 65 else [])) for i in range(FRAMES)]
+    found = score(true(EF, (VF, 40, 59)), beliefs)
+    assert found.several_s == pytest.approx(0.20)
+    assert (found.right, found.open) == pytest.approx((0.75, 0.0))
+    assert found.alone_s == pytest.approx(0.80)
+    assert found.false == pytest.approx(5 / 80)
+
+
+def test_pieces_say_the_same_as_the_whole() -> None:
+    rng = np.random.default_rng(0)
+    some = [(), (further(VF),), (further(EF, VF),), (further(VF), further(FF))]
+    beliefs = [belief(i, [EF, VF][rng.integers(2)], *some[rng.integers(4)]) for i in range(FRAMES)]
+    truth = true(EF, (VF, 10, 80), (FF, 30, 50))
+    for pieces in (3, 17):
+        whole, parts = score(truth, beliefs), score(truth, beliefs, pieces)
+        for key in ("several_s", "right_s", "open_s", "alone_s", "false_s"):
+            assert getattr(parts, key) == pytest.approx(getattr(whole, key))
+
+
+@pytest.mark.parametrize(
+    ("label", "others", "right", "is_open"),
+    [
+        (EF, [(VF,)], 1.0, 0.0),
+        (VF, [(EF,)], 1.0, 0.0),  # either of them may be called the first
+        (EF, [(FF, VF)], 0.0, 1.0),
+        (EF, [(FF,)], 0.0, 0.0),
+        (EF, [], 0.0, 0.0),
+        (FF, [(VF,)], 0.0, 0.0),
+        (EF, [(VF,), (VF,)], 0.0, 0.0),
+    ],
+)
+def test_all_must_be_found_and_nothing_else(
+    label: Contact, others: list[tuple[Contact, ...]], right: float, is_open: float
+) -> None:
+    beliefs = [belief(i, label, *(further(*kinds) for kinds in others)) for i in range(FRAMES)]
+    found = score(true(EF, (VF, 0, FRAMES)), beliefs)
+    assert (found.right, found.open) == pytest.approx((right, is_open))
+
+
+def test_three_at_once_are_found_in_any_order() -> None:
+    truth = true(EF, (VF, 0, FRAMES), (FF, 0, FRAMES))
+    for label, *others in ((EF, VF, FF), (FF, EF, VF), (VF, FF, EF)):
+        beliefs = [belief(i, label, *map(further, others)) for i in range(FRAMES)]
+        assert score(truth, beliefs).right == pytest.approx(1.0)
+
+
+def test_what_is_not_scored_counts_nowhere() -> None:
+    beliefs = [belief(i, EF, further(VF)) for i in range(FRAMES)]
+    found = score(Truth((TruthInterval(0, FRAMES * STEP_NS, None),)), beliefs)
+    assert (found.several_s, found.alone_s) == (0.0, 0.0)
+    assert np.isnan([found.right, found.open, found.false]).all()
+
+
+def test_without_an_answer_nothing_is_found() -> None:
+    found = score(true(EF, (VF, 0, FRAMES)), [])
+    assert (found.right, found.false_s) == (0.0, 0.0)
+    assert found.several_s > 0.9
+
+
+def test_the_report_tells_of_both(capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(ROOT / "recordings" / "wall_in_between.mcap")
+    assert run(["evaluate", path, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["total"]["further"]
+    assert found["offline"]["several_s"] == pytest.approx(8.0, abs=0.1)
+    for mode, key in product(("offline", "online"), ("right", "false")):
+        assert 0.0 <= found[mode][key] <= 1.0
+    assert found["offline"]["right"] > 0.95
+    assert found["offline"]["false"] < 0.05
