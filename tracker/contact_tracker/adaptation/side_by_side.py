@@ -16,6 +16,7 @@ from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
     is_moving,
+    latest_places,
     relative_evidence,
     tick_evidence,
 )
@@ -25,7 +26,6 @@ from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_grid
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Belief, Detail
@@ -43,10 +43,10 @@ REST_NATS: Final = 10.0
 
 
 class TrackedTick(NamedTuple):
-    """A tick that a tracker has taken in: its ``evidence``, the ``window`` up to it, and the answer."""
+    """A tick that a tracker has taken in: its ``evidence``, its ``latest_places``, and the answer."""
 
     evidence: TickEvidence
-    window: Window
+    places: Array
     belief: Belief | None
 
 
@@ -157,7 +157,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     )
     alive = np.arange(len(state.trackers))
     for now in zip(first, *(followed for _, followed in started), strict=True):
-        moves = is_moving(now[alive[0]].window)
+        moves = is_moving(now[alive[0]].places)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
     return state
@@ -183,7 +183,7 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(ticks for _, ticks in followed), strict=True):
-        moves = is_moving(now[alive[0]].window)
+        moves = is_moving(now[alive[0]].places)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
         said = [now[i].belief for i in alive]
@@ -199,9 +199,8 @@ def _single(
 ) -> tuple[SideBySide, list[Belief]]:
     """The one that is left goes on: there is nothing to weigh."""
     beliefs = list[Belief]()
-    for tick in closed:
-        one, online = tracker.update(one, tick, detail)
-        belief = tracker.answer(one, online)
+    for after, online in tracker.update_each(one, closed, detail):
+        one, belief = after, tracker.answer(after, online)
         if belief is not None:
             beliefs.append(belief)
     return state._replace(trackers=(one,)), beliefs
@@ -212,12 +211,10 @@ def _observe(
 ) -> tuple[TrackerState, list[TrackedTick]]:
     """One tracker takes in ticks; the one that ``judges`` free motion does so for all."""
     followed = list[TrackedTick]()
-    for tick in closed:
-        before = state
-        state, online = tracker.update(state, tick, detail, judges)
-        followed.append(
-            TrackedTick(tick_evidence(before, state), state.window, tracker.answer(state, online))
-        )
+    for after, online in tracker.update_each(state, closed, detail, judges):
+        evidence, places = tick_evidence(state, after), latest_places(after.window)
+        followed.append(TrackedTick(evidence, places, tracker.answer(after, online)))
+        state = after
     return state, followed
 
 

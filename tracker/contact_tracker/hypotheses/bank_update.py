@@ -166,8 +166,6 @@ def marginalise_expired_ticks(
     """Add the evidence of the ``oldest`` ticks, which the window has lost, to the sums before the window."""
     if not len(bank) or not len(oldest) or bank.onset[0] > oldest.index[-1]:  # they are in order
         return bank
-    if not oldest.innovation_excess.any() and not bank.elements_known.any():
-        return bank  # ticks of a gap or at rest: each term is zero
     sums = sum_evidence(model, bank.x, bank.onset, oldest, scales, bank.elements_known)
     return bank.replace_columns(
         llr_before_window=bank.llr_before_window + sums.log_ratio,
