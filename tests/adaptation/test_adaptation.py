@@ -19,6 +19,7 @@ from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
     is_moving,
+    latest_places,
     relative_evidence,
 )
 from contact_tracker.adaptation.mixture import mixture, spread_out
@@ -203,20 +204,24 @@ def test_noise_is_no_motion_whatever_its_size(seed: int, sigma: float) -> None:
     rest = np.array([[*np.eye(3).ravel(), 0.3, 0.1, 0.2]])
     zeta = np.zeros((200, 25))
     zeta[:, :12] = rest + sigma * rng.normal(size=(200, 12))
-    assert np.mean([is_moving(window(zeta[:i])) for i in range(1, 200)]) < 0.05
+    assert np.mean([is_moving(places(zeta[:i])) for i in range(1, 200)]) < 0.05
     zeta[:, T] += 4.0 * sigma * np.arange(200)[:, None]
-    assert np.mean([is_moving(window(zeta[:i])) for i in range(SPAN_TICKS + LASTING_TICKS, 200)]) > 0.9
+    assert np.mean([is_moving(places(zeta[:i])) for i in range(SPAN_TICKS + LASTING_TICKS, 200)]) > 0.9
 
 
 def test_what_has_no_poses_does_not_move() -> None:
     count = SPAN_TICKS + LASTING_TICKS
     zeta = np.repeat(lift(np.eye(3)[None], np.zeros((1, 3))), count, axis=0)
-    assert not is_moving(window(zeta))
-    assert not is_moving(window(zeta[:4]))
+    assert not is_moving(places(zeta))
+    assert not is_moving(places(zeta[:4]))
     for first in range(1, count):  # one step, after a gap
         stepped = zeta.copy()
         stepped[first:, T] += 0.01
-        assert not is_moving(window(stepped))
+        assert not is_moving(places(stepped))
+
+
+def places(zeta: np.ndarray) -> np.ndarray:
+    return latest_places(window(zeta))
 
 
 def window(zeta: np.ndarray) -> Window:
@@ -289,7 +294,7 @@ def test_a_mixture_is_a_distribution_and_its_label_the_most_probable(trackers) -
         posterior = np.array(weight) / sum(weight)
         label = STATES[int(posterior.argmax())]
         beliefs.append(Belief(5, label, posterior, 3, None, np.full(6, np.nan)))
-    both, _ = mixture(beliefs, np.array([log_weight for _, log_weight in trackers]))
+    both = mixture(beliefs, np.array([log_weight for _, log_weight in trackers]))
     for probability in (both.probability, spread_out(both.probability)):
         assert (probability >= 0.0).all()
         assert probability.sum() == pytest.approx(1.0)
@@ -304,15 +309,15 @@ def test_a_mixture_is_no_surer_than_an_open_formation_allows() -> None:
     capped = at_most(surest, Contact.EF)
     own = Belief(5, Contact.EF, capped, 3, None, np.full(6, np.nan), is_open=True)
     other = Belief(5, Contact.EF, surest, 3, None, np.full(6, np.nan))
-    both, _ = mixture((own, other), np.log([0.6, 0.4]))
+    both = mixture((own, other), np.log([0.6, 0.4]))
     assert both.is_open
     assert both.probability[Contact.EF.column] == pytest.approx(0.9)
     other = replace(
         other, contact=Contact.VF, probability=np.roll(surest, Contact.VF.column - Contact.EF.column)
     )
-    both, _ = mixture((own, other), np.log([0.4, 0.6]))
+    both = mixture((own, other), np.log([0.4, 0.6]))
     assert (both.contact, both.is_open) == (Contact.VF, False)
-    freed, _ = mixture(
+    freed = mixture(
         (replace(own, probability=np.full(7, 1 / 7)), replace(own, probability=other.probability)),
         np.zeros(2),
     )

@@ -268,6 +268,13 @@ def test_a_released_row_is_reused_for_another_onset():
     assert_smoothed(6, [*(np.arange(tick + 1) for tick in range(16)), np.arange(1, 17)])
 
 
+def test_an_onset_in_the_first_row_keeps_it_when_another_turns_up():
+    """Onset 18 leaves the row to onset 1, which is over by the end; onset 2 was over long before."""
+    alive = [np.zeros(1, np.int64), *(np.arange(1, tick + 1) for tick in range(1, 18)), np.arange(3, 19)]
+    alive[10:18] = [np.delete(onsets, 1) for onsets in alive[10:18]]
+    assert_smoothed(7, alive)
+
+
 def test_posteriors_are_renormalised_after_rounding():
     past, frontier = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
     for chance in (0.0, 0.9):  # instead of one

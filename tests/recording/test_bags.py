@@ -6,6 +6,7 @@ import sqlite3
 import struct
 import sys
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -310,6 +311,45 @@ def test_damaged_databases_are_named(tmp_path: Path) -> None:
         for read in (open_log, summarise):
             with pytest.raises(UnreadableRecording, match=message):
                 read(str(tmp_path / name))
+
+
+def test_schemas_that_are_no_text_are_named(tmp_path: Path) -> None:
+    """SQLite quotes it in its error, which Python then cannot decode."""
+    path = write_sqlite(tmp_path / "bag")
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"CREATE TABLE topics", b"CREA\xcaE TABLE topics"))
+    assert path.read_bytes() != whole
+    for read in (open_log, summarise):
+        with pytest.raises(UnreadableRecording, match="as a rosbag2 database: its tables are malformed"):
+            read(str(path))
+
+
+def test_topics_without_a_name_are_counted(tmp_path: Path) -> None:
+    path = write_sqlite(tmp_path / "bag")
+    with closing(sqlite3.connect(path)) as file:
+        file.execute("update topics set name = null where id = 2")
+        file.commit()
+    summary = summarise(str(path))
+    assert "it is damaged: 1 of its topics cannot be read" in summary.damage
+    assert [source.poses for source in summary.sources] == [len(POSES)]
+
+
+@pytest.mark.parametrize(
+    ("compression", "damaged", "message"),
+    [
+        ("BZ2", lambda whole: whole.replace(b"BZh91AY&SY", b"BZh91AY&SZ"), "its bz2 data is damaged"),
+        (None, lambda whole: whole.replace(b"\x04\0\0\0op=\x02", b"\x04\0\0\0oq=\x02"), "no field op"),
+    ],
+)
+def test_damaged_chunks_are_named(
+    tmp_path: Path, compression: str | None, damaged: Callable[[bytes], bytes], message: str
+) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", compression, chunk_bytes=500)
+    whole = path.read_bytes()
+    path.write_bytes(damaged(whole))
+    assert path.read_bytes() != whole
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(path))
 
 
 @pytest.mark.parametrize(

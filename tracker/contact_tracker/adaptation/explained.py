@@ -26,8 +26,8 @@ def follow(one: Explained, poses: Poses) -> tuple[Explained, list[AfterTick]]:
     """Advance by poses; returns the evidence after each tick that they close."""
     state, closed = tracker.accumulate_poses(one.state, poses)
     moved_s, after = one.moved_s, list[AfterTick]()
-    for tick in closed:
-        state, _ = tracker.update(state, tick, Detail.WEIGHTS)
+    for now, _ in tracker.update_each(state, closed, Detail.WEIGHTS):
+        state = now
         moved_s += state.model.tick_s * state.window.latest_motion_ratio
         after.append(AfterTick(state.log_evidence, moved_s))
     return Explained(state, moved_s), after

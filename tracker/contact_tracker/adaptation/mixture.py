@@ -17,29 +17,34 @@ DOUBT: Final = 0.5
 """Share of the probability that is spread evenly while the stream is in doubt."""
 
 
-def mixture(beliefs: Sequence[Belief], log_weight: Array) -> tuple[Belief, int | None]:
+def mixture(beliefs: Sequence[Belief], log_weight: Array) -> Belief:
     """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
 
-    Onset, elements and alternatives are those of the most probable tracker with this label, whose number is
-    returned; without one (None) they are unknown.
+    Onset, elements and alternatives are those of the most probable tracker with this label; without one they
+    are unknown.
     """
     if len(beliefs) == 1:
-        return beliefs[0], 0
+        return beliefs[0]
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     probability = weight @ np.array([belief.probability for belief in beliefs])
     label = STATES[int(probability.argmax())]
-    share = weight * [belief.probability[label.column] for belief in beliefs]
-    with_label = [number for number, belief in enumerate(beliefs) if belief.contact is label]
-    if not with_label:
-        likely = beliefs[int(share.argmax())]
-        unknown = Belief(likely.stamp_ns, label, probability, likely.stamp_ns, None, likely.residual)
-        return unknown, None
-    source = max(with_label, key=lambda number: share[number])
-    belief = beliefs[source]
+    share = [w * b.probability[label.column] for w, b in zip(weight, beliefs, strict=True)]
+    ranked = sorted(zip(beliefs, share, strict=True), key=lambda one: (one[0].contact is label, one[1]))
+    source, _ = ranked[-1]
+    if source.contact is not label:
+        source = replace(
+            source,
+            contact=label,
+            onset_ns=source.stamp_ns,
+            geometry=None,
+            inseparable=(),
+            p_restricted=0.0,
+            further=(),
+            is_open=False,
+        )
     # only one of the trackers looks for further contacts, and caps its own label
-    probability = at_most(probability, label) if belief.is_open else probability
-    return replace(belief, probability=probability), source
+    return replace(source, probability=at_most(probability, label) if source.is_open else probability)
 
 
 def spread_out(probability: Array) -> Array:

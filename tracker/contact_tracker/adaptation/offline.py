@@ -69,7 +69,7 @@ class OfflineTracker:
         everything = _Stream(chain(looked_at, self._inspected(rest)))
         others = self._knowledge, self._executor, None, detail, self._wrenches
         found = offline_smoother.pieces(everything, _cautious_at_first(best.model), progress, *others)
-        waiting = Beliefs.of(early)  # what was said before the model was chosen
+        waiting = early  # what was said before the model was chosen
         for piece in found:
             count = min(len(waiting), len(piece.filtered))
             said, waiting = waiting[:count], waiting[count:]
@@ -86,15 +86,16 @@ class OfflineTracker:
 
     def _choose(
         self, stream: Iterator[Poses], detail: Detail
-    ) -> tuple[Iterator[Poses], Iterator[Poses], list[Belief]]:
-        """Poses until the model is chosen, the rest, and what was believed online meanwhile."""
-        looked_at, beliefs, count = list[Poses](), list[Belief](), 0
+    ) -> tuple[Iterator[Poses], Iterator[Poses], Beliefs]:
+        """Poses until the model is chosen, the rest, and what was believed online meanwhile, if it has enough
+        ``detail``."""
+        looked_at, beliefs, count = list[Poses](), list[Beliefs](), 0
         for some in stream:
             used = 0
             while used < len(some) and not self._state.is_decided:
                 part = some[used : used + online.TOGETHER]
                 self._state, said = online.advance(self._state, part, detail)
-                beliefs += said
+                beliefs.append(_kept(said, detail))
                 used += len(part)
             looked_at.append(some[:used])
             count += used
@@ -103,8 +104,13 @@ class OfflineTracker:
                 break
         else:
             self._state, said = online.finish(self._state)
-            beliefs += said
-        return _released(looked_at), stream, beliefs if detail >= Detail.SHARED else []
+            beliefs.append(_kept(said, detail))
+        return _released(looked_at), stream, Beliefs.join(beliefs)
+
+
+def _kept(said: list[Belief], detail: Detail) -> Beliefs:
+    """In columns: it may take hours until the model is chosen."""
+    return Beliefs.of(said if detail >= Detail.SHARED else ())
 
 
 def _cautious_at_first(model: Model) -> Model:

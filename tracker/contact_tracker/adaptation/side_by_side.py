@@ -6,7 +6,6 @@ all but the best (``comparison``).
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
     is_moving,
+    latest_places,
     relative_evidence,
     tick_evidence,
 )
@@ -43,10 +43,10 @@ REST_NATS: Final = 10.0
 
 
 class TrackedTick(NamedTuple):
-    """A tick that a tracker has taken in: its ``evidence``, the tracker after it, and the answer."""
+    """A tick that a tracker has taken in: its ``evidence``, its ``latest_places``, and the answer."""
 
     evidence: TickEvidence
-    tracker: TrackerState
+    places: Array
     belief: Belief | None
 
 
@@ -106,7 +106,7 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
         said = list[Belief]()
         if state.trackers:
             state, said = _side_by_side(state, some, detail)
-            state = _with_others(state, detail) if len(some) == missing else state
+            state = _with_others(state, min(detail, Detail.GEOMETRY)) if len(some) == missing else state
         elif len(some) == missing:
             state, said = _with_first(state, detail)
         beliefs += said
@@ -128,7 +128,7 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
         state = _with_others(state, Detail.GEOMETRY)
     ended = [tracker.finish(one) for one in state.trackers]
     rest = zip(*(said for _, said in ended), strict=True)
-    beliefs += [mixture(some, state.log_weight)[0] for some in rest]
+    beliefs += [mixture(some, state.log_weight) for some in rest]
     return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
 
 
@@ -146,8 +146,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     assert state.pending is not None
     chosen = candidates(state.trackers[0].model, state.pending)
     starts = (tracker.start(one.model, state.lag_s, state.knowledge) for one in chosen[1:])
-    beside = _beside_the_best(state, detail)
-    started = [_observe(*tracker.accumulate_poses(start, state.pending), beside, False) for start in starts]
+    started = [_observe(*tracker.accumulate_poses(start, state.pending), detail, False) for start in starts]
     first, log_prior = state.first, np.array([one.log_prior for one in chosen])
     state = state._replace(
         trackers=(*state.trackers, *(one for one, _ in started)),
@@ -158,7 +157,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     )
     alive = np.arange(len(state.trackers))
     for now in zip(first, *(followed for _, followed in started), strict=True):
-        moves = is_moving(now[alive[0]].tracker.window)
+        moves = is_moving(now[alive[0]].places)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
     return state
@@ -175,40 +174,24 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     gathered.insert(0, (advanced, closed))
     if not closed:
         return state._replace(trackers=tuple(one for one, _ in gathered)), []
-    judge, beside = int(state.log_weight.argmax()), _beside_the_best(state, detail)
+    judge = int(state.log_weight.argmax())
     followed = [
-        _observe(one, own, detail if i == judge else beside, i == judge)
+        _observe(one, own, detail if i == judge else min(detail, Detail.GEOMETRY), i == judge)
         for i, (one, own) in enumerate(gathered)
     ]
     curved = followed[judge][0].curved  # one judges it for all
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(ticks for _, ticks in followed), strict=True):
-        moves = is_moving(now[alive[0]].tracker.window)
+        moves = is_moving(now[alive[0]].places)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
-        ticks = [now[i] for i in alive]
-        activity = np.array([one.evidence.activity for one in ticks])
-        taken_for_motion = 0.0 if moves else REST_NATS * activity
-        beliefs += _mixed(ticks, state.log_weight - taken_for_motion, detail)
+        said = [now[i].belief for i in alive]
+        if said[0] is not None:  # they lag alike
+            activity = np.array([now[i].evidence.activity for i in alive])
+            held_for_motion = 0.0 if moves else REST_NATS * activity
+            beliefs.append(mixture([b for b in said if b is not None], state.log_weight - held_for_motion))
     return state, beliefs
-
-
-def _beside_the_best(state: SideBySide, detail: Detail) -> Detail:
-    """The detail of the trackers beside the best: their geometry is computed when it is asked for, except
-    with a lag, where it is that of the time."""
-    return min(detail, Detail.GEOMETRY if state.lag_s else Detail.SHARED)
-
-
-def _mixed(ticks: Sequence[TrackedTick], log_weight: Array, detail: Detail) -> list[Belief]:
-    """The belief of all trackers after a tick, none where their lag (the same for all) holds it back."""
-    beliefs = [one.belief for one in ticks if one.belief is not None]
-    if not beliefs:
-        return []
-    mixed, source = mixture(beliefs, log_weight)
-    if source is not None and detail >= Detail.GEOMETRY and mixed.geometry is None:
-        mixed = replace(mixed, geometry=tracker.label_geometry(ticks[source].tracker, mixed.contact))
-    return [mixed]
 
 
 def _single(
@@ -216,9 +199,8 @@ def _single(
 ) -> tuple[SideBySide, list[Belief]]:
     """The one that is left goes on: there is nothing to weigh."""
     beliefs = list[Belief]()
-    for tick in closed:
-        one, online = tracker.update(one, tick, detail)
-        belief = tracker.answer(one, online)
+    for after, online in tracker.update_each(one, closed, detail):
+        one, belief = after, tracker.answer(after, online)
         if belief is not None:
             beliefs.append(belief)
     return state._replace(trackers=(one,)), beliefs
@@ -229,10 +211,10 @@ def _observe(
 ) -> tuple[TrackerState, list[TrackedTick]]:
     """One tracker takes in ticks; the one that ``judges`` free motion does so for all."""
     followed = list[TrackedTick]()
-    for tick in closed:
-        before = state
-        state, online = tracker.update(state, tick, detail, judges)
-        followed.append(TrackedTick(tick_evidence(before, state), state, tracker.answer(state, online)))
+    for after, online in tracker.update_each(state, closed, detail, judges):
+        evidence, places = tick_evidence(state, after), latest_places(after.window)
+        followed.append(TrackedTick(evidence, places, tracker.answer(after, online)))
+        state = after
     return state, followed
 
 

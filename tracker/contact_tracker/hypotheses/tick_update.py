@@ -30,6 +30,12 @@ class LiveHypotheses(NamedTuple):
             np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
         )
 
+    def held(self, now: int) -> Self:
+        """The same hypotheses in the tick ``now``, which carries no information."""
+        onset = self.onset.copy()
+        onset[-1] = now
+        return self._replace(onset=onset)
+
 
 class TickInput(NamedTuple):
     """Input of the update by one tick."""

@@ -199,7 +199,7 @@ class _Bag:
             case b"bz2":
                 budget.check_record(len(data), size)
                 budget.inflate(_BZ2_WORK * len(data), _BZ2_WORK * size)
-                found = bz2.BZ2Decompressor().decompress(data, size)
+                found = _inflate_bz2(data, size)
             case unknown:
                 raise ValueError(f"unknown compression {unknown!r}")
         if len(found) != size:
@@ -220,6 +220,14 @@ class _Bag:
             parts.append(part)
         self._stream.budget.count_records(1 + len(parts[0]) // BYTES_PER_RECORD)
         return _Record(_fields(parts[0]), parts[1])
+
+
+def _inflate_bz2(data: bytes, limit: int) -> bytes:
+    """At most ``limit`` bytes; raises ValueError where the data is damaged."""
+    try:
+        return bz2.BZ2Decompressor().decompress(data, limit)
+    except OSError as error:  # else it would look as if the file could not be read
+        raise ValueError(f"its bz2 data is damaged: {error}") from error
 
 
 def _record_at(data: bytes, at: int) -> tuple[_Record, int]:
@@ -249,4 +257,6 @@ def _fields(header: bytes) -> dict[bytes, bytes]:
 
 
 def _line(error: BaseException) -> str:
+    if isinstance(error, KeyError):
+        return f"a header has no field {error.args[0].decode(errors='replace')}"
     return (str(error) or type(error).__name__).splitlines()[0]

@@ -22,6 +22,8 @@ _STEPS: Final = 10_000
 """Steps of the virtual machine between checks of their number."""
 _LEAST_STEPS: Final = 50_000_000
 _STEPS_PER_BYTE: Final = 20
+_ERRORS: Final = (sqlite3.Error, UnicodeDecodeError)
+"""Of SQLite; the second where its message would quote bytes that are no text."""
 _MOST_NAMED: Final = 500
 """With more topics all messages are read and filtered afterwards."""
 
@@ -43,14 +45,18 @@ def read_sqlite(
     try:
         with closing(_opened(path, size)) as file:
             _check_tables(file)
-            topics = _channels(file)
+            topics = _channels(file, report)
             chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
             try:
                 yield from _messages(file, chosen, budget)
-            except (sqlite3.Error, TooMuchWork) as error:
-                report(f"it is damaged: {error}")
-    except sqlite3.Error as error:
-        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {error}") from error
+            except (*_ERRORS, TooMuchWork) as error:
+                report(f"it is damaged: {_words(error)}")
+    except _ERRORS as error:
+        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {_words(error)}") from error
+
+
+def _words(error: Exception) -> str:
+    return "its tables are malformed" if isinstance(error, UnicodeDecodeError) else str(error)
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:
@@ -90,19 +96,23 @@ def _allowed(action: int, table: str | None, column: str | None, *_: Any) -> int
     return sqlite3.SQLITE_OK if is_select or is_read else sqlite3.SQLITE_DENY
 
 
-def _channels(file: sqlite3.Connection) -> Mapping[int, Channel]:
+def _channels(file: sqlite3.Connection, report: Callable[[str], None]) -> Mapping[int, Channel]:
     definitions = dict[str, tuple[str, str]]()
     is_defined = "select name from sqlite_master where name = 'message_definitions'"
     if file.execute(is_defined).fetchone():
         columns = "topic_type, encoding, encoded_message_definition"
         for kind, *definition in file.execute(f"select {columns} from message_definitions"):
             definitions[str(kind)] = str(definition[0]), str(definition[1])
-    channels = dict[int, Channel]()
-    for number, topic, kind, encoding in file.execute(
-        "select id, name, type, serialization_format from topics"
-    ):
-        schema_encoding, text = definitions.get(str(kind), ("", ""))
-        channels[number] = Channel(str(topic), str(encoding), str(kind), schema_encoding, text.encode())
+    channels, unreadable = dict[int, Channel](), 0
+    for number, *about in file.execute("select id, name, type, serialization_format from topics"):
+        if not all(isinstance(one, str) for one in about):
+            unreadable += 1
+            continue
+        topic, kind, encoding = about
+        schema_encoding, text = definitions.get(kind, ("", ""))
+        channels[number] = Channel(topic, encoding, kind, schema_encoding, text.encode())
+    if unreadable:
+        report(f"it is damaged: {unreadable} of its topics cannot be read")
     return channels
 
 

@@ -30,8 +30,8 @@ _BODY_M = 0.06  # spread of the object's middle in the body frame
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """A labelled recording: measured poses, ground truth, the metadata of its generation, and the joint in which
-    the object moves, if there is one."""
+    """A labelled recording: measured poses, ground truth, the metadata of its generation, and the joint in
+    which the object moves, if there is one."""
 
     poses: Poses
     truth: Truth

@@ -15,7 +15,7 @@ from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses, StopCondition
 from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import SlidingWindow, advance_window
+from contact_tracker.motion.window import SlidingWindow, advance_windows
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.measurement_update import (
     Prediction,
@@ -71,11 +71,8 @@ def _windows(
     state: TrackerState, ticks: Sequence[Tick], known: Sequence[SlidingWindow]
 ) -> list[SlidingWindow]:
     """The windows of some ticks, of which the first are known."""
-    slidings = [*known]
-    for tick in ticks[len(known) :]:
-        before = slidings[-1] if slidings else state.sliding_window
-        slidings.append(advance_window(before, state.ticks + len(slidings), tick, state.model))
-    return slidings
+    before = known[-1] if known else state.sliding_window
+    return [*known, *advance_windows(before, state.ticks + len(known), ticks[len(known) :], state.model)]
 
 
 def _update_batch(

@@ -63,16 +63,16 @@ def forward(
     state, count = tracker.start(model, knowledge=knowledge), 0
     for batch in batches(poses):
         state, closed = tracker.accumulate_poses(state, batch)
-        for tick in closed:
-            state, belief = tracker.update(state, tick, detail)
-            yield FilteredTick(state, tick, belief)
+        for tick, (after, belief) in zip(closed, tracker.update_each(state, closed, detail), strict=True):
+            yield FilteredTick(after, tick, belief)
+            state = after
         count += len(batch)
         if progress is not None:
             progress(count)
     state, closed = tracker.close_tick(state)
-    for tick in closed:
-        state, belief = tracker.update(state, tick, detail)
-        yield FilteredTick(state, tick, belief)
+    for tick, (after, belief) in zip(closed, tracker.update_each(state, closed, detail), strict=True):
+        yield FilteredTick(after, tick, belief)
+        state = after
 
 
 def filter_batches(

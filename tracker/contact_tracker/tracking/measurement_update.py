@@ -13,7 +13,7 @@ from contact_tracker.hmm import fixed_lag
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.pruning import Births
-from contact_tracker.hypotheses.tick_update import LiveHypotheses, TickInput, TickWeights
+from contact_tracker.hypotheses.tick_update import TickInput, TickWeights
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.tick_averaging import Tick
@@ -50,17 +50,18 @@ def is_uninformative(state: TrackerState, tick: Tick) -> bool:
 
 def propagate_without_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> TrackerState:
     """Append the tick to the window only; its exposure to change is deferred to the next informative tick."""
-    oldest, scales = state.window.expired_by(sliding.window), scales_of(state.model)
-    errors = state.model.noise.extra_contact_variance
-    settled = [
-        bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), scales)
-        for bank, contact, beyond in zip(state.banks, CONTACT_MODELS, errors, strict=True)
-    ]
+    oldest, banks = state.window.expired_by(sliding.window), state.banks
+    if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
+        scales, errors = scales_of(state.model), state.model.noise.extra_contact_variance
+        banks = tuple(
+            bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), scales)
+            for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
+        )
     change = tick_transitions(state.model, 0.0).log_transition
     return state._replace(
         sliding_window=sliding,
-        banks=tuple(_with_longer_history(b, column) for column, b in enumerate(settled)),
-        live_hypotheses=LiveHypotheses.of(settled, state.ticks),
+        banks=tuple(map(_with_longer_history, banks, range(len(banks)))),
+        live_hypotheses=state.live_hypotheses.held(state.ticks),
         ticks=state.ticks + 1,
         next_hypothesis_id=state.next_hypothesis_id + 1,
         outliers=state.outliers + tick.outliers,
@@ -68,7 +69,7 @@ def propagate_without_update(state: TrackerState, tick: Tick, sliding: SlidingWi
         log_transition=change,
         log_birth_weight=hmm.birth_log_weights(state.log_state_weight, change),
         deferred_exposure=state.deferred_exposure + hazard_exposure(0.0),
-        lag_history=np.array([fixed_lag.grown(past, i) for i, past in enumerate(state.lag_history)]),
+        lag_history=_longer_histories(state.lag_history),
     )
 
 
@@ -150,6 +151,13 @@ def _with_longer_history(bank: Bank, column: int) -> Bank:
         if bank.lag_history.shape[1]
         else bank
     )
+
+
+def _longer_histories(histories: Array) -> Array:
+    """The lag histories (7, L, 7) of the states, each extended by a tick in it."""
+    if not histories.size:  # no lag
+        return histories
+    return np.array([fixed_lag.grown(past, column) for column, past in enumerate(histories)])
 
 
 def _lag_histories(banks: Sequence[Bank], free: Array) -> Array:

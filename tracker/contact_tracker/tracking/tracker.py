@@ -3,7 +3,7 @@
 pose -> tick -> window -> hypotheses (fit, evidence) -> weights of the states -> belief
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from contact_tracker.landmarks.landmark_memory import MAP_INSERTION_PROBABILITY
@@ -11,7 +11,7 @@ from contact_tracker.motion import tick_grid
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import SlidingWindow
+from contact_tracker.motion.window import SlidingWindow, advance_windows
 from contact_tracker.states import Contact
 from contact_tracker.tracking import measurement_update
 from contact_tracker.tracking.belief import Belief, Detail
@@ -34,11 +34,11 @@ __all__ = [
     "close_tick",
     "finish",
     "flush_lag",
-    "label_geometry",
     "scales_of",
     "start",
     "step",
     "update",
+    "update_each",
 ]
 
 
@@ -50,9 +50,8 @@ def step(state: TrackerState, pose: Pose) -> tuple[TrackerState, Belief | None]:
     """
     state, closed = accumulate_pose(state, pose)
     belief = None
-    for tick in closed:
-        state, online = update(state, tick)
-        belief = answer(state, online)
+    for after, online in update_each(state, closed):
+        state, belief = after, answer(after, online)
     return state, belief
 
 
@@ -63,8 +62,8 @@ def finish(state: TrackerState) -> tuple[TrackerState, list[Belief]]:
     """
     state, closed = close_tick(state)
     beliefs = []
-    for tick in closed:
-        state, online = update(state, tick)
+    for after, online in update_each(state, closed):
+        state = after
         beliefs.append(answer(state, online))
     rest = flush_lag(state)
     return state._replace(recent=()), [*(b for b in beliefs if b is not None), *rest]
@@ -117,10 +116,22 @@ def update(
     A tracker that ``judges`` tests free motion for curved surfaces; of trackers side by side one does so for
     all.
     """
-    sliding = measurement_update.advanced_window(state, tick)
-    if measurement_update.is_uninformative(state, tick):
-        return skip_update(state, tick, sliding)
-    return read_posterior(measurement_update.update_hypotheses(state, tick, sliding), tick, detail, judges)
+    ((state, belief),) = update_each(state, [tick], detail, judges)
+    return state, belief
+
+
+def update_each(
+    state: TrackerState, ticks: Sequence[Tick], detail: Detail = Detail.FORMATION, judges: bool = True
+) -> Iterator[tuple[TrackerState, Belief]]:
+    """``update`` by one tick after the other."""
+    slidings = advance_windows(state.sliding_window, state.ticks, ticks, state.model)
+    for tick, sliding in zip(ticks, slidings, strict=True):
+        if measurement_update.is_uninformative(state, tick):
+            state, belief = skip_update(state, tick, sliding)
+        else:
+            state = measurement_update.update_hypotheses(state, tick, sliding)
+            state, belief = read_posterior(state, tick, detail, judges)
+        yield state, belief
 
 
 def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tuple[TrackerState, Belief]:

@@ -1,0 +1,82 @@
+"""Gaps in a stream: each is followed for some seconds, tick by tick, in little time and memory."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contact_tracker.adaptation import online
+from contact_tracker.config.loading import load_model
+from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.hypotheses import bank_update
+from contact_tracker.hypotheses.tick_update import LiveHypotheses
+from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.window import EMPTY_WINDOW, advance_window, advance_windows
+from contact_tracker.saved_state import is_same
+from contact_tracker.tracking import tracker
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.forward_pass import forward
+from contact_tracker.tracking.state import scales_of
+from short_recordings import FACE_TO_EDGE, recorded
+
+MODEL = load_model()
+SECOND = 1_000_000_000
+
+
+def with_gaps(count: int, gap_s: float, steady: int = 0) -> Poses:
+    """Poses of which each, but for the ``steady`` first, comes after a gap."""
+    poses = recorded(FACE_TO_EDGE).poses[: 10 * count : 10]
+    periods_ns = np.where(np.arange(count) < steady, SECOND // 20, int(gap_s * SECOND))
+    return Poses(np.cumsum(periods_ns), poses.position_m, poses.quat_xyzw)
+
+
+@pytest.mark.parametrize("window_s", [1.0, 3.0, 30.0])
+def test_windows_of_a_gap_are_those_of_tick_after_tick(window_s):
+    model = replace(MODEL, search=replace(MODEL.search, window_s=window_s))
+    _, ticks = tracker.accumulate_poses(tracker.start(model), with_gaps(12, 1.5))
+    assert sum(not tick.count for tick in ticks) > 100
+    sliding = EMPTY_WINDOW
+    for number, (tick, found) in enumerate(
+        zip(ticks, advance_windows(EMPTY_WINDOW, 0, ticks, model), strict=True)
+    ):
+        sliding = advance_window(sliding, number, tick, model)
+        assert is_same(found, sliding)
+        for name in ("inverse", "displacement_variance"):
+            np.testing.assert_array_equal(getattr(found.window, name), getattr(sliding.window, name))
+
+
+def test_the_evidence_of_a_tick_without_motion_is_nothing():
+    """That is why ticks of a gap are not evaluated when they leave the window."""
+    seen = list(forward(with_gaps(30, 1.0), MODEL, detail=Detail.WEIGHTS))[-1].state
+    empty = np.flatnonzero(~seen.window.innovation_excess.any(axis=1))
+    assert len(empty) > 100
+    settled = 0
+    for bank, contact in zip(seen.banks, CONTACT_MODELS, strict=True):
+        for row in empty[:5]:
+            oldest = seen.window.cut(int(row), int(row) + 1)
+            after = bank_update.marginalise_expired_ticks(bank, contact, oldest, scales_of(MODEL))
+            np.testing.assert_array_equal(after.words, bank.words)
+            settled += after is not bank
+    assert settled
+
+
+def test_hypotheses_that_wait_are_those_of_the_banks():
+    waiting = 0
+    for seen in forward(with_gaps(12, 1.5), MODEL, detail=Detail.WEIGHTS):
+        expected = LiveHypotheses.of(seen.state.banks, seen.state.ticks - 1)
+        assert is_same(seen.state.live_hypotheses, expected)
+        waiting += not seen.state.hazard_exposure
+    assert waiting > 100
+
+
+def test_trackers_side_by_side_take_little_memory_in_gaps():
+    """The poses that are taken in together close up to 50 ticks each, in each of many trackers."""
+    poses = with_gaps(130, 5.0, steady=14)
+    state, _ = online.advance(online.start(MODEL), poses[:80])
+    assert len(state.trackers.trackers) > 3
+    tracemalloc.start()
+    online.advance(state, poses[80:], Detail.WEIGHTS)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 100e6
