@@ -1,6 +1,7 @@
 """Logs with real faults: adaptation and faults are reported, and wrong labels are not certain."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from contact_tracker.cli.main import run
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
-from distortions import low_pass, thinned
+from distortions import low_pass, thinned, turned
 from mcap_logs import poses_topic, write_log
 
 PAPER = Path(__file__).parents[1] / "recordings" / "paper_experiment.mcap"
@@ -32,20 +33,37 @@ def two_bodies(poses: Poses) -> Poses:
     return replace(poses, position_m=shifted)
 
 
+def beside(poses: Poses, same_stamp: bool, from_pose: int) -> Poses:
+    """After each pose from this one on comes that of a body beside: at the same stamp, or soon after."""
+    row = np.repeat(np.arange(len(poses)), 2)
+    other = (np.arange(len(row)) % 2).astype(bool)
+    both = poses[row]
+    shifted = both.position_m + np.where(other[:, None], [0.2, 0.1, 0.0], 0.0)
+    stamp_ns = both.stamp_ns + np.where(other & (not same_stamp), 1_000_000, 0)
+    kept = ~other | (row >= from_pose)
+    turn = np.where(other[:, None], [0.0, 0.4, 0.3], 0.0)
+    return Poses(stamp_ns, shifted, turned(both, turn))[kept]
+
+
 def unturned(poses: Poses) -> Poses:
     return replace(poses, quat_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1)))
 
 
-FAULTS = {
-    "positions look like millimetres": millimetres,
-    "two bodies on one topic?": two_bodies,
-    "the orientation never changes": unturned,
+TWO_BODIES = "two bodies on one topic?"
+FAULTS: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
+    "millimetres": ("positions look like millimetres", millimetres),
+    "alternating": (TWO_BODIES, two_bodies),
+    "same stamp": (TWO_BODIES, lambda poses: beside(poses, True, 0)),
+    "same stamp, late": (TWO_BODIES, lambda poses: beside(poses, True, 200)),
+    "next stamp, late": (TWO_BODIES, lambda poses: beside(poses, False, 200)),
+    "unturned": ("the orientation never changes", unturned),
 }
 
 
-@pytest.mark.parametrize("said", FAULTS)
-def test_no_label_is_certain_while_the_stream_is_in_doubt(said: str, tmp_path: Path, capsys: Any) -> None:
-    log = str(write_log(tmp_path / "a.mcap", [poses_topic(FAULTS[said](raw(12.0)))]))
+@pytest.mark.parametrize("fault", FAULTS)
+def test_no_label_is_certain_while_the_stream_is_in_doubt(fault: str, tmp_path: Path, capsys: Any) -> None:
+    said, distorted = FAULTS[fault]
+    log = str(write_log(tmp_path / "a.mcap", [poses_topic(distorted(raw(12.0)))]))
     out = tmp_path / "out.jsonl"
     assert run(["segment", log, "-o", str(out)]) == 0
     assert run(["live", log, "--json"]) == 0

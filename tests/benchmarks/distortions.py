@@ -22,6 +22,10 @@ Random = np.random.Generator
 Distortion = Callable[[Poses, Random], Poses]
 
 IDENTITY: Final = (0.0, 0.0, 0.0, 1.0)
+WANDER_M: Final = 1e-3
+WANDER_DEG: Final = 0.3
+WANDER_S: Final = 2.0
+"""Errors that wander: standard deviations per axis, and the time within which they are correlated by 1/e."""
 
 
 def seconds(poses: Poses) -> Array:
@@ -79,12 +83,14 @@ def bent(poses: Poses, rng: Random) -> Poses:
 
 def wandering(poses: Poses, rng: Random) -> Poses:
     """1 mm and 0.3 deg that wander within 2 s, beside the noise."""
-    keep = np.exp(-np.diff(seconds(poses), prepend=0.0) / 2.0)
+    keep = np.exp(-np.diff(seconds(poses), prepend=0.0) / WANDER_S)
     fresh = np.sqrt(1.0 - keep**2)[:, None] * rng.normal(size=(len(poses), 6))
     error = np.zeros(6)
     errors = np.array([error := k * error + new for k, new in zip(keep, fresh, strict=True)])
-    position = poses.position_m + 1e-3 * errors[:, :3]
-    return replace(poses, position_m=position, quat_xyzw=turned(poses, np.radians(0.3) * errors[:, 3:]))
+    position = poses.position_m + WANDER_M * errors[:, :3]
+    return replace(
+        poses, position_m=position, quat_xyzw=turned(poses, np.radians(WANDER_DEG) * errors[:, 3:])
+    )
 
 
 # The sensor fails now and then.

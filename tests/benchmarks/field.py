@@ -2,6 +2,7 @@
 
     python tests/benchmarks/field.py recordings
     python tests/benchmarks/field.py FOLDER --set paper sequence robot --only none moving_average_3
+    python tests/benchmarks/field.py FOLDER --set paper sequence robot --only slow_wander --oracle
 
 Each labelled recording is distorted (``distortions.py``), passes the gate and is tracked as ``evaluate``
 does, and beside it with the model as it is, adapted to nothing. Figures of a distortion are means over the
@@ -38,59 +39,81 @@ from contact_tracker.tracking import offline_smoother
 from distortions import DISTORTIONS
 from identification import ROOT, command_of, find_sets
 from kept_tables import Table
+from true_errors import KNOWN, measured_poses, true_model
 
-HEADER: Final = (
-    *("distortion", "offline", "online", "sure and wrong offline", "online", "calibration offline", "online"),
-    *("worst offline", "online", "within 3 sd", "not adapted offline", "online"),
+FIGURES: Final = (
+    *("offline", "online", "sure and wrong offline", "online", "calibration offline", "online"),
+    *("worst offline", "online", "within 3 sd"),
 )
+HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "online")
+ORACLE_HEADER: Final = ("distortion", "errors", *FIGURES)
 
 
 class Measured(NamedTuple):
-    """One recording under one distortion: by the tracker, and by the model as it is."""
+    """One recording under one distortion: by the tracker, and by the one that it is compared with."""
 
     adapted: Evaluation
-    alone: Evaluation
+    other: Evaluation
 
 
-def measure(path: str, distortion: str, model_name: str) -> Measured:
-    """Distort, pass the gate, track and judge one recording."""
+def measure(path: str, distortion: str, model_name: str, oracle: bool) -> Measured:
+    """Distort, pass the gate, track and judge one recording; beside it with the model as it is, or with the
+    true errors given."""
     truth, clean = read_truth(path), Poses.collect(open_log(path))
     if truth is None:
         raise SystemExit(f"{path}: no truth")
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
-    poses, model = gate(DISTORTIONS[distortion](clean, random)), load_model(model_name)
-    found = adaptation.segment(poses, model), offline_smoother.segment(poses, model)
-    return Measured(*(evaluate(poses, truth, one) for one in found))
+    distorted, model = DISTORTIONS[distortion](clean, random), load_model(model_name)
+    poses = gate(distorted)
+    found = adaptation.segment(poses, model)
+    if oracle:
+        good = gate(measured_poses(distortion, clean, distorted))
+        other = offline_smoother.segment(good, true_model(distortion, path, good, model))
+    else:
+        other = offline_smoother.segment(poses, model)
+    return Measured(*(evaluate(poses, truth, one) for one in (found, other)))
 
 
-def row(name: str, measured: Sequence[Measured]) -> list[str]:
-    """A line of the table."""
-    both = [(one.adapted.offline, one.adapted.online) for one in measured]
-    alone = [(one.alone.offline, one.alone.online) for one in measured]
+def figures(measured: Sequence[Evaluation]) -> list[str]:
+    """Of one distortion and one tracker, over the recordings."""
+    both = [(one.offline, one.online) for one in measured]
     accuracy = np.array([[tally.accuracy() for tally in pair] for pair in both])
-    geometry = reduce(add, [one.adapted.geometry for one in measured])
+    geometry = reduce(add, [one.geometry for one in measured])
     columns = (
         accuracy.mean(axis=0),
         np.mean([[tally.sure_wrong for tally in pair] for pair in both], axis=0),
         np.mean([[tally.calibration_error for tally in pair] for pair in both], axis=0),
         accuracy.min(axis=0),
         [geometry.within_3_sd],
-        np.mean([[tally.accuracy() for tally in pair] for pair in alone], axis=0),
     )
-    return [name, *(number(float(value)) for column in columns for value in column)]
+    return [number(float(value)) for column in columns for value in column]
+
+
+def rows_of(name: str, measured: Sequence[Measured], oracle: bool) -> list[list[str]]:
+    """The lines of the table for one distortion."""
+    adapted, other = figures([one.adapted for one in measured]), figures([one.other for one in measured])
+    if oracle:
+        return [[name, "inferred", *adapted], [name, "given", *other]]
+    return [[name, *adapted, *other[:2]]]
+
+
+def with_others(rows: list[list[str]], kept: list[list[str]]) -> list[list[str]]:
+    """The lines of these distortions, and those ``kept`` of others, in the order of all."""
+    lines = {line[0]: line for line in [*kept, *rows]}
+    return [lines[name] for name in DISTORTIONS if name in lines]
 
 
 def measure_all(
-    paths: Sequence[str], names: Sequence[str], model: str, processes: int
+    paths: Sequence[str], names: Sequence[str], model: str, processes: int, oracle: bool
 ) -> Iterator[list[str]]:
     """The lines of the table, one after the other."""
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(measure, path, name, model) for name, path in product(names, paths)]
+        jobs = [pool.submit(measure, path, name, model, oracle) for name, path in product(names, paths)]
         for first, name in enumerate(tqdm(names, file=sys.stderr, disable=None)):
             mine = jobs[first * len(paths) : (first + 1) * len(paths)]
-            yield row(name, [job.result() for job in mine])
+            yield from rows_of(name, [job.result() for job in mine], oracle)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -100,17 +123,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
     parser.add_argument("folder", nargs="?", type=Path, default=Path(default), help="default: %(default)s")
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
-    parser.add_argument("--only", nargs="+", default=[*DISTORTIONS], choices=DISTORTIONS, metavar="NAME")
+    parser.add_argument("--only", nargs="+", default=[], choices=DISTORTIONS, metavar="NAME")
+    parser.add_argument("--oracle", action="store_true", help="beside it with the true errors given")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
-    parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
+    parser.add_argument(
+        "--tables", type=Path, metavar="JSON", help="keep the table in this file; what is not run stays"
+    )
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
+    names = args.only or [name for name in DISTORTIONS if name in KNOWN or not args.oracle]
+    if args.oracle and (unknown := [name for name in names if name not in KNOWN]):
+        parser.error(f"no true errors to give of {' '.join(unknown)}; there are: {' '.join(KNOWN)}")
     paths = [str(path) for some in find_sets(args.folder, args.set).values() for path in some]
-    rows = list(measure_all(paths, args.only, args.model, args.processes))
-    print(table(HEADER, rows))
+    rows = list(measure_all(paths, names, args.model, args.processes, args.oracle))
+    header = ORACLE_HEADER if args.oracle else HEADER
+    print(table(header, rows))
     if args.tables:
         command = command_of("field", args.set, args.model)
-        kept_tables.keep(args.tables, command, {"distortions": Table(HEADER, rows)})
+        if args.oracle:
+            command += f" --only {' '.join(names)} --oracle"
+        elif args.tables.exists():
+            rows = with_others(rows, kept_tables.read(args.tables).tables["distortions"].rows)
+        kept_tables.keep(args.tables, command, {"distortions": Table(header, rows)})
     return 0
 
 

@@ -126,9 +126,12 @@ def measure_all(paths: Sequence[Path], model_name: str, pool: Executor) -> dict[
 
 
 def find_sets(folder: Path, wanted: Sequence[str]) -> dict[str, list[Path]]:
-    """Recordings by the name of the folder they lie in; only the ``wanted`` ones where some are named."""
+    """Recordings by the name of the folder they lie in; only the ``wanted`` ones where some are named.
+
+    Instead of a folder it may be one recording.
+    """
     sets: dict[str, list[Path]] = {}
-    for path in sorted(folder.rglob("*.mcap")):
+    for path in [folder] if folder.is_file() else sorted(folder.rglob("*.mcap")):
         sets.setdefault(path.parent.name, []).append(path)
     unknown = set(wanted) - set(sets)
     if unknown or not sets:

@@ -81,6 +81,25 @@ def test_an_impact_is_motion(speed_m_s: float) -> None:
     assert counts == {}
 
 
+@pytest.mark.parametrize("every", [2, 3])
+def test_what_comes_back_to_one_place_all_the_time_is_another_body(every: int) -> None:
+    clean = hand(4)
+    away = (np.arange(800) >= 200) & (np.arange(800) % every == 0)
+    kept, counts = gated(shifted(clean, away, np.array([0.0, 0.1, 0.0]), 0.3))
+    assert counts["excursion"] < 10
+    np.testing.assert_array_equal(kept.stamp_ns[-500:], clean.stamp_ns[-500:])
+
+
+def test_single_poses_that_jump_anywhere_are_dropped_however_many() -> None:
+    clean, rng = hand(5), np.random.default_rng(5)
+    away = (np.arange(800) >= 200) & (np.arange(800) % 3 == 0)
+    shift_m = 0.1 * rng.normal(size=(800, 3))
+    shift_m += 0.05 * np.sign(shift_m)
+    kept, counts = gated(shifted(clean, away, shift_m, 0.0))
+    np.testing.assert_array_equal(kept.stamp_ns, clean.stamp_ns[~away])
+    assert counts == {"excursion": 200}
+
+
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds, batch=st.integers(2, 300))
 def test_batches_pass_as_single_poses_do(seed: int, batch: int) -> None:

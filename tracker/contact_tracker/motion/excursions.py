@@ -3,10 +3,14 @@
 A jump is a step much longer than usual. The poses after it are held. If the jumps since add up to no more
 than a step, the held poses were wrong and are dropped. If that has not happened for half a second, or the
 steps stay long, the object has moved, and all are passed on.
+
+If they jump to one place and back all the time, two bodies take turns: all are passed on as well, for
+``inspection`` to see.
 """
 
 from collections import Counter, deque
 from collections.abc import Sequence
+from math import hypot
 from typing import Final
 
 import numpy as np
@@ -23,6 +27,13 @@ KNOWN_STEPS: Final = 10
 LONGEST_NS: Final = 500_000_000
 MOST_JUMPS: Final = 3
 """This many jumps in a row are motion, unless they lead back."""
+VISITS: Final = 10
+VISITS_WITHIN: Final = 40
+"""So many excursions to one place within so many poses are those of another body; the one place moves between
+two of them by no more than a share of the jump."""
+SAME_PLACE: Final = 0.25
+ARM_M: Final = 0.1
+"""Lever arm with which turns count as distances."""
 _UNTURNED: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -42,6 +53,9 @@ class ExcursionFilter:
         self._shift_m: Array = np.zeros(3)
         self._turn: Array = _UNTURNED
         self._in_a_row = 0
+        self._seen = 0
+        self._visits: deque[int] = deque(maxlen=VISITS)
+        self._visited: Pose | None = None
 
     def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
         """The poses to go on with now: this one, none, or several that were held.
@@ -50,6 +64,7 @@ class ExcursionFilter:
         ----------
         continues : whether it follows closely on the pose before.
         """
+        self._seen += 1
         if not continues:
             released = self.finish()
             self._steps.clear()
@@ -71,15 +86,32 @@ class ExcursionFilter:
         if is_jump:
             self._add_jump(before, pose)
             if self._has_returned(furthest):
-                self._counts["excursion"] += len(self._held)
-                self._held = []
-                self._last = pose
-                return (pose,)
+                return self._come_back(pose)
         self._in_a_row = self._in_a_row + 1 if is_jump else 0
         self._held.append(pose)
         assert self._last is not None
         too_long = pose.stamp_ns - self._last.stamp_ns > LONGEST_NS
         return self.finish() if too_long or self._in_a_row == MOST_JUMPS else ()
+
+    def _come_back(self, pose: Pose) -> Sequence[Pose]:
+        """The pose with which the motion goes on, and the held ones only where they are of another body."""
+        self._note_visit()
+        if len(self._visits) == VISITS and self._seen - self._visits[0] < VISITS_WITHIN:
+            self._held.append(pose)
+            return self.finish()
+        self._counts["excursion"] += len(self._held)
+        self._held = []
+        self._last = pose
+        return (pose,)
+
+    def _note_visit(self) -> None:
+        """Count the excursion, if it is to where the one before was."""
+        assert self._last is not None
+        jumped_m = _apart_m(self._last, self._held[0])
+        if self._visited is None or _apart_m(self._visited, self._held[0]) > SAME_PLACE * jumped_m:
+            self._visits.clear()
+        self._visits.append(self._seen)
+        self._visited = self._held[-1]
 
     def finish(self) -> Sequence[Pose]:
         """The poses still held: they have not come back."""
@@ -96,6 +128,7 @@ class ExcursionFilter:
     def pass_all(self, last: Pose, steps: Steps) -> None:
         """Pass on poses that need no further checks, up to ``last``."""
         newest = slice(-STEPS_KEPT, None)
+        self._seen += len(steps.distance_m)
         self._steps.extend(map(Step, steps.distance_m[newest].tolist(), steps.turn[newest].tolist()))
         self._last = last
 
@@ -121,3 +154,8 @@ class ExcursionFilter:
             return False
         turn = 2.0 * float(np.linalg.norm(self._turn[:3]))
         return float(np.linalg.norm(self._shift_m)) <= furthest.distance_m and turn <= furthest.turn
+
+
+def _apart_m(a: Pose, b: Pose) -> float:
+    step = step_between(a, b)
+    return hypot(step.distance_m, ARM_M * step.turn)

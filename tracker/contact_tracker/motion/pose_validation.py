@@ -11,6 +11,8 @@ kind                fate    meaning
 ``bad_quaternion``  dropped norm more than 5 % away from 1
 ``renormalised``    kept    norm 0.1 % to 5 % away from 1; smaller deviations are rounding
 ``repeated_stamp``  dropped the stamp of the last pose again
+``simultaneous``    kept    another pose at the stamp of the last one, away from it: of another body. It gets
+                            a stamp 1 ns later
 ``backward_stamp``  dropped a stamp before that of the last pose
 ``leading_stamp``   dropped a stamp more than 5 median periods after that of the last pose, which those that
                             follow contradict. Such a pose is held until enough follow it: one, and one
@@ -21,7 +23,8 @@ kind                fate    meaning
 ``gap``             kept    longer than 0.5 s and than 10 median periods since the last pose
 ``default_pose``    dropped what trackers report of an object that they do not see, away from the motion: the
                             origin, or any other pose that comes back, bit for bit
-``excursion``       dropped poses that jump away from the motion, and back within half a second
+``excursion``       dropped poses that jump away from the motion, and back within half a second, unless they
+                            do so again and again: those are of another body
 ``held``            kept    the last pose once more, bit for bit, with a new stamp
 =================== ======= ===================================================================
 
@@ -183,7 +186,7 @@ class PoseGate:
         repeats = joined.repeats
         if held := int(np.count_nonzero(repeats)):
             self._counts["held"] += held
-        self._order.pass_all(poses.stamp_ns, steps_ns)
+        self._order.pass_all(joined[1:], steps_ns)
         self._defaults.pass_all(joined, steps, repeats)
         (newest,) = joined[-1:]
         self._excursions.pass_all(newest, steps)

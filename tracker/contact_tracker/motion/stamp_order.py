@@ -1,4 +1,7 @@
-"""The order of stamps: leading and backward stamps, gaps, and resets of the clock.
+"""The order of stamps: repeated, leading and backward stamps, gaps, and resets of the clock.
+
+A pose at the stamp of the last one is a repetition, unless it is away from it, where the motion cannot have
+got to: that is a pose of another body, and passed on, for ``inspection`` to see.
 
 A stamp far ahead of the last one is wrong, or it follows a gap. The pose is held until others have followed.
 Among the held poses the longest run with increasing stamps is taken as right, and of two equally long ones
@@ -9,13 +12,15 @@ from bisect import bisect_left, insort
 from collections import Counter, deque
 from collections.abc import Sequence
 from itertools import pairwise
+from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from contact_tracker.motion.poses import Pose
+from contact_tracker.motion.pose_steps import Step, step_between
+from contact_tracker.motion.poses import Pose, Poses
 
 RANGE_NS: Final = 2**62
 GAP_NS: Final = 500_000_000
@@ -29,6 +34,16 @@ HELD: Final = 64
 """Most poses that are held; random stamps never form a long run."""
 RESET_RUN: Final = 20
 PERIODS_KEPT: Final = 25
+AWAY: Final = 4.0
+"""A pose at the same stamp is away if it is farther than so many usual steps from stamp to stamp, and than
+calibration and noise explain."""
+AWAY_M: Final = 0.002
+AWAY_TURN: Final = 0.01
+LATEST: Final = 6
+FEWEST: Final = 3
+"""So many poses with stamps of their own tell the usual step: the median between the latest."""
+OTHER_NS: Final = 1
+"""By so much later a pose of another body is passed on, as stamps increase."""
 
 
 class Ordered(NamedTuple):
@@ -53,6 +68,8 @@ class StampOrder:
         self._offset_ns = 0
         self._backward: tuple[int, int, int] | None = None
         self._held: list[Pose] = []
+        self._latest: deque[Pose] = deque(maxlen=LATEST)
+        self._follows_other = False
         self._periods = Periods()
 
     def admit(self, pose: Pose) -> Sequence[Ordered]:
@@ -65,11 +82,10 @@ class StampOrder:
             pose = pose._replace(stamp_ns=stamp_ns)
         if self._last_ns is not None:
             step_ns = stamp_ns - self._last_ns
+            if step_ns == 0 or (self._follows_other and step_ns == -OTHER_NS):
+                return self._consider_other(pose)
             if step_ns < 0:
                 return self._consider_reset(pose)
-            if step_ns == 0:
-                self._counts["repeated_stamp"] += 1
-                return ()
             if not self._held and step_ns <= self._periods.lead_ns:
                 return (self._accept(pose),)
         self._held.append(pose)
@@ -91,11 +107,12 @@ class StampOrder:
             return None
         return steps_ns
 
-    def pass_all(self, stamp_ns: NDArray[np.int64], steps_ns: NDArray[np.int64]) -> None:
+    def pass_all(self, poses: Poses, steps_ns: NDArray[np.int64]) -> None:
         """Pass on poses that need no further checks."""
         self._periods.extend(steps_ns[-PERIODS_KEPT:].tolist())
         self._backward = None
-        self._last_ns = int(stamp_ns[-1])
+        self._latest.extend(poses[-LATEST:])
+        self._last_ns, self._follows_other = int(poses.stamp_ns[-1]), False
 
     def _release(self, ended: bool) -> Sequence[Ordered]:
         """Pass on the held poses that have been confirmed, and drop those that contradict them."""
@@ -137,6 +154,27 @@ class StampOrder:
         slow = followers >= SLOW_FOLLOWERS and run_ns[-1] - run_ns[0] >= SLOW_RUN_NS
         return slow or followers >= min(1 + lead_ns // LEAD_PER_FOLLOWER_NS, FOLLOWERS)
 
+    def _consider_other(self, pose: Pose) -> Sequence[Ordered]:
+        """Drop a pose at the stamp of the last one, unless it is of another body: then one is enough."""
+        assert self._last_ns is not None
+        if self._held or self._follows_other or not self._is_away(pose):
+            self._counts["repeated_stamp"] += 1
+            return ()
+        self._counts["simultaneous"] += 1
+        self._last_ns, self._follows_other = self._last_ns + OTHER_NS, True
+        return (Ordered(pose._replace(stamp_ns=self._last_ns), True),)
+
+    def _is_away(self, pose: Pose) -> bool:
+        """Whether no motion leads from the last pose to this one in no time."""
+        if len(self._latest) < FEWEST:
+            return False
+        steps = [step_between(a, b) for a, b in pairwise(self._latest)]
+        usual = Step(median(step.distance_m for step in steps), median(step.turn for step in steps))
+        step = step_between(self._latest[-1], pose)
+        return step.distance_m > max(AWAY_M, AWAY * usual.distance_m) or step.turn > max(
+            AWAY_TURN, AWAY * usual.turn
+        )
+
     def _consider_reset(self, pose: Pose) -> Sequence[Ordered]:
         """Drop a pose from the past, unless so many have come in order that the clock must have been
         reset."""
@@ -168,7 +206,8 @@ class StampOrder:
             else:
                 self._periods.append(step_ns)
         self._backward = None
-        self._last_ns = pose.stamp_ns
+        self._latest.append(pose)
+        self._last_ns, self._follows_other = pose.stamp_ns, False
         return Ordered(pose, continues)
 
 

@@ -1,0 +1,51 @@
+"""The true error model of distorted poses, for trackers that have nothing to infer from the stream.
+
+Known are the sensor's noise, with which the recording was simulated, the parameters of errors that last, and
+which poses the sensor spoiled. There is such a model only where what the distortion does is one of these.
+"""
+
+import json
+from dataclasses import replace
+from math import radians
+from typing import Final
+
+import numpy as np
+
+from contact_tracker.adaptation.candidates import with_ticks_for
+from contact_tracker.config.parameters import Model
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import read_metadata
+from distortions import WANDER_DEG, WANDER_M, WANDER_S
+
+LASTING: Final = {"slow_wander": (WANDER_M, radians(WANDER_DEG), WANDER_S)}
+"""Standard deviations (m, rad) and correlation time (s) of errors that last."""
+SPOILED: Final = frozenset(
+    {"default_pose_8pct", "default_pose_stretches", "frozen_stretches", "shifted_bursts"}
+)
+"""Some of the poses are not measured."""
+WHITE: Final = frozenset({"none", "rate_10hz_jitter", "rate_5hz", "dropouts_50pct", "dropout_bursts_30pct"})
+"""Poses are missing, but those that come are as they were measured."""
+KNOWN: Final = (*LASTING, *SPOILED, *WHITE)
+
+
+def measured_poses(distortion: str, clean: Poses, distorted: Poses) -> Poses:
+    """Without those that the sensor spoiled, by comparison with the ``clean`` ones at the same time."""
+    if distortion not in SPOILED:
+        return distorted
+    same = np.searchsorted(clean.stamp_ns, distorted.stamp_ns)
+    off_m = np.abs(distorted.position_m - clean.position_m[same]).max(axis=1)
+    turned = np.abs(distorted.quat_xyzw - clean.quat_xyzw[same]).max(axis=1)
+    return distorted[np.maximum(off_m, turned) < 1e-9]
+
+
+def true_model(distortion: str, path: str, poses: Poses, model: Model) -> Model:
+    """The model with the noise that the recording's metadata say, and the errors of the distortion, for the
+    ``poses``."""
+    said = json.loads(read_metadata(path)["recording"]["noise"])
+    known = model.with_noise(said["pos_std_m"], radians(said["rot_std_deg"]))
+    position_m, rotation_rad, within_s = LASTING.get(distortion, (0.0, 0.0, model.noise.wander_s))
+    noise = replace(
+        known.noise, wander_position_m=position_m, wander_rotation_rad=rotation_rad, wander_s=within_s
+    )
+    period_s = float(np.median(np.diff(poses.stamp_ns))) * 1e-9
+    return with_ticks_for(replace(known, noise=noise), period_s)
