@@ -377,3 +377,11 @@ def test_offline_smooth_free_motion_at_the_start_is_no_contact() -> None:
         first, *_, last = adaptation.segment(poses, MODEL).segments
         assert (first.contact, last.contact) == (Contact.FREE, Contact.VF)
         assert (first.end_ns - first.start_ns) * 1e-9 > 5.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ticks_follow_the_mean_period_of_jittered_stamps_without_gaps(seed: int) -> None:
+    rows = 20 * np.arange(20) + np.random.default_rng(seed).integers(-6, 7, 20) + 6
+    rows[10:] += 200
+    state, _ = adaptation.advance(adaptation.start(MODEL), paper()[rows], Detail.WEIGHTS)
+    assert state.trackers.trackers[0].model.tick_s == pytest.approx(0.15, abs=0.008)
