@@ -272,6 +272,11 @@ def test_a_missing_library_is_reported_with_its_extra(
     assert not list(tmp_path.iterdir())
 
 
+def test_wrenches_of_another_shape_are_one_error() -> None:
+    with pytest.raises(UsageError, match=r"3 wrenches need forces and moments of shape \(3, 3\)"):
+        Wrenches(np.arange(3), np.zeros((3, 2)), np.zeros((3, 3)))
+
+
 @pytest.mark.parametrize("stamped", ["none", "few"])
 def test_wrenches_have_the_clock_of_the_poses(
     stamped: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -47,7 +47,7 @@ def whole(logs: Path) -> dict[str, bytes]:
     done = batch(logs, "--output", dataset, "--processes", 2)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     (line,) = done.stderr.splitlines()
-    counts = "12 recordings, 12 of them new or changed and 0 as they were: 0 cannot be used, 0 are damaged"
+    counts = "recordings: 12, of which 12 new or changed, 0 unchanged; 0 unusable, 0 damaged"
     assert line == f"contact-tracker: {counts}; {dataset / 'summary.parquet'}"
     return contents(dataset)
 
@@ -81,7 +81,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_dataset(
         time.sleep(0.02)
     done = batch(logs, "--output", dataset, "--processes", 2)
     assert done.returncode == 0, done.stderr
-    assert "and 0 as they were" not in done.stderr
+    assert " 0 unchanged" not in done.stderr
     assert contents(dataset) == whole
 
 
@@ -140,10 +140,7 @@ def test_names_come_on_standard_input_and_bad_ones_are_3(end: bytes, tmp_path: P
     lines = done.stderr.splitlines()
     assert len(lines) == BROKEN + 1
     assert all(line.startswith("contact-tracker: warning: ") for line in lines[:-1])
-    assert (
-        f"{len(names)} recordings, {len(names)} of them new or changed and 0 as they were: {BROKEN} cannot"
-        in lines[-1]
-    )
+    assert f"of which {len(names)} new or changed, 0 unchanged; {BROKEN} unusable" in lines[-1]
     assert len(pl.read_parquet(tmp_path / "dataset" / "summary.parquet")) == len(names)
 
 
@@ -214,7 +211,7 @@ def test_recordings_are_read_from_the_web(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp")
     write_recordings(tmp_path / "logs", 2)
     with served(tmp_path / "logs") as (address, asked):
-        for expected in ("2 of them new or changed and 0 as", "0 of them new or changed and 2 as"):
+        for expected in ("2 new or changed, 0 unchanged", "0 new or changed, 2 unchanged"):
             asked.clear()
             done = batch(f"{address}/", "--output", tmp_path / "dataset", "--processes", 1)
             assert done.returncode == 0, done.stderr

@@ -36,8 +36,11 @@ SAFE_AFTER_S: Final = 2.0
 WRONG_NATS: Final = 30.0
 WRONG_FACTOR: Final = 1.5
 """By so much, and so many times as much, another reading explains more if the poses are wrong."""
-LONGEST_S: Final = 15.0
-"""Of motion: what has not shown by then does not."""
+USUAL_S: Final = 15.0
+"""Of motion: poses are taken as they are from then on, unless another reading leads by ``DOUBT_NATS``."""
+DOUBT_NATS: Final = 5.0
+LONGEST_S: Final = 60.0
+"""Of motion: the same whatever leads."""
 
 
 class Conventions(NamedTuple):
@@ -82,6 +85,7 @@ def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
     other, lead = int(explained.argmax()), float(explained[0] - explained[1:].max())
     if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * explained[0]:
         return Conventions((), True, READINGS[other][0])
-    if moved_s > LONGEST_S or (moved_s > SAFE_AFTER_S and lead > SAFE_NATS):
+    is_safe = moved_s > SAFE_AFTER_S and lead > SAFE_NATS
+    if is_safe or (moved_s > USUAL_S and lead > -DOUBT_NATS) or moved_s > LONGEST_S:
         return Conventions((), True, "")
     return Conventions(after, False, "")

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 HELP: Final = "segment many recordings into one dataset of Parquet files"
 DESCRIPTION: Final = f"""\
 Segment many recordings into a dataset: a Parquet file of segments for each of them, and
-DATASET/summary.parquet with a row for each. Called once more, it does what is new: other recordings,
-recordings whose content has changed, or another model. A recording that cannot be used is a row with
+DATASET/summary.parquet with a row for each. Run again, it processes only new recordings, those
+whose content has changed, and all with another model. A recording that cannot be used is a row with
 the error, and the others go on; the exit code is {DAMAGED} then."""
 EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
 _MOST_SHOWN: Final = 10
@@ -112,8 +112,8 @@ def run(args: argparse.Namespace) -> int:
     if shown > _MOST_SHOWN:
         warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
     say(
-        f"{outcome.total} recordings, {outcome.done} of them new or changed and {outcome.unchanged} as they "
-        f"were: {outcome.bad} cannot be used, {outcome.damaged} are damaged; "
+        f"recordings: {outcome.total}, of which {outcome.done} new or changed, "
+        f"{outcome.unchanged} unchanged; {outcome.bad} unusable, {outcome.damaged} damaged; "
         f"{args.output / 'summary.parquet'}"
     )
     return DAMAGED if outcome.bad or outcome.damaged else DONE

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 HELP: Final = "learn a model from recordings"
 DESCRIPTION: Final = """\
 Learn a model's parameters from recordings: how contacts follow each other, how far they are from
-ideal ones, and the sensor's noise. Where recordings carry their truth it is learned from; of the
-others what is believed of them is, by expectation-maximisation. The report says what changed, and
-what that is worth on recordings that were held out."""
+ideal ones, and the sensor's noise. Recordings with ground truth are learned from directly, the others by
+expectation-maximisation with the present model. The report says what changed, and what that is
+worth on recordings that were held out."""
 EXAMPLE: Final = "contact-tracker calibrate recordings/ --only transitions --folds 0 -o mine.toml"
 USUAL_FOLDS: Final = 5
 WIDTH: Final = 108

@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=seconds,
         default=0.0,
         metavar="S",
-        help="speak of S seconds ago, and know better (default: 0, of now)",
+        help="report the state of S seconds ago, with what came since (default: 0)",
     )
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     parser.add_argument(

@@ -54,7 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=_output,
         metavar="FILE",
         help=f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout "
-        f"(the default); {PLACE} in FILE is the name of each recording, with --all and of each object",
+        f"(the default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
     add_overwrite(parser)
     add_processes(parser)

@@ -22,7 +22,7 @@ EXAMPLE: Final = "contact-tracker simulate all_states --seed 7 -o all_states.mca
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", nargs="?", metavar="SCENARIO", help="a name out of --list")
-    parser.add_argument("--list", action="store_true", help="list the scenarios and leave")
+    parser.add_argument("--list", action="store_true", help="list the scenarios and exit")
     parser.add_argument(
         "--seed", type=_seed, default=0, metavar="N", help="seed of all that is random (default: %(default)s)"
     )

@@ -18,8 +18,7 @@ def add_processes(parser: argparse.ArgumentParser) -> None:
         type=_count,
         default=1,
         metavar="N",
-        help="others fit the elements of segments while one reads on; helps with recordings of many minutes "
-        "(default: 1)",
+        help="processes that fit segments in parallel; helps with recordings of many minutes (default: 1)",
     )
 
 

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.errors import UsageError
 from contact_tracker.geometry.vectors import cross
 from contact_tracker.motion.poses import Poses
 
@@ -23,11 +24,22 @@ class Wrenches:
     ----------
     stamp_ns : (N,) integer nanoseconds, on the clock of the poses.
     force_n, moment_nm : (N, 3) in newtons and newton metres.
+
+    Raises
+    ------
+    UsageError
+        The shapes differ.
     """
 
     stamp_ns: NDArray[np.int64]
     force_n: Array
     moment_nm: Array
+
+    def __post_init__(self) -> None:
+        shape = (len(self.stamp_ns), 3)
+        if np.shape(self.force_n) != shape or np.shape(self.moment_nm) != shape:
+            shapes = f"{np.shape(self.force_n)} and {np.shape(self.moment_nm)}"
+            raise UsageError(f"{shape[0]} wrenches need forces and moments of shape {shape}, not {shapes}")
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
