@@ -152,3 +152,18 @@ def test_a_helper_that_is_killed_while_others_start_is_one_error_and_prints_noth
     ):
         assert [executor.submit(abs, -n).result() for n in range(20)] == [*range(20)]
     assert capfd.readouterr() == ("", "")
+
+
+def note(folder: str, number: int) -> None:
+    time.sleep(0.2)
+    (Path(folder) / str(number)).touch()
+
+
+def test_an_error_of_the_caller_ends_helpers_without_the_work_that_waits(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="full"), helpers(2, prepare) as executor:
+        executor.submit(abs, 1).result()
+        for number in range(20):
+            executor.submit(note, str(tmp_path), number)
+        raise OSError("full")
+    assert len(list(tmp_path.iterdir())) <= 6
+    assert not active_children()

@@ -143,7 +143,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.oracle:
             command += f" --only {' '.join(names)} --oracle"
         elif args.tables.exists():
-            rows = with_others(rows, kept_tables.read(args.tables).tables["distortions"].rows)
+            kept = kept_tables.read(args.tables)
+            if kept.command != command:
+                parser.error(f"{args.tables} is of another command: {kept.command}")
+            rows = with_others(rows, kept.tables["distortions"].rows)
         kept_tables.keep(args.tables, command, {"distortions": Table(header, rows)})
     return 0
 

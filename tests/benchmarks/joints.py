@@ -215,6 +215,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         command = f"python tests/benchmarks/joints.py --seeds {args.seeds}"
         if args.single:
             command += f" --single {' '.join(f'FOLDER/{folder.name}' for folder in args.single)}"
+        if args.seconds != parser.get_default("seconds"):
+            command += f" --seconds {' '.join(f'{s:g}' for s in args.seconds)}"
         tables = {"joints": Table(COLUMNS, rows), "false": Table(FALSE_COLUMNS, false_rows)}
         kept_tables.keep(args.tables, command, tables)
     return 0

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation.candidates import with_ticks_for
+from contact_tracker.adaptation.candidates import usual_period_s, with_ticks_for
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import read_metadata
@@ -41,11 +41,10 @@ def measured_poses(distortion: str, clean: Poses, distorted: Poses) -> Poses:
 def true_model(distortion: str, path: str, poses: Poses, model: Model) -> Model:
     """The model with the noise that the recording's metadata say, and the errors of the distortion, for the
     ``poses``."""
-    said = json.loads(read_metadata(path)["recording"]["noise"])
-    known = model.with_noise(said["pos_std_m"], radians(said["rot_std_deg"]))
+    stated = json.loads(read_metadata(path)["recording"]["noise"])
+    known = model.with_noise(stated["pos_std_m"], radians(stated["rot_std_deg"]))
     position_m, rotation_rad, within_s = LASTING.get(distortion, (0.0, 0.0, model.noise.wander_s))
     noise = replace(
         known.noise, wander_position_m=position_m, wander_rotation_rad=rotation_rad, wander_s=within_s
     )
-    period_s = float(np.median(np.diff(poses.stamp_ns))) * 1e-9
-    return with_ticks_for(replace(known, noise=noise), period_s)
+    return with_ticks_for(replace(known, noise=noise), usual_period_s(poses.stamp_ns))

@@ -172,6 +172,7 @@ def test_version() -> None:
     [
         (["lve", "x.mcap"], ["lve", "did you mean live?"]),
         (["segment", "x.mcap", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
+        (["segment", "x.mcap", "--plane", "-1,0,0,2"], ["--plane", "--option=-1,0,0"]),
         (["segment", "x.mcap", "--ovrwrite=1"], ["did you mean --overwrite?"]),
         (["segment", "x.mcap", "--lag", "1"], ["--lag 1; --lag is an option of live (see"]),
         (["info", "x.mcap", "--wrench=/w"], ["--wrench is an option of segment and batch and evaluate"]),

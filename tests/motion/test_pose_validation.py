@@ -373,3 +373,14 @@ def test_valid_poses_pass_in_columns(jitter: float) -> None:
     assert columns is not None
     kept, _ = pass_through(list(poses))
     assert list(columns) == kept[50:]
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_turns_in_place_that_return_are_dropped_however_many(share: float) -> None:
+    rng, half = np.random.default_rng(3), np.sqrt(0.5)
+    flipped = rng.random(400) < share
+    quats = [(half, 0.0, 0.0, half) if flip else (0.0, 0.0, 0.0, 1.0) for flip in flipped]
+    poses = [Pose(i * 33 * MS, (2e-4 * i, 0.0, 0.0), quat) for i, quat in enumerate(quats)]
+    kept, counts = pass_through(poses)
+    assert np.mean([p.quat_xyzw[0] > 0.5 for p in kept]) < 0.1  # three in a row are motion
+    assert counts["excursion"] > 0.6 * flipped.sum()

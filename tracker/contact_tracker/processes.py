@@ -14,6 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import chain
 from multiprocessing import active_children, get_context
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
@@ -69,8 +70,11 @@ def helpers(count: int, prepare: Callable[[], None]) -> Iterator[Executor]:
 
 
 class _Helpers(Executor):
-    """An executor for each process, as an executor that still starts processes fails when one of them ends:
-    a thread of it reads the table to which they are added."""
+    """One ``ProcessPoolExecutor`` for each process.
+
+    A shared one iterates over its table of processes while it still adds to it, which fails if a process ends
+    meanwhile.
+    """
 
     def __init__(self) -> None:
         self._executors: list[ProcessPoolExecutor] = []
@@ -97,12 +101,12 @@ class _Helpers(Executor):
             future.result()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes."""
+        """End all processes, after what they are at; without ``cancel_futures`` after all that was given."""
+        if cancel_futures:
+            for future in chain.from_iterable(self._futures):
+                future.cancel()
         for executor in self._executors:
-            executor.shutdown(wait=False, cancel_futures=cancel_futures)
-        if wait:
-            for executor in self._executors:
-                executor.shutdown()
+            executor.shutdown(wait, cancel_futures=cancel_futures)
 
 
 def _executor_of_one(prepare: Callable[[], None]) -> ProcessPoolExecutor:

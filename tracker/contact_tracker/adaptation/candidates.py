@@ -5,6 +5,7 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
@@ -14,6 +15,8 @@ from contact_tracker.motion.tick_averaging import tick_variances
 TOLERANCE: Final = 1.05
 """Tolerance of the tick's length, for periods that jitter."""
 TICKS_PER_WINDOW: Final = 10
+ODD: Final = 2.0
+"""Longer periods than this many usual ones are gaps, shorter ones than this part poses of another body."""
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
 """Candidates for the noise of a tick: geometric means of its deviations in position (m) and orientation
 (rad). Within a factor of the square root of two from the true one contacts are found as well as with it."""
@@ -37,6 +40,16 @@ much larger after some seconds of motion."""
 ROTATION_PER_POSITION: Final = (2.0, 40.0)
 """Range of the ratio of the deviations (rad/m), if the stream does not determine it."""
 USUAL_ROTATION_PER_POSITION: Final = 7.0
+
+
+def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
+    """The mean period, without those more than ``ODD`` times the median or as much below it; 0 for a single
+    pose. The median itself is off where stamps jitter."""
+    if len(stamp_ns) < 2:
+        return 0.0
+    ratio = np.diff(stamp_ns) / np.median(np.diff(stamp_ns))
+    usual = (ratio <= ODD) & (ratio >= 1.0 / ODD)
+    return float(np.diff(stamp_ns)[usual].mean()) * 1e-9
 
 
 def with_ticks_for(model: Model, period_s: float) -> Model:

@@ -102,8 +102,8 @@ def latest_places(window: Window) -> Array:
 
 
 def is_moving(places: Array) -> bool:
-    """Whether the object moves in the newest tick of ``latest_places``, whatever the noise, which does not
-    lead away for long."""
+    """Whether the object moves in the newest tick of ``latest_places``. Noise alone does not lead away over
+    several ticks."""
     if len(places) < SPAN_TICKS + LASTING_TICKS:
         return False
     spans = [places[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]

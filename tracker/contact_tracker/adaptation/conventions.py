@@ -37,10 +37,10 @@ WRONG_NATS: Final = 30.0
 WRONG_FACTOR: Final = 1.5
 """By so much, and so many times as much, another reading explains more if the poses are wrong."""
 USUAL_S: Final = 15.0
-"""Of motion: poses are taken as they are from then on, unless another reading leads by ``DOUBT_NATS``."""
+"""Motion (s) after which poses are taken as they are, unless another reading leads by ``DOUBT_NATS``."""
 DOUBT_NATS: Final = 5.0
 LONGEST_S: Final = 60.0
-"""Of motion: the same whatever leads."""
+"""Motion (s) after which they are in any case."""
 
 
 class Conventions(NamedTuple):

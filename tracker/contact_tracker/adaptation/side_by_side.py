@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.adaptation.candidates import candidates, with_ticks_for
+from contact_tracker.adaptation.candidates import candidates, usual_period_s, with_ticks_for
 from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
@@ -36,8 +36,6 @@ Array = NDArray[np.float64]
 
 RATE_POSES: Final = 12
 """So many poses tell the rate of the stream."""
-GAP: Final = 2.0
-"""A period longer than this many usual ones is a gap."""
 RATIO_POSES: Final = 60
 """So many tell the ratio of the noise of position and orientation."""
 REST_NATS: Final = 10.0
@@ -137,17 +135,9 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
 def _with_first(state: SideBySide, detail: Detail) -> tuple[SideBySide, list[Belief]]:
     """With the tracker of the model itself, whose ticks hold frames, and what it says of the poses so far."""
     assert state.pending is not None
-    period_s = _usual_period_s(state.pending.stamp_ns)
+    period_s = usual_period_s(state.pending.stamp_ns)
     first = tracker.start(with_ticks_for(state.model, period_s), state.lag_s, state.knowledge)
     return _side_by_side(state._replace(trackers=(first,)), state.pending, detail)
-
-
-def _usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
-    """The mean period without gaps; 0 for a single pose."""
-    if len(stamp_ns) < 2:
-        return 0.0
-    periods_ns = np.diff(stamp_ns)
-    return float(periods_ns[periods_ns <= GAP * np.median(periods_ns)].mean()) * 1e-9
 
 
 def _with_others(state: SideBySide, detail: Detail) -> SideBySide:

@@ -20,8 +20,8 @@ HELP: Final = "compare with the truth that recordings carry"
 DESCRIPTION: Final = """\
 Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
 F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total. These
-judge the contact of each time, or the first of several; those beside it have a table of their own,
-without their elements. With --relative-to the truth of elements, which is in the frame of the
+score the contact at each time, the first one if there are several. Further contacts are scored in a
+separate table, without their elements. With --relative-to the truth of elements, which is in the frame of the
 recording, is not used."""
 EXAMPLE: Final = "contact-tracker evaluate recordings/"
 

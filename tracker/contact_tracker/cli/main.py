@@ -6,6 +6,7 @@ Commands import the tracker only when they run, so that ``--help`` and usage err
 import argparse
 import io
 import os
+import re
 import signal
 import sys
 import threading
@@ -42,8 +43,6 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
-        if message.endswith("expected one argument"):
-            message += "; one that begins with a minus follows an equals sign: --option=-1,0,0"
         raise UsageError(f"{message} (see {self.prog} --help)")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -151,7 +150,11 @@ def _run(argv: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except UsageError as error:
-        fail(str(error))
+        text = str(error)
+        words = sys.argv[1:] if argv is None else argv
+        if "expected one argument" in text and any(re.match(r"-[\d.]", word) for word in words):
+            text += "; what begins with a minus follows an equals sign: --option=-1,0,0"
+        fail(text)
         return USAGE
     except ContactTrackerError as error:
         fail(str(error))

@@ -32,9 +32,9 @@ CHANGE_NOTE: Final = """\
 Boundary: from a true change to the nearest found one, median and 90 %; missed: share without one.
 Delay: from a true onset until the label stays right for 0.3 s; never: share where it does not."""
 FURTHER_NOTE: Final = """\
-Contacts beside the first. Right: share of the time with several contacts in which all have their
-kinds, and there are no others; open: in which further ones are only said to be inseparable from
-their kinds. False: share of the time without a further contact in which one is reported."""
+Further contacts. Right: share of the time with several contacts in which exactly these kinds are
+reported. Open: share in which the true kinds are only listed as inseparable. False: share of the
+time without a further contact in which one is reported."""
 GEOMETRY_NOTE: Final = """\
 Found: true segments found with geometry. Angle of normals and directions, distance of the true
 element from the found one where they touched, median and 90 %; share of the elements within 3

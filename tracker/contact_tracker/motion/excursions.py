@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.rotation import between, product
-from contact_tracker.motion.pose_steps import STEPS_KEPT, Step, Steps, reach, step_between
+from contact_tracker.motion.pose_steps import NEAR_M, STEPS_KEPT, Step, Steps, reach, step_between
 from contact_tracker.motion.poses import Array, Pose
 
 JUMP: Final = 3.0
@@ -28,10 +28,11 @@ LONGEST_NS: Final = 500_000_000
 MOST_JUMPS: Final = 3
 """This many jumps in a row are motion, unless they lead back."""
 VISITS: Final = 10
+"""So many excursions to one place are those of another body..."""
 VISITS_WITHIN: Final = 40
-"""So many excursions to one place within so many poses are those of another body; the one place moves between
-two of them by no more than a share of the jump."""
+"""... within so many poses."""
 SAME_PLACE: Final = 0.25
+"""Largest movement of that place between two excursions, relative to the jump."""
 ARM_M: Final = 0.1
 """Lever arm with which turns count as distances."""
 _UNTURNED: Final = np.array([0.0, 0.0, 0.0, 1.0])
@@ -105,8 +106,12 @@ class ExcursionFilter:
         return (pose,)
 
     def _note_visit(self) -> None:
-        """Count the excursion, if it is to where the one before was."""
+        """Count the excursion, if it is to where the one before was. Turns in place are no other body: such
+        flips are frequent errors of vision."""
         assert self._last is not None
+        if step_between(self._last, self._held[0]).distance_m <= NEAR_M:
+            self._visits.clear()
+            return
         jumped_m = _apart_m(self._last, self._held[0])
         if self._visited is None or _apart_m(self._visited, self._held[0]) > SAME_PLACE * jumped_m:
             self._visits.clear()

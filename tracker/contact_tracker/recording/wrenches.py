@@ -19,8 +19,8 @@ from contact_tracker.recording.wrench_frames import chain_to, frame_poses
 from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
-_MOST: Final = 20_000_000
-"""Rows of 56 bytes that are kept; what comes later is left out and counted."""
+_MOST: Final = 4_000_000
+"""Wrenches that are kept, of about 330 bytes each while they are read; later ones are left out and counted."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -183,7 +183,7 @@ class Segment:
 
     @property
     def parts(self) -> list["SegmentPart"]:
-        """The parts of the segment between begins and ends of further contacts."""
+        """The parts of the segment between changes of its further contacts."""
         spans = [(one.start_ns, self.end_ns if one.end_ns is None else one.end_ns) for one in self.further]
         cuts = {self.start_ns, *(start_ns for start_ns, _ in spans), *(end_ns + 1 for _, end_ns in spans)}
         starts = sorted(cut for cut in cuts if self.start_ns <= cut <= self.end_ns)

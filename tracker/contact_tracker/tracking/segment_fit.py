@@ -276,7 +276,7 @@ class FinishedSegment(NamedTuple):
         return segment, Beliefs(beliefs, geometries, formations, joints)
 
     def _further(self, formation: FittedFormation) -> list[tuple[int, FurtherContact]]:
-        """The further contacts with times and indices, in the order of their begins."""
+        """The further contacts with times and indices, in the order of their start times."""
         begins = self.rows["start_ns"]
         ends = np.append(begins[1:] - 1, self.end_ns)
         before = int(self.ticks.window.index[0])

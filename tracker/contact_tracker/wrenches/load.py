@@ -253,8 +253,8 @@ def _solve(design: Array, target: Array, weight: Array, prior: Array, pull: Arra
 def _forces(
     ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array, rows: NDArray[np.int64]
 ) -> tuple[Array, Array]:
-    """Weight less the inertia of the origin's acceleration, and acceleration relative to the centre, (n, 3)
-    in the body's axes."""
+    """Weight less the force that accelerates the body's origin, and the force that accelerates the centre of
+    mass, (n, 3) in the body's axes (N)."""
     spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
     swing = cross(turning, centre_m) + cross(spin, cross(spin, centre_m))
     down = np.einsum("tji,j->ti", ticks.rotation[rows], weight_n)

@@ -81,8 +81,8 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
 
 
 def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
-    """Wrenches that are given about the origins of frames and in their axes, about the origin and in the axes
-    of what ``frames`` (one for each) are given in."""
+    """Wrenches in moving frames, transformed to the parent of these; ``frames`` (one for each wrench) are
+    their poses in the parent."""
     turned = frames.rotation
     force_n = np.einsum("tij,tj->ti", turned, wrenches.force_n)
     moment = np.einsum("tij,tj->ti", turned, wrenches.moment_nm)
