@@ -95,13 +95,20 @@ def test_units_are_those_of_the_names(tmp_path: Path) -> None:
     assert_read(tmp_path / "a.csv")
 
 
+def test_a_table_named_mcap_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
+    with pytest.raises(UnreadableRecording, match=r"not an MCAP file; if it is a table, name it \.csv$"):
+        open_log(str(path))
+
+
 @pytest.mark.parametrize(
     ("names", "message"),
     [
         *(
             (
                 f"t,x [{unit}],y [{unit}],z [{unit}]",
-                f"the unit '{unit}' of column 'x [{unit}]' is not known: m",
+                rf"the unit '{unit}' of column 'x \[{unit}\]' is not known: m",
             )
             for unit in ("inch", "in", "foo")
         ),
