@@ -132,6 +132,9 @@ def test_names_of_columns_have_units_as_in_files(poses: Poses) -> None:
     trajectory = Trajectory.from_dataframe(columns, "time [ms]", names)
     np.testing.assert_allclose(trajectory.position_m, poses.position_m, rtol=0, atol=1e-12)
     np.testing.assert_allclose(trajectory.stamp_ns, poses.stamp_ns, rtol=0, atol=1000)
+    assert not trajectory.notes
+    wrong = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
+    assert "they look like seconds" in wrong.notes[0]
     columns["x [inch]"] = columns["x [mm]"]
     with pytest.raises(UsageError, match=r"the unit 'inch' of column 'x \[inch\]' is not known"):
         Trajectory.from_dataframe(columns, "time [ms]", ["x [inch]", *names[1:]])

@@ -156,8 +156,8 @@ def test_units_and_times_of_many_names(tmp_path: Path, time: str, unit: str, met
 @pytest.mark.parametrize(
     ("name", "step", "text"),
     [
-        ("time [ms]", 0.01, "1e+05 poses a second; they look like seconds: give --time-unit s"),
-        ("time_us", 5.0, "2e+05 poses a second; they look like milliseconds: give --time-unit ms"),
+        ("time [ms]", 0.01, "100000 poses a second; they look like seconds: give --time-unit s"),
+        ("time_us", 5.0, "200000 poses a second; they look like milliseconds: give --time-unit ms"),
         ("time [ns]", 0.3, "poses a second; give their unit with --time-unit s, ms, us or ns"),
     ],
 )
@@ -166,6 +166,13 @@ def test_times_of_impossible_rates_are_reported(tmp_path: Path, name: str, step:
     Poses.collect(log)
     assert log.assumption is not None
     assert text in log.assumption
+
+
+def test_info_doubts_the_unit_beside_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(write_times(tmp_path / "a.csv", 0.01 * np.arange(300), "time [ms]"))]) == 0
+    shown = capsys.readouterr()
+    assert "if the unit of their times is right, record more poses a second" in shown.out
+    assert "they look like seconds: give --time-unit s" in shown.err
 
 
 @pytest.mark.parametrize("unit", [1, 1000, 1_000_000])

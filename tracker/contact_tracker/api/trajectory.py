@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, Literal, Self, get_args
@@ -19,6 +19,7 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.stamp_order import RANGE_NS
 from contact_tracker.recording import PoseSource, open_log, read_metadata
 from contact_tracker.recording.named_columns import metres_of, time_ns_of
+from contact_tracker.recording.time_units import doubt_of_unit
 from contact_tracker.viewer.hull import vertices_from_metadata
 
 Order = Literal["xyzw", "wxyz"]
@@ -134,7 +135,9 @@ class Trajectory:
             raise UsageError(str(error)) from error
         named: Unit = next((name for name in get_args(Unit) if TIMES_NS[name] == time_ns), "s")
         positions_m = _rows(np.column_stack(place), "positions_m", 3) * metres
-        return cls.from_arrays(time, positions_m, np.column_stack(turn), "xyzw", unit or named)
+        found = cls.from_arrays(time, positions_m, np.column_stack(turn), "xyzw", unit or named)
+        doubt = None if time_ns is None else doubt_of_unit(time.astype(float), time_ns)
+        return found if doubt is None else replace(found, notes=(doubt,))
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:

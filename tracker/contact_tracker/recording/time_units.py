@@ -63,7 +63,7 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
         if likely is not None
         else "give their unit with --time-unit s, ms, us or ns, or in the name of their column"
     )
-    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.3g} poses a second; {remedy}"
+    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.0f} poses a second; {remedy}"
 
 
 def _median_step(times: NDArray[np.float64]) -> float | None:
