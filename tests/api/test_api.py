@@ -124,6 +124,22 @@ def test_tables_are_read_by_the_names_of_their_columns(poses: Poses, library: st
         Trajectory.from_dataframe(table, quat_xyzw=("quat_x", "qy", "qz", "qw"))
 
 
+def test_names_of_columns_have_units_as_in_files(poses: Poses) -> None:
+    columns = {"time [ms]": poses.stamp_ns / 1e6}
+    columns |= {f"{axis} [mm]": 1e3 * values for axis, values in zip("xyz", poses.position_m.T, strict=True)}
+    columns |= dict(zip(("qx", "qy", "qz", "qw"), poses.quat_xyzw.T, strict=True))
+    names = [f"{axis} [mm]" for axis in "xyz"]
+    trajectory = Trajectory.from_dataframe(columns, "time [ms]", names)
+    np.testing.assert_allclose(trajectory.position_m, poses.position_m, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(trajectory.stamp_ns, poses.stamp_ns, rtol=0, atol=1000)
+    assert not trajectory.notes
+    wrong = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
+    assert "they look like seconds" in wrong.notes[0]
+    columns["x [inch]"] = columns["x [mm]"]
+    with pytest.raises(UsageError, match=r"the unit 'inch' of column 'x \[inch\]' is not known"):
+        Trajectory.from_dataframe(columns, "time [ms]", ["x [inch]", *names[1:]])
+
+
 def test_dates_of_pandas_with_a_zone_are_stamps(poses: Poses) -> None:
     pandas = pytest.importorskip("pandas")
     table = pandas.DataFrame(

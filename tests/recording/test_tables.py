@@ -95,6 +95,86 @@ def test_units_are_those_of_the_names(tmp_path: Path) -> None:
     assert_read(tmp_path / "a.csv")
 
 
+def test_a_table_named_mcap_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n")
+    with pytest.raises(UnreadableRecording, match=r"not an MCAP file; if it is a table, name it \.csv$"):
+        open_log(str(path))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        *(
+            (
+                f"t,x [{unit}],y [{unit}],z [{unit}]",
+                rf"the unit '{unit}' of column 'x \[{unit}\]' is not known: m",
+            )
+            for unit in ("inch", "in", "foo")
+        ),
+        (
+            "t,Pos X (ft),Pos Y (ft),Pos Z (ft)",
+            r"the unit 'ft' of column 'Pos X \(ft\)' is not known: m, cm, mm",
+        ),
+        ("time [min],x,y,z", r"the unit 'min' of column 'time \[min\]' is not known: s, ms, us, ns"),
+        ("time_mm,x,y,z", "the unit 'mm' of column 'time_mm' is not known: s, ms, us, ns"),
+        (
+            "t,cube_x [mm],cube_y [m],cube_z [mm]",
+            r"columns cube_x \[mm\], cube_y \[m\], cube_z \[mm\] differ",
+        ),
+        ("t,x [mm],y,z", r"the units of the columns x \[mm\], y, z differ"),
+    ],
+)
+def test_units_that_are_unknown_or_mixed_are_refused(tmp_path: Path, names: str, message: str) -> None:
+    path = tmp_path / "a.csv"
+    body = "cube_" if "cube" in names else ""
+    path.write_text(f"{names},{','.join(body + name for name in NAMES[3:])}\n0,1,2,3,0,0,0,1\n")
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(path))
+
+
+@pytest.mark.parametrize(
+    ("time", "unit", "metres"),
+    [
+        ("t", "m", 1.0),
+        ("elapsed_s", "cm", 1e-2),
+        ("elapsed", "um", 1e-6),
+        ("sec", "\u00b5m", 1e-6),
+        ("time [second]", "mm", 1e-3),
+        ("time (UTC)", "mm", 1e-3),
+    ],
+)
+def test_units_and_times_of_many_names(tmp_path: Path, time: str, unit: str, metres: float) -> None:
+    path = tmp_path / "a.csv"
+    names = (time, *(f"{axis} [{unit}]" for axis in "xyz"), *NAMES[3:])
+    path.write_text(f"{','.join(names)}\n0,1,2,3,0,0,0,1\n0.1,1,2,3,0,0,0,1\n")
+    found = Poses.collect(open_log(str(path)))
+    np.testing.assert_allclose(found.position_m, np.array([[1, 2, 3]] * 2) * metres)
+    np.testing.assert_array_equal(found.stamp_ns, [0, 10**8])
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "text"),
+    [
+        ("time [ms]", 0.01, "100000 poses a second; they look like seconds: give --time-unit s"),
+        ("time_us", 5.0, "200000 poses a second; they look like milliseconds: give --time-unit ms"),
+        ("time [ns]", 0.3, "poses a second; give their unit with --time-unit s, ms, us or ns"),
+    ],
+)
+def test_times_of_impossible_rates_are_reported(tmp_path: Path, name: str, step: float, text: str) -> None:
+    log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(300), name)))
+    Poses.collect(log)
+    assert log.assumption is not None
+    assert text in log.assumption
+
+
+def test_info_doubts_the_unit_beside_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(write_times(tmp_path / "a.csv", 0.01 * np.arange(300), "time [ms]"))]) == 0
+    shown = capsys.readouterr()
+    assert "if the unit of their times is right, record more poses a second" in shown.out
+    assert "they look like seconds: give --time-unit s" in shown.err
+
+
 @pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
 def test_the_unit_of_times_is_guessed_from_their_size(tmp_path: Path, unit: int) -> None:
     pyarrow = pytest.importorskip("pyarrow")
@@ -225,7 +305,19 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
     ("text", "message"),
     [
         ("1 2 3 4\n", "its 4 columns have no names: needed are a time, x, y, z in metres"),
-        ("t,x,y,z\n1,2,3,4\n", "no columns of a pose among t, x, y, z: needed are a time"),
+        ("t,x,y,z\n1,2,3,4\n", "no columns of a pose among t, x, y, z: missing are qx, qy, qz, qw: rename"),
+        (
+            "t,x,y,z,qx,qy,qz\n1,2,3,0,0,0,1\n",
+            "among t, x, y, z, qx, qy, qz: missing is qw: rename columns, as in",
+        ),
+        ("sec,nanosec,x,y,z,qx,qy,qz,qw\n1,2,1,2,3,0,0,0,1\n", "no column of times among sec, nanosec"),
+        ("t,x,y,z,qx,qy,qz,qw\n", "it has a header but no rows"),
+        ("t,x,y,z,qx,qy,qz,qw\n\n# end\n", "it has a header but no rows"),
+        (
+            "t,x,y,z,qx,qy,qz,qw\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n",
+            "row 1 has 1 value, the header has 8: separate",
+        ),
+        ("t x y z qx qy qz qw\n0,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
         ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "no column of times among x, y, z"),
         ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
         ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),

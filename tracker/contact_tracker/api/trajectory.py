@@ -3,21 +3,23 @@
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact_tracker.config.quantities import TIMES_NS
-from contact_tracker.errors import NoPoses, UsageError
+from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.stamp_order import RANGE_NS
 from contact_tracker.recording import PoseSource, open_log, read_metadata
+from contact_tracker.recording.named_columns import metres_of, time_ns_of
+from contact_tracker.recording.time_units import doubt_of_unit
 from contact_tracker.viewer.hull import vertices_from_metadata
 
 Order = Literal["xyzw", "wxyz"]
@@ -110,23 +112,32 @@ class Trajectory:
         Parameters
         ----------
         stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw.
-        unit : of the stamps; by default by the suffix of their name (``_ns``, ``_us``, ``_ms``), else
-            seconds. Columns of dates have their own.
+            Positions are in the unit of their names (``x [mm]``, ``x_mm``), as in files; without one in
+            metres.
+        unit : of the stamps; by default that of their name (``time [ms]``, ``stamp_ns``), else seconds.
+            Columns of dates have their own.
 
         Raises
         ------
         UsageError
-            A column is missing or not numeric.
+            A column is missing or not numeric, or the unit in a name is unknown.
         NoPoses
             No pose has passed the gate.
         """
         if len(position_m) != 3 or len(quat_xyzw) != 4:
             raise UsageError("position_m names three columns and quat_xyzw four, x y z w")
-        ending = stamp.rpartition("_")[2]
-        unit = unit or (ending if ending in ("ns", "us", "ms") else "s")  # type: ignore[assignment]
         place, turn = ([_column(table, name) for name in names] for names in (position_m, quat_xyzw))
         time = _column(table, stamp)
-        return cls.from_arrays(time, np.column_stack(place), np.column_stack(turn), "xyzw", unit or "s")
+        try:
+            metres = metres_of(position_m)
+            time_ns = None if unit or time.dtype.kind == "M" else time_ns_of(stamp)
+        except UnreadableRecording as error:
+            raise UsageError(str(error)) from error
+        named: Unit = next((name for name in get_args(Unit) if TIMES_NS[name] == time_ns), "s")
+        positions_m = _rows(np.column_stack(place), "positions_m", 3) * metres
+        found = cls.from_arrays(time, positions_m, np.column_stack(turn), "xyzw", unit or named)
+        doubt = None if time_ns is None else doubt_of_unit(time.astype(float), time_ns)
+        return found if doubt is None else replace(found, notes=(doubt,))
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:

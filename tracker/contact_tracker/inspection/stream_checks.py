@@ -172,10 +172,11 @@ def _units_text(inspection: Inspection) -> str:
     position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
     lever = position / rotation if rotation else inspection.top_m_per_s
     small = lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) or inspection.top_m_per_s > TOSSED_CM_PER_S
-    unit = "millimetres" if small else "centimetres"
+    unit, short = ("millimetres", "mm") if small else ("centimetres", "cm")
     return (
         f"positions look like {unit} (noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
-        f"speed up to {inspection.top_m_per_s:.2g} m/s): convert to metres"
+        f"speed up to {inspection.top_m_per_s:.2g} m/s): convert to metres, or in a table "
+        f"give the unit in the names of columns, as in x [{short}]"
     )
 
 

@@ -28,7 +28,8 @@ def warnings(report: Report) -> Iterator[str]:
     elif report.poses_per_tick < asked.poses_per_tick:
         yield (
             f"few poses: {report.poses_per_tick:g} in a tick of {chosen.tick_s:g} s; "
-            "record more poses a second, or take a model with longer ticks (tick_s)"
+            "if the unit of their times is right, record more poses a second, or take a model with "
+            "longer ticks (tick_s)"
         )
     yield from (finding.text for finding in report.findings)
 

@@ -33,6 +33,7 @@ from contact_tracker.recording.items import (
     runs,
 )
 from contact_tracker.recording.limits import RECORD_LIMIT, TooMuchWork
+from contact_tracker.recording.tables import is_text
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 _READ: Final = frozenset(
@@ -110,7 +111,8 @@ class RecordLoop:
                 self._finish(End.DAMAGED, f"nothing is at byte {self._start}")
                 return
         elif self._places is None and (magic := self._stream.read(len(MAGIC))) != MAGIC:
-            reason = self._stream.error or ("it is not an MCAP file" if magic else "it is empty")
+            hint = "; if it is a table, name it .csv" if is_text(magic) else ""
+            reason = self._stream.error or (f"it is not an MCAP file{hint}" if magic else "it is empty")
             raise UnreadableRecording(reason)
         for opcode, payload, start in self._frames() if self._places is None else self._chosen(self._places):
             group = list[Item]()

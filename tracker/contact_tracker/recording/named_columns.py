@@ -8,13 +8,19 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
+from contact_tracker.config.quantities import TIMES_NS
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.mocap_exports import is_motive, is_vicon, motive_layout, vicon_layout
 from contact_tracker.recording.table_layouts import BLANKS, LENGTHS_M, Body, TableLayout, are_numbers
 from contact_tracker.recording.time_units import NAMED_NS
 
-_UNIT: Final = re.compile(r"[\s_]*[\[(]([^\])]*)[\])]\s*$|_(mm|cm|m|s|ms|us|ns)$")
+_UNIT: Final = re.compile(r"[\s_]*[\[(]([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns)$")
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_?(?:t|time|times|time_?stamp|stamp)")
+_ELAPSED: Final = re.compile(r"elapsed|elapsed_?time|secs?|seconds")
+"""Names of a time if no other column is one."""
+_REST_OF_SECOND: Final = re.compile(r"(?:.*[./ _])?(?:nano_?|n)sec(?:s|onds)?")
+_CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
+"""Texts in brackets after a time that leave its unit open."""
 _QUATERNION: Final = re.compile(
     r"(.*?)[._/: -]*(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzw])"
 )
@@ -29,7 +35,9 @@ _ANGLE: Final = re.compile(
 """Names of one of three numbers of a rotation."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _TUM_NAMES: Final = 8
+_ROLES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
+_EXAMPLE: Final = "time [s],x [mm],y [mm],z [mm],qw,qx,qy,qz"
 _SHOWN: Final = 12
 _MARKS: Final = (";", "\t", ",")
 """Separators of values; a comma may also be the decimal point."""
@@ -62,7 +70,9 @@ def layout_of_text(lines: Sequence[str]) -> TableLayout:
     else:
         names, skip = values, lines.index(data) + 1
     _refuse_wider(lines[skip:], separator, len(names))
-    return layout_of_names(names, "table", separator, skip)
+    layout = layout_of_names(names, "table", separator, skip)
+    _refuse_narrow(lines[skip:], layout, len(names))
+    return layout
 
 
 def layout_of_names(names: Sequence[str], kind: str, separator: str | None, skip: int) -> TableLayout:
@@ -71,22 +81,65 @@ def layout_of_names(names: Sequence[str], kind: str, separator: str | None, skip
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {_NEEDED}")
     names = [name[:_LONGEST_NAME] for name in names]
     time, time_ns = _time_column(names)
-    found: dict[str, dict[str, tuple[int, float]]] = {}
+    found: dict[str, dict[str, int]] = {}
     for place, name in enumerate(names):
-        plain, unit = _split_unit(name)
-        axis = _axis(plain)
+        axis = _axis(_split_unit(name)[0])
         if axis is not None and place != time:
             body, role = axis
-            found.setdefault(body, {}).setdefault(role, (place, LENGTHS_M.get(unit, 1.0)))
-    roles = ("x", "y", "z", "qx", "qy", "qz", "qw")
-    bodies = [
-        Body(name, tuple(columns[role][0] for role in roles), columns["x"][1])
+            found.setdefault(body, {}).setdefault(role, place)
+    complete = {
+        name: tuple(columns[role] for role in _ROLES)
         for name, columns in found.items()
-        if columns.keys() >= set(roles)
+        if columns.keys() >= set(_ROLES)
+    }
+    if time is None or not complete:
+        most = max(found.values(), key=len, default={})
+        raise UnreadableRecording(_lacking(names, time is not None, _ROLES if complete else tuple(most)))
+    bodies = [
+        Body(name, places, metres_of([names[place] for place in places[:3]]))
+        for name, places in complete.items()
     ]
-    if time is None or not bodies:
-        raise UnreadableRecording(_lacking(names, bool(bodies)))
     return TableLayout(kind, separator, skip, time, time_ns, tuple(bodies))
+
+
+def metres_of(names: Sequence[str]) -> float:
+    """The factor to metres of the columns x, y and z, by the unit in their names; metres without one.
+
+    Raises
+    ------
+    UnreadableRecording
+        A unit is unknown, or they differ.
+    """
+    units = [_split_unit(name)[1] for name in names]
+    for name, unit in zip(names, units, strict=True):
+        if unit and unit not in LENGTHS_M:
+            raise UnreadableRecording(_unknown(unit, name, "m, cm, mm, um"))
+    factors = {LENGTHS_M.get(unit, 1.0) for unit in units}
+    if len(factors) > 1:
+        raise UnreadableRecording(
+            f"the units of the columns {', '.join(names)} differ: give all three in one"
+        )
+    return factors.pop()
+
+
+def time_ns_of(name: str) -> int | None:
+    """The unit of a time column in nanoseconds, if its name has one.
+
+    Raises
+    ------
+    UnreadableRecording
+        The unit is unknown.
+    """
+    plain, unit = _split_unit(name)
+    if unit in _CLOCKS:
+        return NAMED_NS.get(plain)
+    if unit not in NAMED_NS:
+        raise UnreadableRecording(_unknown(unit, name, ", ".join(TIMES_NS)))
+    return NAMED_NS[unit]
+
+
+def _unknown(unit: str, name: str, known: str) -> str:
+    return f"the unit '{unit}' of column '{name.strip()}' is not known: {known}"
 
 
 def _separator(data: str) -> str | None:
@@ -117,13 +170,30 @@ def _refuse_wider(rows: Sequence[str], separator: str | None, names: int) -> Non
             )
 
 
-def _lacking(names: Sequence[str], has_pose: bool) -> str:
-    """The message on columns that are missing."""
+def _refuse_narrow(rows: Sequence[str], layout: TableLayout, names: int) -> None:
+    """Raise UnreadableRecording if the first row lacks values that are needed: it is separated otherwise."""
+    row = next((row for row in rows if row.strip() and not row.startswith("#")), None)
+    many = len(_cells(row, layout.separator)) if row is not None else names
+    if many <= max(layout.time, *(place for body in layout.bodies for place in body.columns)):
+        raise UnreadableRecording(
+            f"row 1 has {many} {'value' if many == 1 else 'values'}, the header has {names}: separate the "
+            "values of all rows as the names in the header"
+        )
+
+
+def _lacking(names: Sequence[str], has_time: bool, roles: Sequence[str]) -> str:
+    """The message on columns that are missing beside those of these roles."""
     shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-    lacking = "no column of times" if has_pose else "no columns of a pose"
     angles = [name for name in names if _ANGLE.fullmatch(_split_unit(name)[0])]
-    if has_pose or len(angles) < 3:
-        return f"{lacking} among {shown}: needed are {_NEEDED}"
+    missing = [role for role in _ROLES if role not in roles]
+    if not missing:
+        return f"no column of times among {shown}: rename it, as in: {_EXAMPLE}"
+    if len(angles) < 3:
+        missing = missing if has_time else ["a time", *missing]
+        return (
+            f"no columns of a pose among {shown}: missing {'is' if len(missing) == 1 else 'are'} "
+            f"{', '.join(missing)}: rename columns, as in: {_EXAMPLE}"
+        )
     return (
         f"its rotations are three numbers, {', '.join(angles[:3])}, of a convention that it does not say: "
         "needed are qx, qy, qz, qw; scipy's Rotation.from_euler('xyz', angles, degrees=True).as_quat() makes "
@@ -154,10 +224,11 @@ def _split_unit(name: str) -> tuple[str, str]:
 
 def _time_column(names: Sequence[str]) -> tuple[int | None, float | None]:
     """The index of the time column, and its unit in nanoseconds if the name has one."""
-    for place, name in enumerate(names):
-        plain, unit = _split_unit(name)
-        if _TIME.fullmatch(plain):
-            return place, NAMED_NS.get(unit)
+    plain = [_split_unit(name)[0] for name in names]
+    for pattern in (_TIME, _ELAPSED):
+        place = next((i for i, name in enumerate(plain) if pattern.fullmatch(name)), None)
+        if place is not None and not (pattern is _ELAPSED and any(map(_REST_OF_SECOND.fullmatch, plain))):
+            return place, time_ns_of(names[place])
     return None, None
 
 

@@ -7,9 +7,10 @@ from typing import Final
 from contact_tracker.errors import UnreadableRecording
 
 LENGTHS_M: Final[Mapping[str, float]] = {
-    **dict.fromkeys(("m", "meters", "metres", "meter"), 1.0),
-    **dict.fromkeys(("cm", "centimeters", "centimetres"), 1e-2),
-    **dict.fromkeys(("mm", "millimeters", "millimetres"), 1e-3),
+    **dict.fromkeys(("m", "meters", "metres", "meter", "metre"), 1.0),
+    **dict.fromkeys(("cm", "centimeters", "centimetres", "centimeter", "centimetre"), 1e-2),
+    **dict.fromkeys(("mm", "millimeters", "millimetres", "millimeter", "millimetre"), 1e-3),
+    **dict.fromkeys(("um", "\u00b5m", "\u03bcm", "micrometers", "micrometres"), 1e-6),
 }
 
 BLANKS: Final = '" \t\r\n'

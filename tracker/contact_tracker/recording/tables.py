@@ -18,7 +18,7 @@ from contact_tracker.recording.named_columns import MOST_COLUMNS, layout_of_name
 from contact_tracker.recording.panics import without_panics
 from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
 from contact_tracker.recording.table_layouts import BLANKS, TableLayout
-from contact_tracker.recording.time_units import unit_of
+from contact_tracker.recording.time_units import doubt_of_unit, unit_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -43,8 +43,12 @@ def is_table(path: str, begin: bytes) -> bool:
         return True
     if begin[:2] in _ZLIB:
         return False
-    is_text = bool(begin) and (not begin.translate(None, _PRINTABLE) or _is_utf8(begin))
-    return is_text and not path.lower().endswith((".mcap", ".mcap.zst", ".mcap.zstd"))
+    return is_text(begin) and not path.lower().endswith((".mcap", ".mcap.zst", ".mcap.zstd"))
+
+
+def is_text(begin: bytes) -> bool:
+    """Whether the first bytes of a file are text."""
+    return bool(begin) and (not begin.translate(None, _PRINTABLE) or _is_utf8(begin))
 
 
 def _is_utf8(begin: bytes) -> bool:
@@ -92,6 +96,7 @@ def read_table(
     if time_unit is not None and layout.has_own_unit:
         raise UnreadableRecording(OWN_UNIT)
     scale, lost = TIMES_NS[time_unit] if time_unit is not None else layout.time_ns, 0
+    is_checked = time_unit is not None or layout.has_own_unit  # the user's word needs no check
     while True:
         try:
             with without_panics():
@@ -104,8 +109,11 @@ def read_table(
         if scale is None:
             unit, assumption = unit_of(_times(polars, batch))
             scale = TIMES_NS[unit]
-            if assumption is not None:
-                assume(assumption)
+        else:
+            assumption = None if is_checked else doubt_of_unit(_times(polars, batch), scale)
+        is_checked = True
+        if assumption is not None:
+            assume(assumption)
         stamps = _stamps_ns(polars, batch, scale)
         good = stamps != _NEVER
         lost += int((~good).sum())
@@ -151,6 +159,10 @@ def _opened(
     if any(line.count(mark) >= MOST_COLUMNS for line in lines for mark in ",;\t "):
         raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
     layout = layout_of_text(lines)
+    if len(lines) < _HEAD_LINES and not any(
+        line.strip() and not line.startswith("#") for line in lines[layout.skip :]
+    ):
+        raise UnreadableRecording("it has a header but no rows")
     many = _rows_of_section(path, layout.skip) if layout.kind == "Vicon" else None
     by_lines = layout.separator is None or layout.is_ragged
     frame = polars.scan_csv(

@@ -12,14 +12,18 @@ _WORDS: Final = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns
 NAMED_NS: Final[Mapping[str, int]] = {
     **TIMES_NS,
     **{word: TIMES_NS[unit] for unit, word in _WORDS.items()},
+    **{word[:-1]: TIMES_NS[unit] for unit, word in _WORDS.items()},
     **dict.fromkeys(("sec", "secs"), TIMES_NS["s"]),
-    "nsec": TIMES_NS["ns"],
+    **{f"{unit}ec": TIMES_NS[unit] for unit in ("ms", "us", "ns")},
+    **dict.fromkeys(("\u00b5s", "\u03bcs"), TIMES_NS["us"]),
 }
 """Units in names of columns."""
 _STEP_S: Final = (0.0005, 0.2)
 """Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
 _DATE_S: Final = (946684800.0, 4102444800.0)
 """Range of dates since 1970: the years 2000 to 2100."""
+_FASTEST_HZ: Final = 20_000.0
+"""No tracker of poses is faster: the unit is another one."""
 _SECONDS: Final = 1.0
 """Shorter steps may also be those of a low pose rate."""
 _LONGEST_STEP_S: Final = 100.0
@@ -33,9 +37,7 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     """
     if not len(times):
         return "s", None
-    steps = np.diff(times)
-    steps = steps[steps > 0]
-    step = float(np.median(steps)) if len(steps) else None
+    step = _median_step(times)
     by_date = _first_within(_DATE_S, float(times[0]))
     by_step = None if step is None else _first_within(_STEP_S, step)
     if by_date is not None and (step is None or step * TIMES_NS[by_date] <= _LONGEST_STEP_S * 1e9):
@@ -47,6 +49,28 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
         f"its times have no unit and are taken as {_WORDS[unit]}, with steps of {step:g}: if they are not, "
         "say so with --time-unit s, ms, us or ns, or in the name of their column, as in time_ms"
     )
+
+
+def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
+    """One line if times with the unit in their name would be those of a rate that no tracker has."""
+    step = _median_step(times)
+    if step is None or 1e9 / (step * unit_ns) <= _FASTEST_HZ:
+        return None
+    named = next((unit for unit, ns in TIMES_NS.items() if ns == unit_ns), f"{unit_ns:g} ns")
+    likely = _first_within(_STEP_S, step)
+    remedy = (
+        f"they look like {_WORDS[likely]}: give --time-unit {likely}, or name their column time_{likely}"
+        if likely is not None
+        else "give their unit with --time-unit s, ms, us or ns, or in the name of their column"
+    )
+    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.0f} poses a second; {remedy}"
+
+
+def _median_step(times: NDArray[np.float64]) -> float | None:
+    """The median of the steps forward; None if there is none."""
+    steps = np.diff(times)
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if len(steps) else None
 
 
 def _first_within(bounds_s: tuple[float, float], value: float) -> str | None:
