@@ -160,10 +160,14 @@ def note(folder: str, number: int) -> None:
 
 
 def test_an_error_of_the_caller_ends_helpers_without_the_work_that_waits(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="full"), helpers(2, prepare) as executor:
-        executor.submit(abs, 1).result()
-        for number in range(20):
-            executor.submit(note, str(tmp_path), number)
-        raise OSError("full")
+    def fail_in_the_middle() -> None:
+        with helpers(2, prepare) as executor:
+            executor.submit(abs, 1).result()
+            for number in range(20):
+                executor.submit(note, str(tmp_path), number)
+            raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        fail_in_the_middle()
     assert len(list(tmp_path.iterdir())) <= 6
     assert not active_children()

@@ -123,8 +123,8 @@ class Window:
         return self
 
     def held(self, count: int, most: int) -> list["Window"]:
-        """Windows of at most ``most`` ticks after each of ``count`` further ticks without frames, which repeat
-        the newest. They share memory."""
+        """Windows of at most ``most`` ticks after each of ``count`` further ticks without frames, which
+        repeat the newest. They share memory."""
         rows = np.minimum(np.arange(len(self) + count), len(self) - 1)
         long = replace(self.pick(rows), index=np.append(self.index, self.index[-1] + 1 + np.arange(count)))
         inverse, displacement_variance = self.inverse[rows], self.displacement_variance[rows]

@@ -20,7 +20,7 @@ from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
 _MOST: Final = 4_000_000
-"""Wrenches that are kept, of about 330 bytes each while they are read; later ones are left out and counted."""
+"""Wrenches that are kept, of about 330 bytes each while they are read; what comes later is counted."""
 
 
 @dataclass(frozen=True, eq=False)
