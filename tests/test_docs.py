@@ -97,7 +97,7 @@ def test_the_page_on_batches_runs_from_top_to_bottom(tmp_path: Path) -> None:
     (tmp_path / "logs" / "broken.mcap").write_bytes(b"")
     found = [carried_out(step, tmp_path) for step in steps(page) if step.language == "console"]
     assert [done.returncode for done in found] == [3, 3], [done.stderr for done in found]
-    assert "3 recordings, 3 of them new" in found[0].stderr
+    assert "3 new or changed" in found[0].stderr
     assert "3 unchanged" in found[1].stderr
     code = "\n".join(text for language, text in FENCED.findall(page) if language == "python")
     done = carried_out(Step("python", code, ""), tmp_path)
