@@ -172,6 +172,19 @@ def test_wrenches_of_a_sensor_are_those_of_the_world(tmp_path: Path, name: str, 
     np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
 
 
+def test_wrenches_that_are_logged_late_and_in_another_order(tmp_path: Path) -> None:
+    frames = CHAINS["on a flange"]
+    topic, delay_ns = (
+        wrench_topic(in_frame(*frames), "ft"),
+        np.random.default_rng(2).integers(0, 2 * 10**9, 9999),
+    )
+    late = [(at + int(by), data) for (at, data), by in zip(topic.messages, delay_ns, strict=False)]
+    found = read(write(tmp_path / "log.mcap", replace(topic, messages=late), *frames), topic="/object/pose")
+    assert (found.dropped, found.unplaced) == (0, 0)
+    np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
+    np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
+
+
 def test_transforms_are_found_without_an_index_and_however_late(tmp_path: Path) -> None:
     rest = static("world", "base", TABLE)
     late = replace(rest, stamps_ns=rest.stamps_ns + 5 * 10**9)

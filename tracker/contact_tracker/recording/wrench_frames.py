@@ -139,13 +139,15 @@ def frame_poses(
     )
     composer.learn_static(dict(found.known))
     unturned = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    logged = log_time_ns.argsort(kind="stable")  # stamps may be in another order
     rows = (
         RawMessage(channel, logged_ns, pose_row(at_ns, unturned))
-        for at_ns, logged_ns in zip(stamp_ns.tolist(), log_time_ns.tolist(), strict=True)
+        for at_ns, logged_ns in zip(stamp_ns[logged].tolist(), log_time_ns[logged].tolist(), strict=True)
     )
     transforms = (item for item in reading if isinstance(item, RawMessage))
     items: Iterator[RawMessage] = merge(rows, transforms, key=lambda message: message.log_time_ns)
     poses = Poses.join([NO_POSES, *_columns(composer.compose(items))])
+    poses = poses[poses.stamp_ns.argsort(kind="stable")]
     return FramePoses(poses, found.in_object, tuple(sorted(own)), composer.counts)
 
 
