@@ -57,7 +57,7 @@ def test_the_noise_is_that_of_the_recording_and_what_wanders_as_it_does(clean: P
     assert set(KNOWN) <= set(DISTORTIONS)
 
 
-def test_lines_that_are_not_run_again_stay() -> None:
+def test_rows_of_other_distortions_are_kept() -> None:
     kept = [["none", "1"], ["rate_5hz", "2"], ["slow_wander", "3"]]
     merged = field.with_others([["slow_wander", "4"], ["stamp_jitter", "5"]], kept)
     assert merged == [["none", "1"], ["slow_wander", "4"], ["rate_5hz", "2"], ["stamp_jitter", "5"]]

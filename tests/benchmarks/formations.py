@@ -7,8 +7,8 @@ Each scenario with a further contact is simulated with seeds 1, 2, ... (0.3 mm, 
 so are those with the first contact alone. ``found`` is the share of the recordings in which the first
 contact has its label and the further one its kind, or is among the kinds that are said to be inseparable
 from it (``of which open``: only among these); where the first one itself is said to be open, that is
-``untold``. ``within 3 sd`` is the share of all elements of contacts that were named rightly. Errors of when
-a further contact joins and leaves are medians (s) over the recordings in which it does. ``false`` is the
+``ambiguous``. ``within 3 sd`` is the share of all elements of contacts that were named rightly. Errors of
+when a further contact joins and leaves are medians (s) over the recordings in which it does. ``false`` is the
 share of the time in which a further contact is reported that is none, in the simulated recordings and in
 those of ``--single`` folders, offline and online. ``online`` is the share of the time of the further
 contact in which it is reported at once, with its kind or an inseparable one, and ``delay`` the median time
@@ -49,7 +49,7 @@ ALONE: Final = {
 }
 """Of which two vertices on the table are one edge."""
 COLUMNS: Final = (
-    *("scenario", "recordings", "found", "of which open", "untold", "within 3 sd"),
+    *("scenario", "recordings", "found", "of which open", "ambiguous", "within 3 sd"),
     *("joins, s", "leaves, s", "false", "online", "delay, s", "false online"),
 )
 SINGLE_COLUMNS: Final = ("recordings of single contacts", "seconds", "false offline", "false online")
@@ -61,7 +61,7 @@ class Measured(NamedTuple):
 
     found: float = NAN
     is_open: float = NAN
-    untold: float = NAN
+    ambiguous: float = NAN
     deviations_sd: tuple[float, ...] = ()
     joins_s: float = NAN
     leaves_s: float = NAN
@@ -114,7 +114,7 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
     best = max(right, key=lambda one: _overlap(one, second), default=None)
     label = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
     is_first = label.contact is first.contact
-    untold = not is_first or len(label.inseparable) > 1
+    ambiguous = not is_first or len(label.inseparable) > 1
     named = best is not None and is_first and _names(best, second)
     deviations = _deviations(poses, (first, second), (label, best)) if named and best is not None else ()
     begins, ends = second.start_ns > first.start_ns, second.end_ns < first.end_ns
@@ -128,9 +128,9 @@ def _judged(found: Segmentation, poses: Poses, first: TruthInterval, second: Fur
     true_reports = [b for b in reports if second.start_ns <= b.stamp_ns <= second.end_ns]
     true_ticks = sum(1 for b in found.filtered if second.start_ns <= b.stamp_ns <= second.end_ns)
     return Measured(
-        float(named or (untold and best is None)),
+        float(named or (ambiguous and best is None)),
         float(named and best is not None and best.contact is not second.contact),
-        float(untold and not named),
+        float(ambiguous and not named),
         tuple(deviations),
         abs(best.start_ns - second.start_ns) * 1e-9 if best is not None and begins else NAN,
         abs(_end(best) - second.end_ns) * 1e-9 if best is not None and ends else NAN,
@@ -210,7 +210,7 @@ def row(name: str, measured: Sequence[Measured]) -> list[str]:
     figures = (
         _mean([one.found for one in measured]),
         _mean([one.is_open for one in measured]),
-        _mean([one.untold for one in measured]),
+        _mean([one.ambiguous for one in measured]),
         float(np.mean(deviations <= 3.0)) if len(deviations) else NAN,
         _median([one.joins_s for one in measured]),
         _median([one.leaves_s for one in measured]),

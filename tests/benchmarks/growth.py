@@ -4,7 +4,7 @@
     python tests/benchmarks/growth.py --after 3600
 
 A log is played forth and back, and its first minute is compared with the same poses ``--after`` so many
-seconds, when elements have been met before. The two are followed tick by tick in turns, as the online pass
+seconds, when elements have touched before. The two are followed tick by tick in turns, as the online pass
 of ``segment`` does, several times: a machine that is faster now than a second ago is so for both.
 """
 

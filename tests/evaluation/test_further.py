@@ -113,7 +113,7 @@ def test_without_an_answer_nothing_is_found() -> None:
     assert found.several_s > 0.9
 
 
-def test_the_report_tells_of_both(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_report_scores_further_contacts_offline_and_online(capsys: pytest.CaptureFixture[str]) -> None:
     path = str(ROOT / "recordings" / "wall_in_between.mcap")
     assert run(["evaluate", path, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["total"]["further"]

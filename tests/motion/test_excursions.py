@@ -82,7 +82,7 @@ def test_an_impact_is_motion(speed_m_s: float) -> None:
 
 
 @pytest.mark.parametrize("every", [2, 3])
-def test_what_comes_back_to_one_place_all_the_time_is_another_body(every: int) -> None:
+def test_frequent_excursions_to_one_place_are_kept(every: int) -> None:
     clean = hand(4)
     away = (np.arange(800) >= 200) & (np.arange(800) % every == 0)
     kept, counts = gated(shifted(clean, away, np.array([0.0, 0.1, 0.0]), 0.3))

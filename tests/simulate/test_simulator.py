@@ -404,7 +404,7 @@ def test_impossible_formations_are_refused(change: dict[str, object]) -> None:
 
 @pytest.mark.parametrize("name", JOINTS)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_joints_keep_what_they_keep(name: str, seed: int) -> None:
+def test_simulated_joints_constrain_the_motion(name: str, seed: int) -> None:
     """The element of the body stays on that of the world, but for the way that the joint allows."""
     simulated = quiet(name, seed)
     poses, joint = simulated.poses, simulated.joint

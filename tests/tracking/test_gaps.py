@@ -46,7 +46,7 @@ def test_windows_of_a_gap_are_those_of_tick_after_tick(window_s):
             np.testing.assert_array_equal(getattr(found.window, name), getattr(sliding.window, name))
 
 
-def test_the_evidence_of_a_tick_without_motion_is_nothing():
+def test_the_evidence_of_a_tick_without_motion_is_zero():
     """That is why ticks of a gap are not evaluated when they leave the window."""
     seen = list(forward(with_gaps(30, 1.0), MODEL, detail=Detail.WEIGHTS))[-1].state
     empty = np.flatnonzero(~seen.window.innovation_excess.any(axis=1))
@@ -61,7 +61,7 @@ def test_the_evidence_of_a_tick_without_motion_is_nothing():
     assert settled
 
 
-def test_hypotheses_that_wait_are_those_of_the_banks():
+def test_live_hypotheses_in_gaps_equal_those_of_the_banks():
     waiting = 0
     for seen in forward(with_gaps(12, 1.5), MODEL, detail=Detail.WEIGHTS):
         expected = LiveHypotheses.of(seen.state.banks, seen.state.ticks - 1)

@@ -17,8 +17,9 @@ from contact_tracker.tracking.segmentation import Beliefs
 Ints = NDArray[np.int64]
 
 NONE: Final = -1
+"""Index (of a tick or a label) where there is none."""
 Kinds = tuple[tuple[Contact, ...], ...]
-"""Of each further contact its kind, and those that the motion does not tell from it."""
+"""Of each further contact its kind, and those that the motion does not distinguish from it."""
 
 
 @dataclass(frozen=True)

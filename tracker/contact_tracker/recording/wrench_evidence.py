@@ -1,4 +1,4 @@
-"""What the wrenches in a recording say of its contacts: it is read once for that, before it is tracked."""
+"""The evidence of a recording's wrenches, which are read once, before the recording is tracked."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -13,9 +13,9 @@ from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 
 class RecordedEvidence(NamedTuple):
-    """``evidence`` is None where the wrenches say nothing; ``text`` is one line, on the load or why so.
+    """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
 
-    ``is_partial`` says whether some of the wrenches were left out.
+    ``is_partial``: some of the wrenches were left out.
     """
 
     evidence: WrenchEvidence | None

@@ -1,5 +1,5 @@
-"""The frame that wrenches are given in, where it is neither the object's nor that of its poses: its pose at
-each of their stamps, by the transforms that lead to it."""
+"""Poses of the frame of wrenches at their stamps, if it is neither the object's frame nor that of its poses,
+composed from transforms."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
