@@ -25,7 +25,7 @@ MOST_POSES: Final = 1_000_000
 INITIAL_AUTOCORRELATION: Final = 0.5
 """Offline, the prediction errors of free motion are taken to be correlated until they are known: nearly as
 much as in any recorded motion, so that smooth free motion at the start is not taken for a contact. Online
-that would delay labels."""
+that would delay labels; and where wrenches are measured, these show whether anything touches."""
 
 
 class OfflineTracker:
@@ -68,7 +68,8 @@ class OfflineTracker:
             return
         everything = _Stream(chain(looked_at, self._inspected(rest)))
         others = self._knowledge, self._executor, None, detail, self._wrenches
-        found = offline_smoother.pieces(everything, _cautious_at_first(best.model), progress, *others)
+        model = best.model if self._wrenches is not None else _cautious_at_first(best.model)
+        found = offline_smoother.pieces(everything, model, progress, *others)
         waiting = early  # what was said before the model was chosen
         for piece in found:
             count = min(len(waiting), len(piece.filtered))
