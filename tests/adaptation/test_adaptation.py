@@ -19,7 +19,7 @@ from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
     is_moving,
-    latest_places,
+    latest_lifted_poses,
     relative_evidence,
 )
 from contact_tracker.adaptation.mixture import mixture, spread_out
@@ -221,7 +221,7 @@ def test_what_has_no_poses_does_not_move() -> None:
 
 
 def places(zeta: np.ndarray) -> np.ndarray:
-    return latest_places(window(zeta))
+    return latest_lifted_poses(window(zeta))
 
 
 def window(zeta: np.ndarray) -> Window:

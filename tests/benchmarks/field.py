@@ -16,10 +16,8 @@ import os
 import sys
 import zlib
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import reduce
 from itertools import product
-from multiprocessing import get_context
 from operator import add
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -40,11 +38,13 @@ from distortions import DISTORTIONS
 from identification import ROOT, command_of, find_sets
 from kept_tables import Table
 from true_errors import KNOWN, measured_poses, true_model
+from worker_pool import worker_pool
 
 FIGURES: Final = (
     *("offline", "online", "sure and wrong offline", "online", "calibration offline", "online"),
     *("worst offline", "online", "within 3 sd"),
 )
+
 HEADER: Final = ("distortion", *FIGURES, "not adapted offline", "online")
 ORACLE_HEADER: Final = ("distortion", "errors", *FIGURES)
 
@@ -107,9 +107,7 @@ def measure_all(
     paths: Sequence[str], names: Sequence[str], model: str, processes: int, oracle: bool
 ) -> Iterator[list[str]]:
     """The lines of the table, one after the other."""
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(processes) as pool:
         jobs = [pool.submit(measure, path, name, model, oracle) for name, path in product(names, paths)]
         for first, name in enumerate(tqdm(names, file=sys.stderr, disable=None)):
             mine = jobs[first * len(paths) : (first + 1) * len(paths)]

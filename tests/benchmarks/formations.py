@@ -16,11 +16,8 @@ contact in which it is reported at once, with its kind or an inseparable one, an
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -42,6 +39,8 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from kept_tables import Table
+from table_rows import median_of_known, shares_row
+from worker_pool import worker_pool
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
@@ -52,6 +51,7 @@ COLUMNS: Final = (
     *("scenario", "recordings", "found", "of which open", "ambiguous", "within 3 sd"),
     *("joins, s", "leaves, s", "false", "online", "delay, s", "false online"),
 )
+
 SINGLE_COLUMNS: Final = ("recordings of single contacts", "seconds", "false offline", "false online")
 NAN: Final = float("nan")
 
@@ -212,11 +212,11 @@ def row(name: str, measured: Sequence[Measured]) -> list[str]:
         _mean([one.is_open for one in measured]),
         _mean([one.ambiguous for one in measured]),
         float(np.mean(deviations <= 3.0)) if len(deviations) else NAN,
-        _median([one.joins_s for one in measured]),
-        _median([one.leaves_s for one in measured]),
+        median_of_known([one.joins_s for one in measured]),
+        median_of_known([one.leaves_s for one in measured]),
         sum(one.false_s for one in measured) / seconds,
         _mean([one.online for one in measured]),
-        _median([one.delay_s for one in measured]),
+        median_of_known([one.delay_s for one in measured]),
         sum(one.false_online_s for one in measured) / online_seconds if online_seconds else NAN,
     )
     return [name, str(len(measured)), *(number(figure) for figure in figures)]
@@ -224,19 +224,12 @@ def row(name: str, measured: Sequence[Measured]) -> list[str]:
 
 def single_row(name: str, measured: Sequence[Measured]) -> list[str]:
     """A line of the table of recordings without further contacts."""
-    seconds = sum(one.seconds for one in measured)
-    shares = [sum(getattr(one, key) for one in measured) / seconds for key in ("false_s", "false_online_s")]
-    return [name, f"{seconds:.0f}", *map(number, shares)]
+    return shares_row(name, [(one.seconds, one.false_s, one.false_online_s) for one in measured])
 
 
 def _mean(values: Sequence[float]) -> float:
     known = [value for value in values if np.isfinite(value)]
     return float(np.mean(known)) if known else NAN
-
-
-def _median(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else NAN
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -255,9 +248,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
-    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(args.processes) as pool:
         jobs = {
             name: [pool.submit(measure, name, seed, seed <= args.online) for seed in range(1, args.seeds + 1)]
             for name in args.only

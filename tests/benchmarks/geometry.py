@@ -10,10 +10,8 @@ identification.py, segmented by the tracker; without one, only the simulation.
 import argparse
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -38,6 +36,7 @@ from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
 from kept_tables import Table
 from stretches import NOISES, Found, find_simulated
+from worker_pool import worker_pool
 
 Array = NDArray[np.float64]
 Run = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
@@ -219,9 +218,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep a summary in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
-    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(args.processes) as pool:
         kept = report(args.folder, args.set, args.noise, args.seeds, pool.map)
     if args.tables:
         options = f"--set {' '.join(args.set)} --seeds {args.seeds} --noise {' '.join(args.noise)}"

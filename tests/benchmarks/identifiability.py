@@ -11,9 +11,8 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from functools import cache, partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +33,7 @@ from contact_tracker.states import STATES
 from identifiability_tables import Judged, Mistake
 from identification import ROOT, find_sets
 from scores import OFFLINE, Method
+from worker_pool import worker_pool
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -142,11 +142,9 @@ def _confusion(truth: Columns, label: Ints, weight: Array) -> Array:
 
 def measure_sets(sets: dict[str, list[Path]], model_name: str, processes: int) -> dict[str, list[Judged]]:
     """All that could be measured, by set; what could not is said on stderr, one line each."""
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
     paths = [path for some in sets.values() for path in some]
     done: dict[Path, Judged] = {}
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(processes) as pool:
         waiting = {pool.submit(measure, path, model_name): path for path in paths}
         for future in tqdm(as_completed(waiting), total=len(waiting), unit="recording"):
             path = waiting[future]

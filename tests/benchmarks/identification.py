@@ -12,9 +12,8 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 
 from tqdm import tqdm
@@ -35,6 +34,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from fixed_windows import Recorded, Windows
 from scores import Score, Scores
+from worker_pool import worker_pool
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -90,9 +90,7 @@ def tellable(truth: Truth) -> Truth:
 
 def measure_sets(sets: dict[str, list[Path]], model_name: str, processes: int) -> dict[str, list[Measured]]:
     """All that could be measured, by set; what could not is said on stderr, one line each."""
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(processes) as pool:
         done = measure_all([path for paths in sets.values() for path in paths], model_name, pool)
         some = {name: [done[path] for path in paths if path in done] for name, paths in sets.items()}
         some = {name: measured for name, measured in some.items() if measured}

@@ -15,12 +15,9 @@ axis or move along one direction, as in a joint; ``of which singular`` is where 
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -45,11 +42,14 @@ from contact_tracker.simulate.jointed import TrueJoint
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from kept_tables import Table
+from table_rows import median_of_known, shares_row
+from worker_pool import worker_pool
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "named", "other kind"),
     *("angle, deg", "distance, mm", "pitch, mm/rad", "within 3 sd"),
 )
+
 FALSE_COLUMNS: Final = ("recordings without a joint", "seconds", "false", "of which singular")
 NAN: Final = float("nan")
 
@@ -154,9 +154,9 @@ def row(kind: JointKind, seconds: float, measured: Sequence[Measured]) -> list[s
     figures = (
         float(np.mean([one.named for one in measured])),
         float(np.mean([one.other for one in measured])),
-        _median([one for each in measured for one in each.angle_deg]),
-        _median([one for each in measured for one in each.distance_mm]),
-        _median([one.pitch_mm for one in measured]),
+        median_of_known([one for each in measured for one in each.angle_deg]),
+        median_of_known([one for each in measured for one in each.distance_mm]),
+        median_of_known([one.pitch_mm for one in measured]),
         float(np.mean(sd <= 3.0)) if len(sd) else NAN,
     )
     return [kind.value, f"{seconds:g}", str(len(measured)), *map(number, figures)]
@@ -164,14 +164,7 @@ def row(kind: JointKind, seconds: float, measured: Sequence[Measured]) -> list[s
 
 def false_row(name: str, measured: Sequence[Without]) -> list[str]:
     """A line of the table of recordings without a joint."""
-    seconds = sum(one.seconds for one in measured)
-    shares = [sum(getattr(one, key) for one in measured) / seconds for key in ("named_s", "singular_s")]
-    return [name, f"{seconds:.0f}", *map(number, shares)]
-
-
-def _median(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else NAN
+    return shares_row(name, [(one.seconds, one.named_s, one.singular_s) for one in measured])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -184,10 +177,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the tables in this file")
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args(argv)
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
     seeds = range(1, args.seeds + 1)
-    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(args.processes) as pool:
         joints = {
             (kind, seconds): [pool.submit(measure, kind, seconds, seed) for seed in seeds]
             for kind in JointKind

@@ -12,10 +12,8 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -32,6 +30,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log, read_metadata, read_truth
 from contact_tracker.states import STATES
+from worker_pool import worker_pool
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 MOVING_M_S: Final = 0.05
@@ -126,11 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     paths = sorted(args.folder.glob("*.mcap"))[1 if args.half == "checked" else 0 :: 2]
     if not paths:
         raise SystemExit(f"{args.folder}: no recordings")
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
     kept = list[list[str]]()
     begin_s = time.monotonic()
-    with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(args.processes) as pool:
         for model in args.model:
             results = list(pool.map(partial(measure, model_name=model), paths))
             total = {

@@ -16,7 +16,7 @@ TOLERANCE: Final = 1.05
 """Tolerance of the tick's length, for periods that jitter."""
 TICKS_PER_WINDOW: Final = 10
 ODD: Final = 2.0
-"""Longer periods than this many usual ones are gaps, shorter ones than this part poses of another body."""
+"""Periods by more than this factor longer than the median are gaps, shorter ones those of two bodies."""
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
 """Candidates for the noise of a tick: geometric means of its deviations in position (m) and orientation
 (rad). Within a factor of the square root of two from the true one contacts are found as well as with it."""
@@ -43,8 +43,10 @@ USUAL_ROTATION_PER_POSITION: Final = 7.0
 
 
 def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
-    """The mean period, without those more than ``ODD`` times the median or as much below it; 0 for a single
-    pose. The median itself is off where stamps jitter."""
+    """The mean of the periods that are within a factor of ``ODD`` of the median; 0 for a single pose.
+
+    The median itself is off where stamps jitter.
+    """
     if len(stamp_ns) < 2:
         return 0.0
     ratio = np.diff(stamp_ns) / np.median(np.diff(stamp_ns))

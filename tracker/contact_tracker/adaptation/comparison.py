@@ -96,17 +96,17 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
     return np.asarray(np.any([one > one.max() - margin for one in ranked], axis=0))
 
 
-def latest_places(window: Window) -> Array:
+def latest_lifted_poses(window: Window) -> Array:
     """zeta (n, 25) of the latest ticks, as many as ``is_moving`` looks at. A copy: windows are large."""
     return window.zeta[-SPAN_TICKS - LASTING_TICKS :].copy()
 
 
-def is_moving(places: Array) -> bool:
-    """Whether the object moves in the newest tick of ``latest_places``. Noise alone does not lead away over
-    several ticks."""
-    if len(places) < SPAN_TICKS + LASTING_TICKS:
+def is_moving(lifted_poses: Array) -> bool:
+    """Whether the object moves in the newest tick of ``latest_lifted_poses``. Noise alone does not lead away
+    over several ticks."""
+    if len(lifted_poses) < SPAN_TICKS + LASTING_TICKS:
         return False
-    spans = [places[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
+    spans = [lifted_poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
     return any(all(_leads_away(span[:, part]) for span in spans) for part in (R, T))
 
 

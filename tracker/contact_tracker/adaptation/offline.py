@@ -70,7 +70,7 @@ class OfflineTracker:
         others = self._knowledge, self._executor, None, detail, self._wrenches
         model = best.model if self._wrenches is not None else _cautious_at_first(best.model)
         found = offline_smoother.pieces(everything, model, progress, *others)
-        waiting = early  # what was said before the model was chosen
+        waiting = early  # beliefs from before the model was chosen
         for piece in found:
             count = min(len(waiting), len(piece.filtered))
             said, waiting = waiting[:count], waiting[count:]
@@ -88,7 +88,7 @@ class OfflineTracker:
     def _choose(
         self, stream: Iterator[Poses], detail: Detail
     ) -> tuple[Iterator[Poses], Iterator[Poses], Beliefs]:
-        """Poses until the model is chosen, the rest, and what was believed online meanwhile, if it has enough
+        """Poses until the model is chosen, the rest, and the online beliefs until then, if they have enough
         ``detail``."""
         looked_at, beliefs, count = list[Poses](), list[Beliefs](), 0
         for some in stream:
@@ -110,7 +110,7 @@ class OfflineTracker:
 
 
 def _kept(said: list[Belief], detail: Detail) -> Beliefs:
-    """In columns: it may take hours until the model is chosen."""
+    """The beliefs in columns, if detailed enough: it may take hours until the model is chosen."""
     return Beliefs.of(said if detail >= Detail.SHARED else ())
 
 

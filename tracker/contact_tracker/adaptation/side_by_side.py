@@ -16,7 +16,7 @@ from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
     is_moving,
-    latest_places,
+    latest_lifted_poses,
     relative_evidence,
     tick_evidence,
 )
@@ -43,10 +43,10 @@ REST_NATS: Final = 10.0
 
 
 class TrackedTick(NamedTuple):
-    """A tick that a tracker has taken in: its ``evidence``, its ``latest_places``, and the answer."""
+    """A tick that a tracker has taken in: its ``evidence``, its ``latest_lifted_poses``, and the answer."""
 
     evidence: TickEvidence
-    places: Array
+    lifted_poses: Array
     belief: Belief | None
 
 
@@ -156,7 +156,7 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
     )
     alive = np.arange(len(state.trackers))
     for now in zip(first, *(followed for _, followed in started), strict=True):
-        moves = is_moving(now[alive[0]].places)
+        moves = is_moving(now[alive[0]].lifted_poses)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
     return state
@@ -182,7 +182,7 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
     beliefs, alive = list[Belief](), np.arange(len(followed))
     for now in zip(*(ticks for _, ticks in followed), strict=True):
-        moves = is_moving(now[alive[0]].places)
+        moves = is_moving(now[alive[0]].lifted_poses)
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
         said = [now[i].belief for i in alive]
@@ -211,8 +211,8 @@ def _observe(
     """One tracker takes in ticks; the one that ``judges`` free motion does so for all."""
     followed = list[TrackedTick]()
     for after, online in tracker.update_each(state, closed, detail, judges):
-        evidence, places = tick_evidence(state, after), latest_places(after.window)
-        followed.append(TrackedTick(evidence, places, tracker.answer(after, online)))
+        evidence, lifted_poses = tick_evidence(state, after), latest_lifted_poses(after.window)
+        followed.append(TrackedTick(evidence, lifted_poses, tracker.answer(after, online)))
         state = after
     return state, followed
 

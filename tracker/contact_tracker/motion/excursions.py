@@ -28,9 +28,8 @@ LONGEST_NS: Final = 500_000_000
 MOST_JUMPS: Final = 3
 """This many jumps in a row are motion, unless they lead back."""
 VISITS: Final = 10
-"""So many excursions to one place are those of another body..."""
 VISITS_WITHIN: Final = 40
-"""... within so many poses."""
+"""Excursions to one place are those of another body if there are ``VISITS`` within so many poses."""
 SAME_PLACE: Final = 0.25
 """Largest movement of that place between two excursions, relative to the jump."""
 ARM_M: Final = 0.1
@@ -54,9 +53,9 @@ class ExcursionFilter:
         self._shift_m: Array = np.zeros(3)
         self._turn: Array = _UNTURNED
         self._in_a_row = 0
-        self._seen = 0
+        self._poses = 0
         self._visits: deque[int] = deque(maxlen=VISITS)
-        self._visited: Pose | None = None
+        self._last_excursion: Pose | None = None
 
     def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
         """The poses to go on with now: this one, none, or several that were held.
@@ -65,7 +64,7 @@ class ExcursionFilter:
         ----------
         continues : whether it follows closely on the pose before.
         """
-        self._seen += 1
+        self._poses += 1
         if not continues:
             released = self.finish()
             self._steps.clear()
@@ -97,7 +96,7 @@ class ExcursionFilter:
     def _come_back(self, pose: Pose) -> Sequence[Pose]:
         """The pose with which the motion goes on, and the held ones only where they are of another body."""
         self._note_visit()
-        if len(self._visits) == VISITS and self._seen - self._visits[0] < VISITS_WITHIN:
+        if len(self._visits) == VISITS and self._poses - self._visits[0] < VISITS_WITHIN:
             self._held.append(pose)
             return self.finish()
         self._counts["excursion"] += len(self._held)
@@ -112,11 +111,11 @@ class ExcursionFilter:
         if step_between(self._last, self._held[0]).distance_m <= NEAR_M:
             self._visits.clear()
             return
-        jumped_m = _apart_m(self._last, self._held[0])
-        if self._visited is None or _apart_m(self._visited, self._held[0]) > SAME_PLACE * jumped_m:
+        same_m, before = SAME_PLACE * _apart_m(self._last, self._held[0]), self._last_excursion
+        if before is None or _apart_m(before, self._held[0]) > same_m:
             self._visits.clear()
-        self._visits.append(self._seen)
-        self._visited = self._held[-1]
+        self._visits.append(self._poses)
+        self._last_excursion = self._held[-1]
 
     def finish(self) -> Sequence[Pose]:
         """The poses still held: they have not come back."""
@@ -133,7 +132,7 @@ class ExcursionFilter:
     def pass_all(self, last: Pose, steps: Steps) -> None:
         """Pass on poses that need no further checks, up to ``last``."""
         newest = slice(-STEPS_KEPT, None)
-        self._seen += len(steps.distance_m)
+        self._poses += len(steps.distance_m)
         self._steps.extend(map(Step, steps.distance_m[newest].tolist(), steps.turn[newest].tolist()))
         self._last = last
 

@@ -20,7 +20,7 @@ from contact_tracker.recording.transform_tree import (
 
 ARROW: Final = "->"
 _BODY: Final = "the body "
-_REFERENCE: Final = "the reference "
+REFERENCE: Final = "the reference "
 """Frame names that do not occur in logs."""
 
 
@@ -72,8 +72,8 @@ def chain_relative(
     steps, start = {s: Step(s, False) for s in tree} | {body: Step(source, False)}, relative_to
     if references and not any(map(is_transform, references)):
         reference = only_one(path, references)
-        named = replace(reference, child_frame_id=_REFERENCE)
-        steps[named], start = Step(reference, False), _REFERENCE
+        named = replace(reference, child_frame_id=REFERENCE)
+        steps[named], start = Step(reference, False), REFERENCE
     elif source.child_frame_id and relative_to in (source.child_frame_id,):
         raise AmbiguousSource(f"{path}: {relative_to} is the body itself: name another frame")
     found = TransformTree(steps).chain(start, _BODY)

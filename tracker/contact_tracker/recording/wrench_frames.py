@@ -15,7 +15,7 @@ from contact_tracker.errors import NoPoses
 from contact_tracker.motion.poses import BATCH, NO_POSES, Poses
 from contact_tracker.recording.composition import Composer
 from contact_tracker.recording.decoding import MessageDecoder, is_readable, pose_row, row_channel
-from contact_tracker.recording.frames import Chain
+from contact_tracker.recording.frames import REFERENCE, Chain
 from contact_tracker.recording.items import Channel, Item, RawMessage
 from contact_tracker.recording.message_types import canonical
 from contact_tracker.recording.reading import Reading
@@ -29,9 +29,8 @@ from contact_tracker.recording.transform_tree import (
     is_transform,
 )
 
-_REFERENCE: Final = "the reference "
 _WRENCH: Final = "the wrench "
-"""Names of frames that no log has."""
+"""A frame name that does not occur in logs."""
 
 
 class FramePoses(NamedTuple):
@@ -104,8 +103,8 @@ def _chain(known: Mapping[PoseSource, list[Logged]], frame_id: str, source: Pose
     start = source.frame_id
     for reference in known:  # poses that are relative to those of another topic, and so in no frame
         if reference.topic == source.frame_id and not is_transform(reference):
-            steps[replace(reference, child_frame_id=_REFERENCE)] = Step(reference, False)
-            start = _REFERENCE
+            steps[replace(reference, child_frame_id=REFERENCE)] = Step(reference, False)
+            start = REFERENCE
     tree = TransformTree(steps)
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):

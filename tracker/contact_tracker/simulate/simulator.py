@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,10 +62,11 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     object = object_shape(scenario.object)
     world = _random_frame(frame_rng, _WORLD_M)
     body = _random_frame(frame_rng, _BODY_M)
+    setting = _Setting(scenario, seed, object, body, world, motion_rng, sensor_rng)
     if scenario.further is not None:
-        return _simulate_corner(scenario, scenario.further, seed, object, body, world, motion_rng, sensor_rng)
+        return _simulate_corner(setting, scenario.further)
     if scenario.joint is not None:
-        return _simulate_joint(scenario, scenario.joint, seed, object, body, world, motion_rng, sensor_rng)
+        return _simulate_joint(setting, scenario.joint)
     scene = surroundings_shape(scenario.surroundings)
     legs = plan(motion_rng, scenario.phases, object, scene)
     counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
@@ -78,22 +80,41 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), _moved(scene, world)))
 
 
-def _simulate_corner(
-    scenario: Scenario,
-    further: Further,
-    seed: int,
-    object: Polyhedron,
-    body: Rigid,
-    world: Rigid,
-    motion_rng: np.random.Generator,
-    sensor_rng: np.random.Generator,
-) -> Simulated:
+class _Setting(NamedTuple):
+    """What a scenario of one phase is simulated with; ``body`` and ``world`` are its random frames."""
+
+    scenario: Scenario
+    seed: int
+    object: Polyhedron
+    body: Rigid
+    world: Rigid
+    motion_rng: np.random.Generator
+    sensor_rng: np.random.Generator
+
+    @property
+    def time_s(self) -> Array:
+        """Times of the poses from the start, without jitter."""
+        duration_s = self.scenario.phases[0].duration_s
+        return np.linspace(0.0, duration_s, round(duration_s * self.scenario.rate_hz), endpoint=False)
+
+    def measured(self, pose: Rigid) -> tuple[NDArray[np.int64], Poses]:
+        """Stamps and measurements of the poses of the object in its surroundings."""
+        stamp_ns = stamps(self.sensor_rng, len(pose.translation), self.scenario)
+        moved = self.world @ pose @ self.body.inverse()
+        return stamp_ns, measure(self.sensor_rng, stamp_ns, moved, self.scenario)
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """Of the recording."""
+        return _metadata(self.scenario, self.seed, _moved(self.object, self.body), None)
+
+
+def _simulate_corner(setting: _Setting, further: Further) -> Simulated:
     """One contact on a table, and a further one on a wall."""
-    contact, duration_s = scenario.phases[0].contact, scenario.phases[0].duration_s
-    time_s = np.linspace(0.0, duration_s, round(duration_s * scenario.rate_hz), endpoint=False)
-    moved = move_in_corner(motion_rng, object, scenario, further, time_s)
-    stamp_ns = stamps(sensor_rng, len(time_s), scenario)
-    poses = measure(sensor_rng, stamp_ns, world @ moved.pose @ body.inverse(), scenario)
+    body, world, time_s = setting.body, setting.world, setting.time_s
+    contact, duration_s, _ = setting.scenario.phases[0]
+    moved = move_in_corner(setting.motion_rng, setting.object, setting.scenario, further, time_s)
+    stamp_ns, poses = setting.measured(moved.pose)
     start_s, end_s = further.start_s or 0.0, further.end_s or duration_s
     first, last = np.searchsorted(time_s, (start_s, end_s))
     span = int(stamp_ns[first]), int(stamp_ns[min(last, len(stamp_ns) - 1)])
@@ -101,29 +122,16 @@ def _simulate_corner(
     whole = int(stamp_ns[0]), int(stamp_ns[-1])
     geometry = moved.first.geometry(body, world)
     truth = Truth((TruthInterval(*whole, contact, geometry=geometry, further=(second,)),))
-    return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), None))
+    return Simulated(poses, truth, setting.metadata)
 
 
-def _simulate_joint(
-    scenario: Scenario,
-    kind: JointKind,
-    seed: int,
-    object: Polyhedron,
-    body: Rigid,
-    world: Rigid,
-    motion_rng: np.random.Generator,
-    sensor_rng: np.random.Generator,
-) -> Simulated:
+def _simulate_joint(setting: _Setting, kind: JointKind) -> Simulated:
     """An object in a joint: no contact is scored."""
-    duration_s = scenario.phases[0].duration_s
-    time_s = np.linspace(0.0, duration_s, round(duration_s * scenario.rate_hz), endpoint=False)
-    moved = move_in_joint(motion_rng, kind, scenario, time_s)
-    stamp_ns = stamps(sensor_rng, len(time_s), scenario)
-    poses = measure(sensor_rng, stamp_ns, world @ moved.pose @ body.inverse(), scenario)
+    moved = move_in_joint(setting.motion_rng, kind, setting.scenario, setting.time_s)
+    stamp_ns, poses = setting.measured(moved.pose)
     truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
-    joint = moved.joint(body, world)
-    metadata = _metadata(scenario, seed, _moved(object, body), None) | {"joint": joint.to_json()}
-    return Simulated(poses, truth, metadata, joint)
+    joint = moved.joint(setting.body, setting.world)
+    return Simulated(poses, truth, setting.metadata | {"joint": joint.to_json()}, joint)
 
 
 def _travel(rng: np.random.Generator, leg: Leg, count: int, scenario: Scenario) -> Path:
