@@ -14,6 +14,6 @@ def median_of_known(values: Sequence[float]) -> float:
 
 
 def shares_row(name: str, recordings: Sequence[tuple[float, ...]]) -> list[str]:
-    """Length of all ``recordings`` (s), the first figure of each, and the other figures (s) as shares of it."""
+    """The length of all ``recordings`` (s), which is the first figure of each, and shares: the others (s)."""
     seconds, *parts = (sum(column) for column in zip(*recordings, strict=True))
     return [name, f"{seconds:.0f}", *(number(part / seconds) for part in parts)]
