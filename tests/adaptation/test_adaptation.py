@@ -13,16 +13,9 @@ from scipy.signal import lfilter
 
 from contact_tracker import adaptation, hmm
 from contact_tracker.adaptation.candidates import candidates, with_ticks_for
-from contact_tracker.adaptation.comparison import (
-    LASTING_TICKS,
-    SPAN_TICKS,
-    TickEvidence,
-    are_compared,
-    is_moving,
-    latest_lifted_poses,
-    relative_evidence,
-)
+from contact_tracker.adaptation.comparison import TickEvidence, are_compared, relative_evidence
 from contact_tracker.adaptation.mixture import mixture, spread_out
+from contact_tracker.adaptation.rest import LASTING_TICKS, SPAN_TICKS, is_moving
 from contact_tracker.adaptation.side_by_side import RATE_POSES, RATIO_POSES
 from contact_tracker.config.loading import load_model
 from contact_tracker.evaluation.evaluate import evaluate
@@ -221,7 +214,7 @@ def test_what_has_no_poses_does_not_move() -> None:
 
 
 def places(zeta: np.ndarray) -> np.ndarray:
-    return latest_lifted_poses(window(zeta))
+    return zeta[-SPAN_TICKS - LASTING_TICKS :]
 
 
 def window(zeta: np.ndarray) -> Window:

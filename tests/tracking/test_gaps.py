@@ -12,7 +12,9 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.tick_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import empty_tick
 from contact_tracker.motion.window import EMPTY_WINDOW, advance_window, advance_windows
+from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.saved_state import is_same
 from contact_tracker.tracking import tracker
 from contact_tracker.tracking.belief import Detail
@@ -68,6 +70,38 @@ def test_live_hypotheses_in_gaps_equal_those_of_the_banks():
         assert is_same(seen.state.live_hypotheses, expected)
         waiting += not seen.state.hazard_exposure
     assert waiting > 100
+
+
+@pytest.mark.parametrize("count", [1, 2, 40, 299, 300, 301, 1000])
+def test_a_gap_in_one_step_is_the_same_as_tick_by_tick(count):
+    poses = with_gaps(20, 0.15)
+    state, ticks = tracker.accumulate_poses(tracker.start(MODEL), poses)
+    empty = [
+        empty_tick(ticks[-1], ticks[-1].stamp_ns + i * SECOND // 10, ticks[-1].stamp_ns + i * SECOND // 10)
+        for i in range(1, count + 4)
+    ]
+    expected = [state for state, _ in tracker.update_each(state, [*ticks, *empty], Detail.WEIGHTS)]
+    before = expected[-count - 1]
+    assert before.window.innovation_excess.any()
+    assert tracker.can_hold(before)
+    held, last = tracker.hold(before, count), expected[-1]
+    assert last.deferred_exposure == pytest.approx(held.deferred_exposure)
+    for one, other in zip(held.banks, last.banks, strict=True):  # sums in another order
+        np.testing.assert_allclose(one.words, other.words, rtol=1e-9, atol=1e-9)
+    other_fields = {"banks": (), "belief": None, "deferred_exposure": 0.0}
+    assert is_same(held._replace(**other_fields), last._replace(**other_fields))
+    for name in ("inverse", "displacement_variance"):
+        np.testing.assert_array_equal(getattr(held.window, name), getattr(last.window, name))
+
+
+def test_neither_with_a_lag_nor_with_known_elements_is_a_gap_passed_in_one_step():
+    given = knowledge_from({"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.0}]}})
+    poses = with_gaps(20, 0.15)
+    for start in (tracker.start(MODEL, lag_s=0.5), tracker.start(MODEL, knowledge=given)):
+        state, ticks = tracker.accumulate_poses(start, poses)
+        assert len(ticks)
+        for after, _ in tracker.update_each(state, ticks):
+            assert not tracker.can_hold(after)
 
 
 def test_trackers_side_by_side_take_little_memory_in_gaps():

@@ -12,18 +12,10 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Motion
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.motion.lifted_pose import R, T
-from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import TrackerState
 
 Array = NDArray[np.float64]
 
-SPAN_TICKS: Final = 5
-SMOOTH: Final = 4.0
-"""Motion leads away if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
-factor."""
-LASTING_TICKS: Final = 3
-"""Number of consecutive ticks in which it has to lead away; noise does so once, hardly three times."""
 HOPELESS_AFTER_S: Final = 1.5
 HOPELESS_NATS: Final = 40.0
 """After this much motion trackers this far behind the best are dropped."""
@@ -94,27 +86,3 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
     if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == favoured):
         return np.asarray(np.arange(len(log_weight)) == favoured, np.bool_)
     return np.asarray(np.any([one > one.max() - margin for one in ranked], axis=0))
-
-
-def latest_lifted_poses(window: Window) -> Array:
-    """zeta (n, 25) of the latest ticks, as many as ``is_moving`` looks at. A copy: windows are large."""
-    return window.zeta[-SPAN_TICKS - LASTING_TICKS :].copy()
-
-
-def is_moving(lifted_poses: Array) -> bool:
-    """Whether the object moves in the newest tick of ``latest_lifted_poses``. Noise alone does not lead away
-    over several ticks."""
-    if len(lifted_poses) < SPAN_TICKS + LASTING_TICKS:
-        return False
-    spans = [lifted_poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
-    return any(all(_leads_away(span[:, part]) for span in spans) for part in (R, T))
-
-
-def _leads_away(places: Array) -> bool:
-    """Whether the places (N, d) lead farther than as many steps of noise; ticks without frames do not
-    count."""
-    steps_sq = (np.diff(places, axis=0) ** 2).sum(axis=1)
-    steps_sq = steps_sq[steps_sq > 0.0]
-    if len(steps_sq) < 2:
-        return False
-    return float(((places[-1] - places[0]) ** 2).sum()) > SMOOTH * float(steps_sq.mean())

@@ -11,10 +11,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.adaptation.explained import Explained, follow
+from contact_tracker.adaptation.rest import KEPT_TICKS
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.landmarks.prior_map import PriorMap
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.tracking import tracker
 
 READINGS: Final = (
@@ -47,22 +48,35 @@ class Conventions(NamedTuple):
     """What is known so far.
 
     ``trackers`` of READINGS, none before the rate is known and once it is settled; whether it
-    ``is_settled``; the text of what was ``found``, empty if nothing was.
+    ``is_settled``; the text of what was ``found``, empty if nothing was; the latest poses of a rest, which
+    the trackers have not taken in (``waiting``).
     """
 
     trackers: tuple[Explained, ...]
     is_settled: bool
     found: str
+    waiting: Poses
 
 
-NOTHING_KNOWN: Final = Conventions((), False, "")
+NOTHING_KNOWN: Final = Conventions((), False, "", NO_POSES)
 
 
-def advance(known: Conventions, model: Model, knowledge: PriorMap, poses: Poses) -> Conventions:
-    """Take in poses; ``model`` has the ticks of the stream. With ``knowledge`` nothing is compared."""
+def advance(
+    known: Conventions, model: Model, knowledge: PriorMap, poses: Poses, rests: bool = False
+) -> Conventions:
+    """Take in poses; ``model`` has the ticks of the stream. With ``knowledge`` nothing is compared.
+
+    Poses in which the object ``rests`` are skipped but for the latest, since they cost time and show nothing.
+    """
     if knowledge:
         return known._replace(is_settled=True)
-    return known if known.is_settled else _compared(known, model, poses)
+    if known.is_settled or not len(poses):
+        return known
+    poses = Poses.join([known.waiting, poses])
+    if not rests:
+        return _compared(known._replace(waiting=NO_POSES), model, poses)
+    latest = poses.stamp_ns >= poses.stamp_ns[-1] - KEPT_TICKS * model.tick_ns
+    return known._replace(waiting=poses[latest])
 
 
 def findings(known: Conventions) -> tuple[Finding, ...]:
@@ -84,8 +98,8 @@ def _compared(known: Conventions, model: Model, poses: Poses) -> Conventions:
     explained, moved_s = np.array([one.state.log_evidence for one in after]), after[0].moved_s
     other, lead = int(explained.argmax()), float(explained[0] - explained[1:].max())
     if lead < -WRONG_NATS and explained[other] > WRONG_FACTOR * explained[0]:
-        return Conventions((), True, READINGS[other][0])
+        return Conventions((), True, READINGS[other][0], NO_POSES)
     is_safe = moved_s > SAFE_AFTER_S and lead > SAFE_NATS
     if is_safe or (moved_s > USUAL_S and lead > -DOUBT_NATS) or moved_s > LONGEST_S:
-        return Conventions((), True, "")
-    return Conventions(after, False, "")
+        return Conventions((), True, "", NO_POSES)
+    return Conventions(after, False, "", NO_POSES)

@@ -26,8 +26,8 @@ def follow(one: Explained, poses: Poses) -> tuple[Explained, list[AfterTick]]:
     """Advance by poses; returns the evidence after each tick that they close."""
     state, closed = tracker.accumulate_poses(one.state, poses)
     moved_s, after = one.moved_s, list[AfterTick]()
-    for now, _ in tracker.update_each(state, closed, Detail.WEIGHTS):
+    for now, count in tracker.update_through_gaps(state, closed, Detail.WEIGHTS):
         state = now
-        moved_s += state.model.tick_s * state.window.latest_motion_ratio
-        after.append(AfterTick(state.log_evidence, moved_s))
+        moved_s += state.model.tick_s * state.window.latest_motion_ratio  # none in a gap
+        after += [AfterTick(state.log_evidence, moved_s)] * count
     return Explained(state, moved_s), after

@@ -101,7 +101,8 @@ class AdaptiveState(NamedTuple):
     @property
     def outliers(self) -> int:
         """Poses left out of their ticks so far."""
-        return 0 if self.best is None else self.best.outliers
+        trackers = self.trackers.trackers
+        return trackers[0].outliers if trackers else 0  # others may wait
 
 
 def start(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> AdaptiveState:
@@ -214,7 +215,8 @@ def _take_in(state: AdaptiveState, detail: Detail) -> tuple[AdaptiveState, list[
     poses, conventions = Poses.join(waiting), state.conventions
     trackers, beliefs = side_by_side.advance(state.trackers, poses, detail)
     if trackers.trackers:
-        conventions = advance_conventions(conventions, trackers.trackers[0].model, trackers.knowledge, poses)
+        model, rests = trackers.trackers[0].model, trackers.rest.goes_on(state.trackers.rest)
+        conventions = advance_conventions(conventions, model, trackers.knowledge, poses, rests)
     state = state._replace(trackers=trackers, conventions=conventions, taken_in=len(state.uninspected))
     state = compare(state, poses)
     return state, _as_sure_as_allowed(state, beliefs)

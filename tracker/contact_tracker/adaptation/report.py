@@ -33,7 +33,8 @@ def report(state: AdaptiveState) -> Report | None:
     if best is None or best.averaging is None:
         return None
     estimate: NoiseEstimate = best.averaging.stream.noise
-    typical = float(np.median(best.sliding_window.frames)) if len(best.sliding_window.frames) else 1.0
+    frames = state.trackers.trackers[0].sliding_window.frames  # others may wait
+    typical = float(np.median(frames)) if len(frames) else 1.0
     variance = white_variances(estimate, np.array(typical), best.model)
     tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
     share = best.model.noise.estimate_share

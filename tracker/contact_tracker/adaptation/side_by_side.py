@@ -6,24 +6,26 @@ all but the best (``comparison``).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.adaptation import rest
 from contact_tracker.adaptation.candidates import candidates, usual_period_s, with_ticks_for
 from contact_tracker.adaptation.comparison import (
     TickEvidence,
     are_compared,
-    is_moving,
-    latest_lifted_poses,
     relative_evidence,
     tick_evidence,
 )
 from contact_tracker.adaptation.mixture import mixture
+from contact_tracker.adaptation.rest import NO_REST, Rest
 from contact_tracker.config.parameters import Model
 from contact_tracker.landmarks.prior_map import EMPTY_MAP, PriorMap
 from contact_tracker.motion import tick_grid
+from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import Contact
@@ -43,15 +45,30 @@ REST_NATS: Final = 10.0
 
 
 class TrackedTick(NamedTuple):
-    """A tick that a tracker has taken in: its ``evidence``, its ``latest_lifted_poses``, and the answer."""
+    """A tick that a tracker has taken in: its ``evidence``, and the answer."""
 
     evidence: TickEvidence
-    lifted_poses: Array
     belief: Belief | None
+
+
+class FirstTick(NamedTuple):
+    """A tick before there are other trackers, and whether the object ``moves`` in it."""
+
+    tracked: TrackedTick
+    moves: bool
+
+
+class Averaging(NamedTuple):
+    """The first tracker ``before`` and ``after`` it averaged some poses, which the others follow."""
+
+    before: TrackerState
+    after: TrackerState
 
 
 class SideBySide(NamedTuple):
     """The trackers of one stream; bounded in size however long it is.
+
+    While the object rests, the first tracker goes on alone, see ``rest``.
 
     ``model`` as asked for; the ``trackers``, none before the rate is known, and their ``log_weight``
     (K,), in which ``log_prior`` (K,) is what is no evidence; ``pending``, the poses so far as long as other
@@ -66,8 +83,9 @@ class SideBySide(NamedTuple):
     log_weight: Array
     log_prior: Array
     pending: Poses | None
-    first: tuple[TrackedTick, ...]
+    first: tuple[FirstTick, ...]
     moved_s: float
+    rest: Rest
 
     @property
     def is_decided(self) -> bool:
@@ -82,7 +100,7 @@ class SideBySide(NamedTuple):
 
 def begin(model: Model, lag_s: float = 0.0, knowledge: PriorMap = EMPTY_MAP) -> SideBySide:
     """No pose has come yet."""
-    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), np.zeros(1), NO_POSES, (), 0.0)
+    return SideBySide(model, knowledge, lag_s, (), np.zeros(1), np.zeros(1), NO_POSES, (), 0.0, NO_REST)
 
 
 def goes_on(state: SideBySide, stamp_ns: int) -> bool:
@@ -126,9 +144,10 @@ def finish(state: SideBySide) -> tuple[SideBySide, list[Belief]]:
         if not state.trackers:
             state, beliefs = _with_first(state, Detail.FORMATION)
         state = _with_others(state, Detail.GEOMETRY)
+    state = _caught_up(state, state.trackers[0]) if state.trackers else state
     ended = [tracker.finish(one) for one in state.trackers]
-    rest = zip(*(said for _, said in ended), strict=True)
-    beliefs += [mixture(some, state.log_weight) for some in rest]
+    last = zip(*(said for _, said in ended), strict=True)
+    beliefs += [mixture(some, state.log_weight) for some in last]
     return state._replace(trackers=tuple(one for one, _ in ended)), beliefs
 
 
@@ -153,26 +172,69 @@ def _with_others(state: SideBySide, detail: Detail) -> SideBySide:
         log_prior=log_prior,
         pending=None,
         first=(),
+        rest=state.rest.restarted(),
     )
     alive = np.arange(len(state.trackers))
-    for now in zip(first, *(followed for _, followed in started), strict=True):
-        moves = is_moving(now[alive[0]].lifted_poses)
+    for (tracked, moves), *others in zip(first, *(followed for _, followed in started), strict=True):
+        now = [tracked, *others]
         state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
         alive = alive[kept]
     return state
 
 
 def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide, list[Belief]]:
-    """All trackers take in poses; one that is dropped meanwhile says nothing any more."""
+    """All trackers advance by poses; one that is dropped meanwhile has no say in later ticks."""
     leader, *others = state.trackers
     advanced, closed = tracker.accumulate_poses(leader, poses)
-    if not others and state.is_decided:
+    if state.is_decided:
         return _single(state, advanced, closed, detail)
     # frames are averaged once: the ticks that trackers are compared by are the same
-    gathered = [tracker.follow_ticks(one, leader, advanced, closed) for one in others]
-    gathered.insert(0, (advanced, closed))
-    if not closed:
-        return state._replace(trackers=tuple(one for one, _ in gathered)), []
+    averaging, beliefs = Averaging(leader, advanced), list[Belief]()
+    state = state._replace(trackers=(advanced, *others))
+    while closed:
+        first, ahead = state.trackers[0], _rests(state, closed)
+        if ahead[0].is_waiting:
+            state, said = _rest_on(state, averaging, closed[: len(ahead)], ahead[-1], detail)
+        else:
+            state, said = _take_in(state, averaging, closed[0], ahead[0], detail)
+        beliefs += said
+        closed = closed[len(ahead) :]
+        if state.trackers[0].model is not first.model:  # the first was dropped
+            second, closed = tracker.follow_ticks(state.trackers[0], *averaging, closed)
+            state = state._replace(trackers=(second, *state.trackers[1:]))
+    first, *others = state.trackers
+    if state.rest.is_waiting:
+        others = [_averaged_like(one, first) for one in others]
+    else:
+        others = [tracker.follow_ticks(one, *averaging, [])[0] for one in others]
+    return state._replace(trackers=(first, *others)), beliefs
+
+
+def _rests(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
+    """The rest after the next tick, or after all of the next ticks through which the others wait."""
+    first, *others = state.trackers
+    can_wait = bool(others) and not first.lag_history.size and not first.knowledge
+    share = first.model.noise.estimate_share
+    is_quietest = all(one.model.noise.estimate_share >= share for one in others)
+    ahead = list[Rest]()
+    for tick in closed:
+        before = ahead[-1] if ahead else state.rest
+        now = rest.advance(before, tick, first.model.tick_s, can_wait, is_quietest)
+        if ahead and not now.is_waiting:
+            break
+        ahead.append(now)
+        if not now.is_waiting:
+            break
+    return ahead
+
+
+def _take_in(
+    state: SideBySide, averaging: Averaging, tick: Tick, now: Rest, detail: Detail
+) -> tuple[SideBySide, list[Belief]]:
+    """All trackers take in a tick."""
+    state = _caught_up(state, averaging.before)._replace(rest=now)
+    first, *others = state.trackers
+    gathered = [(first, [tick]), *(tracker.follow_ticks(one, *averaging, [tick]) for one in others)]
     judge = int(state.log_weight.argmax())
     followed = [
         _observe(one, own, detail if i == judge else min(detail, Detail.GEOMETRY), i == judge)
@@ -180,17 +242,63 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     ]
     curved = followed[judge][0].curved  # one judges it for all
     state = state._replace(trackers=tuple(_with_curved(one, curved) for one, _ in followed))
-    beliefs, alive = list[Belief](), np.arange(len(followed))
-    for now in zip(*(ticks for _, ticks in followed), strict=True):
-        moves = is_moving(now[alive[0]].lifted_poses)
-        state, kept = _weigh_trackers(state, [now[i] for i in alive], moves)
-        alive = alive[kept]
-        said = [now[i].belief for i in alive]
-        if said[0] is not None:  # they lag alike
-            activity = np.array([now[i].evidence.activity for i in alive])
-            held_for_motion = 0.0 if moves else REST_NATS * activity
-            beliefs.append(mixture([b for b in said if b is not None], state.log_weight - held_for_motion))
-    return state, beliefs
+    state, kept = _weigh_trackers(state, [ticks[0] for _, ticks in followed], now.moves)
+    tracked = [followed[i][1][0] for i in kept]
+    beliefs = [one.belief for one in tracked if one.belief is not None]
+    if not beliefs:  # they lag alike
+        return state, []
+    activity = np.array([one.evidence.activity for one in tracked])
+    held_for_motion = 0.0 if now.moves else REST_NATS * activity
+    return state, [mixture(beliefs, state.log_weight - held_for_motion)]
+
+
+def _rest_on(
+    state: SideBySide, averaging: Averaging, ticks: Sequence[Tick], now: Rest, detail: Detail
+) -> tuple[SideBySide, list[Belief]]:
+    """The first tracker takes in ticks through which the others wait."""
+    first, *others = state.trackers
+    if not state.rest.is_waiting:
+        others = [_held(tracker.follow_ticks(one, *averaging, [])[0], ticks[0]) for one in others]
+    judges = not state.log_weight.argmax()
+    first, followed = _observe(first, ticks, detail if judges else min(detail, Detail.GEOMETRY), judges)
+    beliefs = list[Belief]()
+    for tick, (evidence, belief) in zip(ticks, followed, strict=True):
+        held_for_motion = np.append(REST_NATS * evidence.activity, np.zeros(len(others)))
+        same = [replace(one.belief, stamp_ns=tick.stamp_ns) for one in others if one.belief is not None]
+        if belief is not None:
+            beliefs.append(mixture([belief, *same], state.log_weight - held_for_motion))
+    return state._replace(trackers=(first, *others), rest=now), beliefs
+
+
+def _held(one: TrackerState, tick: Tick) -> TrackerState:
+    """A tracker after the first tick through which it waits, as one without motion."""
+    if tracker.can_hold(one):
+        return tracker.hold(one, 1, tick.outliers)
+    after, _ = tracker.update(one, replace(tick, innovation_excess=NO_EXCESS), Detail.GEOMETRY, judges=False)
+    return after
+
+
+def _caught_up(state: SideBySide, leader: TrackerState) -> SideBySide:
+    """The waiting trackers take in what they missed: the latest ticks, after the others as without motion."""
+    first, *others = state.trackers
+    missed = state.rest
+    if not missed.skipped and not missed.kept:
+        return state
+    caught_up = []
+    for one in others:
+        one = tracker.hold(one, missed.skipped, missed.outliers)
+        one, own = tracker.follow_ticks(one, leader, leader, missed.kept)
+        for after, _ in tracker.update_through_gaps(one, own, Detail.GEOMETRY):
+            one = after
+        caught_up.append(one)
+    return state._replace(trackers=(first, *caught_up), rest=missed.restarted())
+
+
+def _averaged_like(one: TrackerState, first: TrackerState) -> TrackerState:
+    """A waiting tracker with the averaging of the first; its filter of free motion begins again."""
+    assert first.averaging is not None
+    averaging = first.averaging
+    return one._replace(averaging=averaging._replace(stream=averaging.stream._replace(free_motion=None)))
 
 
 def _single(
@@ -211,8 +319,7 @@ def _observe(
     """One tracker takes in ticks; the one that ``judges`` free motion does so for all."""
     followed = list[TrackedTick]()
     for after, online in tracker.update_each(state, closed, detail, judges):
-        evidence, lifted_poses = tick_evidence(state, after), latest_lifted_poses(after.window)
-        followed.append(TrackedTick(evidence, lifted_poses, tracker.answer(after, online)))
+        followed.append(TrackedTick(tick_evidence(state, after), tracker.answer(after, online)))
         state = after
     return state, followed
 
@@ -229,7 +336,8 @@ def _weigh_trackers(
     """Weigh the trackers by what a tick in which the object ``moves`` was to each; which of them are kept."""
     every = np.arange(len(now))
     if len(now) == 1:
-        return state if state.pending is None else state._replace(first=(*state.first, *now)), every
+        first = (*state.first, FirstTick(now[0], moves))
+        return state if state.pending is None else state._replace(first=first), every
     if not moves:
         return state, every
     model = state.trackers[0].model

@@ -135,9 +135,18 @@ class Window:
             windows.append(one.with_cached(inverse[first:end], displacement_variance[first:end]))
         return windows
 
-    def expired_by(self, after: "Window") -> "Window":
-        """The oldest ticks, which are not in the next window ``after`` any more."""
-        return self.cut(0, max(len(self) + 1 - len(after), 0))
+    def hold(self, count: int, most: int) -> "Window":
+        """The last of ``held``, in one step."""
+        first = max(len(self) + count - most, 0)
+        rows = np.minimum(np.arange(first, len(self) + count), len(self) - 1)
+        numbers = np.concatenate([self.index, self.index[-1] + 1 + np.arange(count)])[first:]
+        before = self.zeta[min(first, len(self)) - 1] if first else self.before
+        one = replace(self.pick(rows, before), index=numbers)
+        return one.with_cached(self.inverse[rows], self.displacement_variance[rows])
+
+    def expired_by(self, after: "Window", count: int = 1) -> "Window":
+        """The oldest ticks, which are not in the window ``after`` any more, ``count`` ticks later."""
+        return self.cut(0, max(len(self) + count - len(after), 0))
 
     def cut(self, first: int, end: int | None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
@@ -220,6 +229,13 @@ def advance_windows(
                 sliding = SlidingWindow(window, frames[max(i - most, 0) : i])
                 yield sliding
         first += alike
+
+
+def hold_window(sliding: SlidingWindow, count: int, model: Model) -> SlidingWindow:
+    """The window after ``count`` further ticks without frames, in one step."""
+    most = _most_ticks(model)
+    frames = np.concatenate([sliding.frames, np.zeros(min(count, most))])[-most:]
+    return SlidingWindow(sliding.window.hold(count, most), frames)
 
 
 def _count_alike(ticks: Sequence[Tick], first: int) -> int:

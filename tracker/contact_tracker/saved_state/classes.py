@@ -11,6 +11,7 @@ from contact_tracker.adaptation import (
     conventions,
     explained,
     online,
+    rest,
     side_by_side,
 )
 from contact_tracker.config import parameters
@@ -44,6 +45,8 @@ VALUES: Final[tuple[type, ...]] = (
     conventions.Conventions,
     explained.Explained,
     online.AdaptiveState,
+    rest.Rest,
+    side_by_side.FirstTick,
     side_by_side.SideBySide,
     side_by_side.TrackedTick,
     parameters.Certainty,

@@ -48,27 +48,34 @@ def is_uninformative(state: TrackerState, tick: Tick) -> bool:
     )
 
 
-def propagate_without_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> TrackerState:
-    """Append the tick to the window only; its exposure to change is deferred to the next informative tick."""
-    oldest, banks = state.window.expired_by(sliding.window), state.banks
+def propagate_without_update(
+    state: TrackerState, sliding: SlidingWindow, outliers: int, count: int = 1
+) -> TrackerState:
+    """Append an uninformative tick to the window only, or without a lag ``count`` of them; their exposure to
+    change is deferred to the next informative tick."""
+    assert count == 1 or not state.lag_history.size
+    oldest, banks = state.window.expired_by(sliding.window, count), state.banks
     if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
         scales, errors = scales_of(state.model), state.model.noise.extra_contact_variance
         banks = tuple(
             bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), scales)
             for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
         )
-    change = tick_transitions(state.model, 0.0).log_transition
+    change, birth_weight = state.log_transition, state.log_birth_weight
+    if state.hazard_exposure:  # the tick before was informative
+        change = tick_transitions(state.model, 0.0).log_transition
+        birth_weight = hmm.birth_log_weights(state.log_state_weight, change)
     return state._replace(
         sliding_window=sliding,
-        banks=tuple(map(_with_longer_history, banks, range(len(banks)))),
-        live_hypotheses=state.live_hypotheses.held(state.ticks),
-        ticks=state.ticks + 1,
-        next_hypothesis_id=state.next_hypothesis_id + 1,
-        outliers=state.outliers + tick.outliers,
+        banks=tuple(map(_with_longer_history, banks, range(len(banks)))) if state.lag_history.size else banks,
+        live_hypotheses=state.live_hypotheses.held(state.ticks + count - 1),
+        ticks=state.ticks + count,
+        next_hypothesis_id=state.next_hypothesis_id + count,
+        outliers=state.outliers + outliers,
         hazard_exposure=0.0,
         log_transition=change,
-        log_birth_weight=hmm.birth_log_weights(state.log_state_weight, change),
-        deferred_exposure=state.deferred_exposure + hazard_exposure(0.0),
+        log_birth_weight=birth_weight,
+        deferred_exposure=state.deferred_exposure + count * hazard_exposure(0.0),
         lag_history=_longer_histories(state.lag_history),
     )
 

@@ -11,7 +11,7 @@ from contact_tracker.motion import tick_grid
 from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import SlidingWindow, advance_windows
+from contact_tracker.motion.window import SlidingWindow, advance_windows, hold_window
 from contact_tracker.states import Contact
 from contact_tracker.tracking import measurement_update
 from contact_tracker.tracking.belief import Belief, Detail
@@ -31,14 +31,17 @@ __all__ = [
     "accumulate_pose",
     "accumulate_poses",
     "answer",
+    "can_hold",
     "close_tick",
     "finish",
     "flush_lag",
+    "hold",
     "scales_of",
     "start",
     "step",
     "update",
     "update_each",
+    "update_through_gaps",
 ]
 
 
@@ -138,9 +141,48 @@ def skip_update(state: TrackerState, tick: Tick, sliding: SlidingWindow) -> tupl
     """Pass an uninformative tick: the belief stays as it was."""
     assert state.belief is not None
     return _record_belief(
-        measurement_update.propagate_without_update(state, tick, sliding),
+        measurement_update.propagate_without_update(state, sliding, tick.outliers),
         replace(state.belief, stamp_ns=tick.stamp_ns),
     )
+
+
+def can_hold(state: TrackerState) -> bool:
+    """Whether ticks without motion can be passed in one step, see ``hold``.
+
+    Not with a lag or known elements, nor directly after motion.
+    """
+    newest = state.window.innovation_excess[-1:]
+    return (
+        state.belief is not None and not state.knowledge and not state.lag_history.size and not newest.any()
+    )
+
+
+def hold(state: TrackerState, count: int, outliers: int = 0) -> TrackerState:
+    """The state after ``count`` ticks without motion, in one step: as if they had no frames. ``can_hold`` has
+    to be true.
+
+    The belief stays as it was, that of the tick before.
+    """
+    if not count:
+        return state
+    sliding = hold_window(state.sliding_window, count, state.model)
+    return measurement_update.propagate_without_update(state, sliding, outliers, count)
+
+
+def update_through_gaps(
+    state: TrackerState, ticks: Sequence[Tick], detail: Detail
+) -> Iterator[tuple[TrackerState, int]]:
+    """``update_each`` with the empty ticks of a gap in one step: the states, and the number of ticks that led
+    to each."""
+    first = 0
+    while first < len(ticks):
+        count = next((i for i, tick in enumerate(ticks[first:]) if tick.count), len(ticks) - first)
+        if count and can_hold(state):
+            state = hold(state, count)
+        else:
+            (state, _), count = update(state, ticks[first], detail, judges=False), 1
+        yield state, count
+        first += count
 
 
 def read_posterior(

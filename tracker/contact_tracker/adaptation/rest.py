@@ -1,0 +1,120 @@
+"""Rest of the object, as found by the first of several trackers, during which the others wait.
+
+The first tracker has the least noise, so where it finds no motion the others find none. They would only
+append such ticks to their windows.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_tracker.motion.free_motion import LONGEST_COAST_S, NO_EXCESS, NOW_TICKS
+from contact_tracker.motion.lifted_pose import R, T
+from contact_tracker.motion.tick_averaging import Tick
+
+Array = NDArray[np.float64]
+
+SPAN_TICKS: Final = 5
+SMOOTH: Final = 4.0
+"""Motion leads away if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
+factor."""
+LASTING_TICKS: Final = 3
+"""Number of consecutive ticks in which it has to lead away; noise does so once, hardly three times."""
+REST_S: Final = LONGEST_COAST_S
+"""Time without motion after which the other trackers wait. After a gap of that length the filters of free
+motion start again in any case."""
+KEPT_TICKS: Final = 20
+"""Number of the latest ticks that the other trackers take in when the object moves again: enough for their
+filters of free motion to settle before."""
+
+
+class Rest(NamedTuple):
+    """Whether the object rests in the latest tick, and what the waiting trackers have missed.
+
+    Parameters
+    ----------
+    lifted_poses : (n, 25) zeta of the latest ticks.
+    moves : whether the object moves in the newest.
+    still : number of ticks since the last motion.
+    jolted : number of consecutive ticks with frames in which the first tracker found motion. Noise does so in
+        single ticks, which are averaged over ``NOW_TICKS``.
+    waiting_since_ns : stamp of the tick since which the trackers but the first wait; None if they do not.
+    skipped, outliers : number of ticks, and of the outliers in them, that these will not take in.
+    kept : ticks after those, which they will take in.
+    """
+
+    lifted_poses: Array
+    moves: bool = False
+    still: int = 0
+    jolted: int = 0
+    waiting_since_ns: int | None = None
+    skipped: int = 0
+    outliers: int = 0
+    kept: tuple[Tick, ...] = ()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the trackers but the first wait."""
+        return self.waiting_since_ns is not None
+
+    def goes_on(self, before: "Rest") -> bool:
+        """Whether the trackers have been waiting since ``before``."""
+        return self.is_waiting and self.waiting_since_ns == before.waiting_since_ns
+
+    def restarted(self) -> "Rest":
+        """The latest poses only: no rest so far."""
+        return Rest(self.lifted_poses, self.moves)
+
+
+NO_REST: Final = Rest(np.zeros((0, 25)))
+
+
+def advance(rest: Rest, tick: Tick, tick_s: float, can_wait: bool, is_quietest: bool) -> Rest:
+    """Advance by a tick of the first tracker.
+
+    Parameters
+    ----------
+    tick_s : length of a tick.
+    can_wait : whether other trackers may wait at all.
+    is_quietest : whether the first tracker has the least noise; otherwise the others wait in gaps only.
+    """
+    lifted_poses = np.concatenate([rest.lifted_poses[1 - SPAN_TICKS - LASTING_TICKS :], tick.zeta[None]])
+    moves, jolted = is_moving(lifted_poses), rest.jolted
+    if tick.count:
+        jolted = jolted + 1 if tick.innovation_excess != NO_EXCESS or not is_quietest else 0
+    still = 0 if moves or (tick.count and jolted > NOW_TICKS) else rest.still + 1
+    now = Rest(lifted_poses, moves, still, jolted)
+    if not can_wait or still * tick_s <= REST_S:
+        return now
+    if not rest.is_waiting:
+        return now._replace(waiting_since_ns=tick.stamp_ns)
+    return _missed(rest, tick, now._replace(waiting_since_ns=rest.waiting_since_ns))
+
+
+def _missed(before: Rest, tick: Tick, now: Rest) -> Rest:
+    """With a tick that the waiting trackers miss; they will take in the latest, from one with frames on."""
+    kept, skipped, outliers = [*before.kept, tick], before.skipped, before.outliers
+    while len(kept) > KEPT_TICKS or (kept and not kept[0].count):
+        outliers += kept.pop(0).outliers
+        skipped += 1
+    return now._replace(kept=tuple(kept), skipped=skipped, outliers=outliers)
+
+
+def is_moving(lifted_poses: Array) -> bool:
+    """Whether the object moves in the newest of the latest ticks, of zeta (n, 25). Noise alone does not lead
+    away over several ticks."""
+    if len(lifted_poses) < SPAN_TICKS + LASTING_TICKS:
+        return False
+    spans = [lifted_poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
+    return any(all(_leads_away(span[:, part]) for span in spans) for part in (R, T))
+
+
+def _leads_away(places: Array) -> bool:
+    """Whether the places (N, d) lead farther than as many steps of noise; ticks without frames do not
+    count."""
+    steps_sq = (np.diff(places, axis=0) ** 2).sum(axis=1)
+    steps_sq = steps_sq[steps_sq > 0.0]
+    if len(steps_sq) < 2:
+        return False
+    return float(((places[-1] - places[0]) ** 2).sum()) > SMOOTH * float(steps_sq.mean())
