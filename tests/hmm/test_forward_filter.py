@@ -191,6 +191,63 @@ def test_hypotheses_and_rounding_stay_bounded_for_hours(evidence, certain):
         assert (contact, end) == (0, ticks)
 
 
+def with_free_joined(path):
+    """The path with consecutive segments of the last state in one."""
+    joined = []
+    for state, onset, end in path:
+        if joined and state == joined[-1][0] == 2:
+            onset = joined.pop()[1]
+        joined.append((state, onset, end))
+    return joined
+
+
+@many
+@given(seed=seeds, every=st.integers(3, 40), share=st.sampled_from([0.1, 0.5, 0.95]))
+def test_skipped_ticks_are_those_in_which_nothing_changes(seed, every, share):
+    """Likelihoods stay as they were, nothing begins, and free motion goes on."""
+    rng, ticks = np.random.default_rng(seed), 120
+    initial, change = np.log(np.full(3, 1 / 3)), np.log(rng.dirichlet(np.full(3, 0.5), (ticks, 3)) + 1e-9)
+    none = np.full((3, 3), -np.inf)
+    none[2, 2] = 0.0
+    skipped = rng.random(ticks) < share
+    skipped[0] = False
+    whole = hmm.ForwardFilter(initial), hmm.OpenTicks(), hmm.Survivors()
+    short = hmm.ForwardFilter(initial), hmm.OpenTicks(), hmm.Survivors()
+    paths, since, onset = ([], []), np.zeros((0, 2), np.int64), np.zeros(1, np.int64)
+    for tick in range(ticks):
+        if skipped[tick]:
+            onset = np.append(onset[:-1], tick)
+            for each in short:
+                each.skip()
+        else:
+            since = np.concatenate([since[rng.random(len(since)) < 0.8], [[0, tick], [1, tick]]])
+            since = since[np.lexsort((since[:, 1], since[:, 0]))]
+            state, onset = np.concatenate([since, [[2, tick]]]).T
+            value = np.append(rng.normal(size=len(since)), 0.0)
+            step = short[0].advance(state, onset, value, change[tick])
+            short[1].append(step)
+            short[2].append(step)
+        step = whole[0].advance(state, onset, value, none if skipped[tick] else change[tick])
+        whole[1].append(step)
+        whole[2].append(step)
+        assert len(short[1]) == len(whole[1])
+        if (tick + 1) % every == 0:
+            (expected, certain), (posterior, until) = (
+                past.look_back(forward.frontier, TOLERANCE) for forward, past, _ in (whole, short)
+            )
+            np.testing.assert_allclose(posterior, expected, atol=1e-9)
+            assert until >= certain  # with the ticks after the last one that is decided
+            np.testing.assert_allclose(np.diff(expected[certain - 1 : until], axis=0), 0.0, atol=1e-9)
+            for path, (forward, past, survivors) in zip(paths, (whole, short), strict=True):
+                past.drop(until)
+                path += survivors.decided_prefix(forward.frontier)
+            assert short[1].first == whole[1].first
+            assert short[1].size > 0 or not len(short[1])
+    for path, (forward, _, survivors) in zip(paths, (whole, short), strict=True):
+        path += survivors.finish(forward.frontier)
+    assert with_free_joined(paths[0]) == with_free_joined(paths[1])
+
+
 @pytest.mark.filterwarnings("error")
 def test_the_smallest_weights_stay_finite():
     """A weight that is barely above zero, and is divided by more than one."""
@@ -279,7 +336,8 @@ def test_posteriors_are_renormalised_after_rounding():
     past, frontier = hmm.OpenTicks(), hmm.FilterFrontier(*map(np.array, ([1], [0], [0.0], [0.0], [1])))
     for chance in (0.0, 0.9):  # instead of one
         way = np.array([0]), np.array([1]), np.array([1.0])
-        past.append(hmm.ForwardMessage(np.array([[0.0, 0.0], [chance, 0.0]]), *way, np.zeros((2, 2))))
+        source = np.array([[0.0, 0.0], [chance, 0.0]])
+        past.append(hmm.ForwardMessage(len(past), source, *way, np.zeros((2, 2))))
     np.testing.assert_allclose(past.posterior(frontier), [[0.0, 1.0], [1.0, 0.0]], atol=1e-12)
 
 

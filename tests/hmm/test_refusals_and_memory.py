@@ -26,10 +26,10 @@ def test_one_likelihood_that_is_not_finite_is_refused_among_those_that_are(odd: 
         begun().advance(np.array([0, 1]), np.array([0, 0]), np.array([0.0, odd]), CHANGE)
 
 
-def message(ways: int) -> ForwardMessage:
+def message(ways: int, tick: int = 0) -> ForwardMessage:
     onset = np.zeros(ways, np.int32)
     return ForwardMessage(
-        np.zeros((2, 2)), onset, np.zeros(ways, np.int8), np.zeros(ways), np.zeros((2, 2), np.int32)
+        tick, np.zeros((2, 2)), onset, np.zeros(ways, np.int8), np.zeros(ways), np.zeros((2, 2), np.int32)
     )
 
 
@@ -38,15 +38,34 @@ def test_open_ticks_count_kept_and_released_rows() -> None:
     ticks = OpenTicks()
     assert ticks.size == 0
     sizes = []
-    for ways in (1, 1000, 1):
-        ticks.append(message(ways))
+    for tick, ways in enumerate((1, 1000, 1)):
+        ticks.append(message(ways, tick))
         sizes.append(ticks.size)
     few, many = sizes[0], sizes[1] - sizes[0]
     assert few > 0
-    arrays = sum(part.nbytes for part in message(1000)[1:4])
+    arrays = sum(part.nbytes for part in message(1000)[2:5])
     assert arrays == pytest.approx(many, rel=0.2)
     assert sizes[2] == many + 2 * few
     ticks.drop(2)
     assert (ticks.size, len(ticks), ticks.first) == (few, 1, 2)
     ticks.drop(1)
     assert ticks.size == 0
+
+
+def test_skipped_ticks_are_released_with_the_tick_before() -> None:
+    ticks, sizes = OpenTicks(), [0]
+    for tick in (0, 4, 5, 9):
+        ticks.append(message(1, tick))
+        for _ in range(3 if tick in (0, 5) else 0):
+            ticks.skip()
+        sizes.append(ticks.size)
+    assert len(ticks) == 10
+    assert ticks.older_half == 5
+    ticks.drop(ticks.older_half)
+    assert (ticks.first, len(ticks), ticks.older_half) == (5, 5, 4)
+    assert ticks.size == sizes[-1] - sizes[2]
+    ticks.drop(4)
+    assert ticks.size == sizes[-1] - sizes[3] > 0
+    assert ticks.older_half == 0
+    ticks.drop(1)
+    assert (ticks.size, len(ticks)) == (0, 0)

@@ -42,6 +42,8 @@ class FilterFrontier(NamedTuple):
 class ForwardMessage(NamedTuple):
     """Backward probabilities at one tick, for N states."""
 
+    tick: int
+    """Number of the tick."""
     origin_probability: Array
     """(N, N) probability of state i before the tick, given a beginning in state j with it; zero at the
     first."""
@@ -94,6 +96,14 @@ class ForwardFilter:
             origin[since, state].astype(np.int64),
         )
 
+    def skip(self) -> None:
+        """Pass a tick in which no state can change and no likelihood does: all weights stay as they are.
+
+        Free motion begins anew at each tick, so its beginning is still that of the last tick that was not
+        skipped.
+        """
+        self.ticks += 1
+
     def advance(
         self, state: Index, onset: Index, log_likelihood: Array, log_transition: Array
     ) -> ForwardMessage:
@@ -108,7 +118,7 @@ class ForwardFilter:
         ------
         ValueError : no path leads to any hypothesis, or an onset is unknown.
         """
-        source = self._begin(log_transition)
+        tick, source = self.ticks, self._begin(log_transition)
         top, many = self._gathered(state, onset, log_likelihood)
         score = self._entry[:2] + top
         norm = score[0].max()  # only ratios of weights matter; unnormalised logs would lose digits
@@ -125,6 +135,7 @@ class ForwardFilter:
             self._left = np.array([safe + np.log(of_state), best])
         since, column = (weight > NEGLIGIBLE * of_state).nonzero()
         step = ForwardMessage(
+            tick,
             source,
             self._onset[since].astype(np.int32),
             column.astype(np.int8),

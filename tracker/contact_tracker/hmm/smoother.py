@@ -1,6 +1,8 @@
 """Smoothing of past ticks as soon as later data cannot change their posterior any more."""
 
+from bisect import bisect_left
 from collections.abc import Iterator
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -11,8 +13,10 @@ from contact_tracker.hmm.log_space import Array
 
 _STEP_BYTES: Final = 1300
 _WAY_BYTES: Final = 13
+_SKIPPED_BYTES: Final = 300
+"""Of a tick that was skipped: that is what its pose takes elsewhere until it is decided."""
 _CHECK_INTERVAL: Final = 16
-"""Interval in ticks at which the backward pass checks whether the futures still differ."""
+"""Interval in steps at which the backward pass checks whether the futures still differ."""
 
 
 class OpenTicks:
@@ -26,20 +30,35 @@ class OpenTicks:
         self.first = 0
         self.size = 0
         """Approximate size in bytes."""
+        self._end = 0
         self._steps: list[ForwardMessage] = []
 
     def __len__(self) -> int:
-        return len(self._steps)
+        return self._end - self.first
 
     def append(self, step: ForwardMessage) -> None:
         self._steps.append(step)
+        self._end = step.tick + 1
         self.size += _size(step)
 
+    def skip(self) -> None:
+        """Append a tick that the filter has skipped: its posterior is that of the tick before."""
+        self._end += 1
+        self.size += _SKIPPED_BYTES
+
+    @property
+    def older_half(self) -> int:
+        """Number of ticks in the older half of the steps."""
+        half = len(self._steps) // 2
+        return self._steps[half].tick - self.first if half else 0
+
     def drop(self, count: int) -> None:
-        """Forget the oldest ``count`` ticks."""
-        self.size -= sum(map(_size, self._steps[:count]))
-        del self._steps[:count]
+        """Forget the oldest ``count`` ticks, skipped ones with the tick that they follow."""
         self.first += count
+        many = bisect_left(self._steps, self.first, key=attrgetter("tick"))
+        dropped = self._steps[:many]
+        self.size -= sum(map(_size, dropped)) + _SKIPPED_BYTES * (count - many)
+        del self._steps[:many]
 
     def look_back(self, frontier: FilterFrontier, tolerance: float) -> tuple[Array, int]:
         """Posterior (n, N) of the open ticks given the data so far, and how many of the oldest are
@@ -49,11 +68,12 @@ class OpenTicks:
     def posterior(self, frontier: FilterFrontier) -> Array:
         """Posterior (n, N) of the open ticks, given the data so far."""
         posterior = self._state_probabilities(frontier)
-        return np.asarray(posterior / posterior.sum(axis=1, keepdims=True))
+        posterior /= posterior.sum(axis=1, keepdims=True)
+        return posterior.repeat(np.diff([*(step.tick for step in self._steps), self._end]), axis=0)
 
     def _state_probabilities(self, frontier: FilterFrontier) -> Array:
-        """Weights (n, N) of the states at the open ticks, given the active beginnings."""
-        posterior = np.zeros((len(self), len(self._steps[0].origin_probability)))
+        """Weights of the states at each open step, given the active beginnings."""
+        posterior = np.zeros((len(self._steps), len(self._steps[0].origin_probability)))
         for row, probability, _ in self._backward_pass(frontier, frontier.probability[:, None]):
             posterior[row] = probability[:, 0]
         return posterior
@@ -67,14 +87,14 @@ class OpenTicks:
 
     def _count_common(self, frontier: FilterFrontier, futures: Array, tolerance: float) -> int:
         """How many of the oldest ticks have the same posterior in all ``futures``, up to ``tolerance``."""
-        common = len(self)
+        common = len(self._steps)
         for row, probability, open_beginnings in self._backward_pass(frontier, futures):
             spread = np.max(probability.max(axis=1) - probability.min(axis=1))
             if spread > tolerance:
                 common = row
             elif row % _CHECK_INTERVAL == 0 and spread + 2.0 * open_beginnings.spread <= tolerance:
                 break  # older ticks differ by no more than this
-        return common
+        return (self._steps[common].tick if common < len(self._steps) else self._end) - self.first
 
     def _backward_pass(
         self, frontier: FilterFrontier, futures: Array
@@ -82,22 +102,22 @@ class OpenTicks:
         """Backward pass through the open ticks for C ``futures`` at once, each a distribution (L, C) over the
         active beginnings.
 
-        Yields from the newest tick on: its row, the probabilities (N, C) of the states, and the beginnings
+        Yields from the newest step on: its row, the probabilities (N, C) of the states, and the beginnings
         that last through it.
         """
         states, columns = len(self._steps[0].origin_probability), futures.shape[1]
-        open_beginnings = _OpenBeginnings(states, columns, self.first, self.first + len(self))
+        open_beginnings = _OpenBeginnings(states, columns, self.first, self._end)
         open_beginnings.add(frontier.onset, frontier.state, futures)
         probability = np.zeros((states, columns))
         np.add.at(probability, frontier.state, futures)
         left = np.zeros((states, columns))  # probability that a state is left at the tick's end
-        for row in range(len(self) - 1, -1, -1):
+        for row in range(len(self._steps) - 1, -1, -1):
             step = self._steps[row]
             if left.any():
                 probability += left
                 open_beginnings.add(step.onset, step.state, step.probability[:, None] * left[step.state])
             yield row, probability, open_beginnings
-            beginning = open_beginnings.take(self.first + row)
+            beginning = open_beginnings.take(step.tick)
             probability = np.maximum(probability - beginning, 0.0)
             left = step.origin_probability @ beginning
 

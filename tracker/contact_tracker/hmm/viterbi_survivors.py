@@ -1,5 +1,6 @@
 """Viterbi tick by tick: the prefix that all surviving paths share is decided."""
 
+from bisect import bisect_left
 from heapq import heapify, heappop, heappush
 
 import numpy as np
@@ -18,13 +19,21 @@ class Survivors:
 
     def __init__(self) -> None:
         self.first = 0
+        self._end = 0
+        self._ticks: list[int] = []
         self._best: list[NDArray[np.int32]] = []
 
     def __len__(self) -> int:
-        return len(self._best)
+        return self._end - self.first
 
     def append(self, step: ForwardMessage) -> None:
+        self._ticks.append(step.tick)
         self._best.append(step.best)
+        self._end = step.tick + 1
+
+    def skip(self) -> None:
+        """Append a tick that the filter has skipped: each path goes on in its state."""
+        self._end += 1
 
     def decided_prefix(self, frontier: FilterFrontier) -> list[PathSegment]:
         """The segments that later data cannot change; each is returned once."""
@@ -42,10 +51,10 @@ class Survivors:
 
     def finish(self, frontier: FilterFrontier) -> list[PathSegment]:
         """The rest of the best path, at the end of the stream."""
-        return self._release((-(self.first + len(self)), int(frontier.state[frontier.best.argmax()])))
+        return self._release((-self._end, int(frontier.state[frontier.best.argmax()])))
 
     def _before(self, node: Node) -> Node:
-        onset, origin = self._best[-node[0] - self.first - 1][:, node[1]].tolist()
+        onset, origin = self._best[bisect_left(self._ticks, -node[0]) - 1][:, node[1]].tolist()
         return -onset, origin
 
     def _release(self, node: Node) -> list[PathSegment]:
@@ -56,6 +65,7 @@ class Survivors:
             before = self._before(node)
             path.append((node[1], -before[0], -node[0]))
             node = before
-        del self._best[: end - self.first]
+        many = bisect_left(self._ticks, end)
+        del self._ticks[:many], self._best[:many]
         self.first = end
         return path[::-1]

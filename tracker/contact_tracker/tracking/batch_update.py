@@ -39,6 +39,8 @@ class TickResult(NamedTuple):
     live_hypotheses: LiveHypotheses
     residual: Array
     outliers: int
+    is_skipped: bool
+    """Whether the hypotheses were not weighed, since nothing can change in it."""
 
     @classmethod
     def of(cls, state: TrackerState, tick: Tick) -> "TickResult":
@@ -50,6 +52,7 @@ class TickResult(NamedTuple):
             state.live_hypotheses,
             state.residual,
             state.outliers,
+            not state.hazard_exposure,
         )
 
 

@@ -132,7 +132,7 @@ class Segmenter:
         self._executor = executor
         self._wrenches = wrenches
         self._forward: hmm.ForwardFilter | None = None
-        self._waiting: list[tuple[LiveHypotheses, Array, tuple[Any, ...]]] = []
+        self._waiting: list[tuple[tuple[LiveHypotheses, Array] | None, tuple[Any, ...]]] = []
         self._past, self._survivors = hmm.OpenTicks(), hmm.Survivors()
         self._due = PIECE_TICKS
         self._state: TrackerState
@@ -152,7 +152,8 @@ class Segmenter:
         if self._forward is None:
             self._forward = hmm.ForwardFilter(result.log_birth_weight)
         row = (tick.start_ns, tick.stamp_ns, tick.count, tick.zeta, tick.innovation_excess, result.residual)
-        self._waiting.append((result.live_hypotheses, result.log_transition, row))
+        evidence = None if result.is_skipped else (result.live_hypotheses, result.log_transition)
+        self._waiting.append((evidence, row))
         if len(self._waiting) == _TOGETHER:
             self._extended_trellis()
         if belief is not None:
@@ -177,7 +178,7 @@ class Segmenter:
         frontier = self._extended_trellis()
         posterior, certain = self._past.look_back(frontier, TOLERANCE)
         if self._past.size > ROOM_BYTES:
-            certain = max(certain, len(posterior) // 2)
+            certain = max(certain, self._past.older_half)
         self._smoothed(posterior[:certain])
         self._decided(self._survivors.decided_prefix(frontier))
         self._due = len(self._past) + max(PIECE_TICKS, len(self._past) // 2)
@@ -199,10 +200,15 @@ class Segmenter:
     def _extended_trellis(self) -> hmm.FilterFrontier:
         """The frontier after the last tick; the trellis is extended up to it."""
         assert self._forward is not None
-        for alive, change, row in self._waiting:
-            step = self._forward.advance(*alive, change)
-            self._past.append(step)
-            self._survivors.append(step)
+        for evidence, row in self._waiting:
+            if evidence is None:
+                for each in (self._forward, self._past, self._survivors):
+                    each.skip()
+            else:
+                alive, change = evidence
+                step = self._forward.advance(*alive, change)
+                self._past.append(step)
+                self._survivors.append(step)
             self._ticks.append(row)
         self._waiting.clear()
         return self._forward.frontier
