@@ -53,12 +53,12 @@ def test_truth_is_repeated_with_the_poses(tmp_path):
 
 
 def test_whole_commands_are_measured_at_each_length(log, capsys, monkeypatch):
-    ran = {1: Ran(1.5, 100.0), 2: Ran(2.5, 150.0)}
+    ran = {1: Ran(1.5, 100.0, 0), 2: Ran(2.5, 150.0, 0)}
     told = []
 
     def run(*arguments):
         told.append(arguments)
-        return Ran(0.5, 90.0) if "--duration" in arguments else ran[int(Path(arguments[-1]).stem[0])]
+        return Ran(0.5, 90.0, 0) if "--duration" in arguments else ran[int(Path(arguments[-1]).stem[0])]
 
     monkeypatch.setattr("speeds.commands.run", run)
     assert hours.main(["--only", "live", "--lengths", "1", "2", "--log", str(log)]) == 0

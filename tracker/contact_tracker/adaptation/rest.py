@@ -62,6 +62,10 @@ class Rest(NamedTuple):
         """Whether the trackers have been waiting since ``before``."""
         return self.is_waiting and self.waiting_since_ns == before.waiting_since_ns
 
+    def caught_up(self) -> "Rest":
+        """The same, after the waiting trackers have taken in all ticks."""
+        return self._replace(skipped=0, outliers=0, kept=())
+
     def restarted(self) -> "Rest":
         """The latest poses only: no rest so far."""
         return Rest(self.lifted_poses, self.moves)

@@ -193,7 +193,9 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     state = state._replace(trackers=(advanced, *others))
     while closed:
         first, ahead = state.trackers[0], _rests(state, closed)
-        if ahead[0].is_waiting:
+        if _is_gap(state, closed[0], ahead[0]):
+            state, said = _pass_gap(state, closed[: len(ahead)], ahead[-1])
+        elif ahead[0].is_waiting:
             state, said = _rest_on(state, averaging, closed[: len(ahead)], ahead[-1], detail)
         else:
             state, said = _take_in(state, averaging, closed[0], ahead[0], detail)
@@ -211,21 +213,45 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
 
 
 def _rests(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
-    """The rest after the next tick, or after all of the next ticks through which the others wait."""
+    """The rest after the next tick, or after all of the next ticks that go together: those of a gap, or those
+    through which the others wait."""
     first, *others = state.trackers
     can_wait = bool(others) and not first.lag_history.size and not first.knowledge
     share = first.model.noise.estimate_share
     is_quietest = all(one.model.noise.estimate_share >= share for one in others)
     ahead = list[Rest]()
     for tick in closed:
-        before = ahead[-1] if ahead else state.rest
-        now = rest.advance(before, tick, first.model.tick_s, can_wait, is_quietest)
-        if ahead and not now.is_waiting:
+        now = rest.advance(
+            ahead[-1] if ahead else state.rest, tick, first.model.tick_s, can_wait, is_quietest
+        )
+        if not ahead:
+            ahead, is_gap = [now], _is_gap(state, tick, now)
+        elif (is_gap and not tick.count) or (not is_gap and now.is_waiting):
+            ahead.append(now)
+        else:
             break
-        ahead.append(now)
-        if not now.is_waiting:
+        if not is_gap and not now.is_waiting:
             break
     return ahead
+
+
+def _is_gap(state: SideBySide, tick: Tick, now: Rest) -> bool:
+    """Whether all trackers can pass a tick, and those that follow without frames, in one step."""
+    return (
+        not tick.count
+        and not now.moves
+        and not state.rest.is_waiting
+        and state.pending is None
+        and all(map(tracker.can_hold, state.trackers))
+    )
+
+
+def _pass_gap(state: SideBySide, ticks: Sequence[Tick], now: Rest) -> tuple[SideBySide, list[Belief]]:
+    """All trackers pass ticks without frames."""
+    trackers = tuple(tracker.hold(one, len(ticks)) for one in state.trackers)
+    same = mixture([one.belief for one in trackers if one.belief is not None], state.log_weight)
+    beliefs = [replace(same, stamp_ns=tick.stamp_ns) for tick in ticks]
+    return state._replace(trackers=trackers, rest=now.caught_up()), beliefs
 
 
 def _take_in(
