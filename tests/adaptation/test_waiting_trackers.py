@@ -38,11 +38,11 @@ def then(poses: Poses, more: Poses, pause_s: float = 1.0 / RATE_HZ) -> Poses:
     return Poses.join([poses, replace(more, stamp_ns=more.stamp_ns + shift)])
 
 
-def followed(poses: Poses) -> tuple[list[AdaptiveState], list[Belief]]:
-    """The states after every 50 poses, and all beliefs."""
+def followed(poses: Poses, size: int = 50) -> tuple[list[AdaptiveState], list[Belief]]:
+    """The states after every ``size`` poses, and all beliefs."""
     state, states, beliefs = adaptation.start(MODEL), list[AdaptiveState](), list[Belief]()
-    for first in range(0, len(poses), 50):
-        state, some = adaptation.advance(state, poses[first : first + 50])
+    for first in range(0, len(poses), size):
+        state, some = adaptation.advance(state, poses[first : first + size])
         states.append(state)
         beliefs += some
     return states, beliefs
@@ -96,6 +96,20 @@ def test_in_a_gap_trackers_wait_and_then_take_in_what_follows() -> None:
     assert not any(waits(state) for state in states[12:])  # a second later: the motion is known again
     ended, _ = adaptation.finish(states[8])
     assert not waits(ended)
+
+
+@needs_kernels
+@pytest.mark.parametrize("size", [1, 7, 400])
+def test_however_poses_come_trackers_wait_alike(size: int) -> None:
+    moving = recorded(FACE_TO_EDGE).poses
+    poses = then(then(resting(moving, 6.0), moving[:300]), moving[300:500], pause_s=3.0)
+    states, expected = followed(poses)
+    assert any(waits(state) for state in states)
+    _, beliefs = followed(poses, size)
+    assert [one.stamp_ns for one in beliefs] == [one.stamp_ns for one in expected]
+    for one, other in zip(beliefs, expected, strict=True):
+        assert one.contact is other.contact
+        assert one.probability == pytest.approx(other.probability, abs=1e-12)
 
 
 def test_with_known_elements_or_a_lag_no_tracker_waits() -> None:

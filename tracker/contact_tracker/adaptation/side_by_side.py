@@ -115,11 +115,11 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
     """Take in poses; the beliefs of the ticks that they close."""
     if state.pending is None:
         return _side_by_side(state, poses, detail)
-    rest, beliefs = poses, list[Belief]()
-    while len(rest) and state.pending is not None:
+    left, beliefs = poses, list[Belief]()
+    while len(left) and state.pending is not None:
         enough = RATIO_POSES if state.trackers else RATE_POSES
         missing = enough - len(state.pending)
-        some, rest = rest[:missing], rest[missing:]
+        some, left = left[:missing], left[missing:]
         state = state._replace(pending=Poses.join([state.pending, some]))
         said = list[Belief]()
         if state.trackers:
@@ -128,8 +128,8 @@ def advance(state: SideBySide, poses: Poses, detail: Detail) -> tuple[SideBySide
         elif len(some) == missing:
             state, said = _with_first(state, detail)
         beliefs += said
-    if len(rest):
-        state, said = _side_by_side(state, rest, detail)
+    if len(left):
+        state, said = _side_by_side(state, left, detail)
         beliefs += said
     return state, beliefs
 
@@ -192,11 +192,11 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     averaging, beliefs = Averaging(leader, advanced), list[Belief]()
     state = state._replace(trackers=(advanced, *others))
     while closed:
-        first, ahead = state.trackers[0], _rests(state, closed)
+        first, ahead = state.trackers[0], _rest_ahead(state, closed)
         if _is_gap(state, closed[0], ahead[0]):
             state, said = _pass_gap(state, closed[: len(ahead)], ahead[-1])
         elif ahead[0].is_waiting:
-            state, said = _rest_on(state, averaging, closed[: len(ahead)], ahead[-1], detail)
+            state, said = _rest_on(state, closed[: len(ahead)], ahead[-1], detail)
         else:
             state, said = _take_in(state, averaging, closed[0], ahead[0], detail)
         beliefs += said
@@ -212,7 +212,7 @@ def _side_by_side(state: SideBySide, poses: Poses, detail: Detail) -> tuple[Side
     return state._replace(trackers=(first, *others)), beliefs
 
 
-def _rests(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
+def _rest_ahead(state: SideBySide, closed: Sequence[Tick]) -> list[Rest]:
     """The rest after the next tick, or after all of the next ticks that go together: those of a gap, or those
     through which the others wait."""
     first, *others = state.trackers
@@ -279,12 +279,12 @@ def _take_in(
 
 
 def _rest_on(
-    state: SideBySide, averaging: Averaging, ticks: Sequence[Tick], now: Rest, detail: Detail
+    state: SideBySide, ticks: Sequence[Tick], now: Rest, detail: Detail
 ) -> tuple[SideBySide, list[Belief]]:
     """The first tracker takes in ticks through which the others wait."""
     first, *others = state.trackers
     if not state.rest.is_waiting:
-        others = [_held(tracker.follow_ticks(one, *averaging, [])[0], ticks[0]) for one in others]
+        others = [_averaged_like(_held(one, ticks[0]), first) for one in others]
     judges = not state.log_weight.argmax()
     first, followed = _observe(first, ticks, detail if judges else min(detail, Detail.GEOMETRY), judges)
     beliefs = list[Belief]()
@@ -305,19 +305,21 @@ def _held(one: TrackerState, tick: Tick) -> TrackerState:
 
 
 def _caught_up(state: SideBySide, leader: TrackerState) -> SideBySide:
-    """The waiting trackers take in what they missed: the latest ticks, after the others as without motion."""
+    """No tracker waits any more: they take in the latest ticks, and those before as without motion."""
     first, *others = state.trackers
     missed = state.rest
-    if not missed.skipped and not missed.kept:
-        return state
-    caught_up = []
-    for one in others:
-        one = tracker.hold(one, missed.skipped, missed.outliers)
-        one, own = tracker.follow_ticks(one, leader, leader, missed.kept)
-        for after, _ in tracker.update_through_gaps(one, own, Detail.GEOMETRY):
-            one = after
-        caught_up.append(one)
-    return state._replace(trackers=(first, *caught_up), rest=missed.restarted())
+    if missed.skipped or missed.kept:
+        others = [_with_missed(one, leader, missed) for one in others]
+    return state._replace(trackers=(first, *others), rest=missed.restarted())
+
+
+def _with_missed(one: TrackerState, leader: TrackerState, missed: Rest) -> TrackerState:
+    """A waiting tracker after what it has missed."""
+    one = tracker.hold(one, missed.skipped, missed.outliers)
+    one, own = tracker.follow_ticks(one, leader, leader, missed.kept)
+    for after, _ in tracker.update_through_gaps(one, own, Detail.GEOMETRY):
+        one = after
+    return one
 
 
 def _averaged_like(one: TrackerState, first: TrackerState) -> TrackerState:

@@ -165,6 +165,7 @@ def hold(state: TrackerState, count: int, outliers: int = 0) -> TrackerState:
     """
     if not count:
         return state
+    assert can_hold(state)
     sliding = hold_window(state.sliding_window, count, state.model)
     return measurement_update.propagate_without_update(state, sliding, outliers, count)
 
