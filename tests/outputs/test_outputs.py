@@ -4,14 +4,24 @@ import csv
 import io
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from contact_tracker.atomic_file import whole_file
+from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
-from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, element_from_json
+from contact_tracker.geometry.elements import (
+    ContactGeometry,
+    Line,
+    Plane,
+    Point,
+    canonical,
+    element_from_json,
+    shifted,
+)
 from contact_tracker.outputs.tables import json_line, write_csv, write_jsonl
 from contact_tracker.outputs.text import change_line, describe, status_text, table
 from contact_tracker.states import STATES, Contact
@@ -89,6 +99,39 @@ def test_geometry_in_words_has_elements_and_deviations() -> None:
         "vertex (0.000 0.000 0.300) m +/- 300 mm on face normal (1.00 1.00 1.00) at 0.000 m"
     )
     assert describe(None) == ""
+
+
+def test_offsets_that_a_face_on_a_face_does_not_show_are_said_to_be_unknown() -> None:
+    """Motion in f-f shows the difference of the offsets; their own deviations are the prior's, as is 0."""
+    covariance = np.zeros((7, 7))
+    covariance[:6, :6] = 1e-6 * np.eye(6)
+    covariance[6, 6] = 1e-8
+    x = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -0.081])
+    for reach_m in (0.05, 0.3, 2.0):
+        geometry = ContactGeometry(*face_face.elements(x, covariance, reach_m))
+        assert geometry.has_open_offset == (True, True)
+        assert describe(geometry, (Contact.EF,)) == (
+            "face normal (0.00 0.00 1.00) +/- 0.057 deg (offset not known) on "
+            "face normal (0.00 1.00 0.00) +/- 0.057 deg (offset not known); or e-f"
+        )
+        assert geometry.to_json()["environment"]["plane"]["offset_m"] == -0.081
+    moved = ContactGeometry(geometry.object, shifted(geometry.environment, np.array([0.3, -0.4, 0.7])))
+    assert moved.has_open_offset == (True, True)
+    assert canonical(replace(geometry.object, normal=np.array([0.0, 0.0, -1.0]))).offset_m == 0.0
+
+
+def test_offsets_that_are_known_otherwise_are_said() -> None:
+    """A table that the user knows, and what the faces of other contacts are known to."""
+    covariance = np.diag([1e-6, 1e-6, 0, 0.09])
+    unknown = Plane(np.array([0.0, 0.0, 1.0]), 0.0, covariance)
+    on_table = ContactGeometry(unknown, replace(FACE, name="table"))
+    assert on_table.has_open_offset == (True, False)
+    assert "+/- 0.057 deg (offset not known) on face table normal" in describe(on_table)
+    assert describe(on_table).endswith("at 0.250 m +/- 0.1 mm")
+    part = ContactGeometry(replace(unknown, name="part bottom"), replace(unknown, offset_m=0.2))
+    assert part.has_open_offset == (False, False)
+    assert ContactGeometry(FACE, EDGE).has_open_offset == (False, False)
+    assert ContactGeometry(Plane(np.ones(3), 0.0), Plane(np.ones(3), 0.0)).has_open_offset == (False, False)
 
 
 def test_text_lines_count_time_from_the_first_pose() -> None:

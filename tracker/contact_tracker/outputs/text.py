@@ -17,6 +17,8 @@ SURE: Final = 0.9
 JOINS: Final = "+ "
 LEAVES: Final = "- "
 JOINT: Final = "= "
+OPEN_OFFSET: Final = "offset not known"
+"""Of a face: where it is along its normal."""
 TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 
@@ -93,8 +95,11 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
 
     After ``or`` follow the states that the motion does not distinguish from the label.
     """
-    others = alternatives(inseparable)
-    where = "" if geometry is None else f"{_element(geometry.object)} on {_element(geometry.environment)}"
+    others, where = alternatives(inseparable), ""
+    if geometry is not None:
+        of_object, of_environment = geometry.has_open_offset
+        body = _element(geometry.object, is_open=of_object)
+        where = f"{body} on {_element(geometry.environment, is_open=of_environment)}"
     return "; ".join(filter(None, [where, others and f"or {others}"]))
 
 
@@ -114,14 +119,15 @@ def alternatives(inseparable: Sequence[Contact]) -> str:
     return "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
 
 
-def _element(element: Element, called: str | None = None) -> str:
-    """An element in words, with ``called`` instead of face, edge or vertex."""
+def _element(element: Element, called: str | None = None, is_open: bool = False) -> str:
+    """An element in words, with ``called`` instead of face, edge or vertex; ``is_open``: the offset of a face
+    is unknown."""
     open_ways = ", ".join(_way(way) for way in element.unobserved)
     match element:
         case Plane(normal, offset_m, covariance):
             tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
-            offset = f"{_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
-            name, where = "face", f" normal {tilt} at {offset}"
+            offset = f" at {_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
+            name, where = "face", f" normal {tilt}{'' if is_open else offset}"
         case Line(direction, point_m, covariance):
             along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
@@ -135,7 +141,9 @@ def _element(element: Element, called: str | None = None) -> str:
     shifts = sum(way.how == "shifts_along" for way in element.unobserved)
     if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point
         return f"{name} (unobserved)"
-    return f"{name}{where}" + (f" (unobserved: {open_ways})" if open_ways else "")
+    notes = filter(None, (OPEN_OFFSET if is_open else "", open_ways and f"unobserved: {open_ways}"))
+    noted = "; ".join(notes)
+    return f"{name}{where}" + (f" ({noted})" if noted else "")
 
 
 def _way(way: Unobserved) -> str:
