@@ -13,6 +13,7 @@ import pytest
 from contact_tracker.atomic_file import whole_file
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
+from contact_tracker.exports.summary_html import table_html
 from contact_tracker.geometry.elements import (
     ContactGeometry,
     Line,
@@ -22,10 +23,12 @@ from contact_tracker.geometry.elements import (
     element_from_json,
     shifted,
 )
+from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.models import JointKind
 from contact_tracker.outputs.tables import json_line, write_csv, write_jsonl
 from contact_tracker.outputs.text import change_line, describe, status_text, table
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
 ORIGIN_NS = 1_700_000_000_123_456_789
 EDGE = Line(np.array([1.0, 0.0, 0.0]), np.array([0.0, -0.05, 0.1]), np.diag([0, 1e-4, 4e-4, 0, 1e-6, 9e-6]))
@@ -140,6 +143,31 @@ def test_text_lines_count_time_from_the_first_pose() -> None:
     header, line = table([Segment(ORIGIN_NS, ORIGIN_NS + 10**9, Contact.EF, 0.5, ON_FACE)], ORIGIN_NS)
     assert line.split()[:4] == ["0.00", "1.00", "e-f", "0.50"]
     assert header.index("contact") == line.index("e-f")
+
+
+def test_where_the_contact_is_open_a_joint_stands_alone_and_a_further_contact_on_the_label() -> None:
+    """A slider is also two faces on two faces: these are sure only if the first is f-f, the slider anyway."""
+    end_ns = ORIGIN_NS + 10**9
+    faces = ContactGeometry(FACE, FACE)
+    further = FurtherContact(Contact.FF, 1.0, ORIGIN_NS, end_ns, faces, (Contact.EF,), 5)
+    joint = Joint(JointKind.SLIDER, 0.98, EDGE, EDGE, None, None)
+    others = tuple(state for state in STATES if state is not Contact.FF)
+    for inseparable, of_joint, of_further in (
+        (others, "; whatever touches", "; or e-f; if the first is f-f"),
+        ((Contact.EF,), "", "; or e-f"),
+    ):
+        segment = Segment(ORIGIN_NS, end_ns, Contact.FF, 0.4, ON_FACE, inseparable, (further,), joint)
+        _, first, second, third, _ = table([segment], ORIGIN_NS)
+        assert first.endswith("; or any other" if len(inseparable) == 6 else "; or e-f")
+        assert second.split()[2:5] == ["+", "f-f", "1.00"]
+        assert second.endswith(f"{describe(faces)}{of_further}")
+        assert third.split()[2:5] == ["=", "slider", "0.98"]
+        assert third.endswith(f"m +/- 3 mm{of_joint}")
+        # any parallel line of the object is as good
+        assert "axis along (1.00 0.00 0.00) +/- 1.1 deg through the body's origin on axis along" in third
+        html = table_html([segment], ORIGIN_NS)
+        assert f"{of_further}</td>" in html
+        assert f"{of_joint}</td>" in html
 
 
 @pytest.mark.parametrize("text", ["two\nlines", "\x1b[2J", "bell\a", "\u202eright to left"])
