@@ -77,8 +77,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     pose = Rigid(
         np.concatenate([p.pose.rotation for p in paths]), np.concatenate([p.pose.translation for p in paths])
     )
-    stamp_ns = stamps(sensor_rng, sum(counts), scenario)
-    poses = measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
+    stamp_ns, poses = setting.measured(pose)
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
     metadata = _metadata(scenario, seed, _moved(object, body), _moved(scene, world))
     wrenches = None
@@ -88,7 +87,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
 
 
 class _Setting(NamedTuple):
-    """What a scenario of one phase is simulated with; ``body`` and ``world`` are its random frames."""
+    """What a scenario is simulated with; ``body`` and ``world`` are its random frames."""
 
     scenario: Scenario
     seed: int
@@ -100,7 +99,7 @@ class _Setting(NamedTuple):
 
     @property
     def time_s(self) -> Array:
-        """Times of the poses from the start, without jitter."""
+        """Times of the poses of a scenario of one phase from the start, without jitter."""
         duration_s = self.scenario.phases[0].duration_s
         return np.linspace(0.0, duration_s, round(duration_s * self.scenario.rate_hz), endpoint=False)
 
