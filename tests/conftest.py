@@ -1,10 +1,11 @@
 """Shared fixtures, and settings of all property tests."""
 
-import os
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from shared_recordings import SHARED_RECORDINGS
 
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")  # a machine that does other things as well fails no property
@@ -13,8 +14,6 @@ settings.load_profile("busy")  # a machine that does other things as well fails 
 @pytest.fixture(scope="session")
 def shared_recordings() -> Path:
     """Folder of recordings that are not part of the repository; a test that needs it is skipped without."""
-    beside = Path(__file__).resolve().parent.parent.parent / "shared" / "recordings"
-    folder = Path(os.environ.get("CONTACT_TRACKER_RECORDINGS") or beside)  # set to nothing is not set
-    if not folder.is_dir():
+    if not SHARED_RECORDINGS.is_dir():
         pytest.skip("the shared recordings are not here; CONTACT_TRACKER_RECORDINGS may name their folder")
-    return folder
+    return SHARED_RECORDINGS

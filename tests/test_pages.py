@@ -4,14 +4,10 @@ import re
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
-from mcap_logs import Topic, transform, write_log
-from motive_export import write_motive
 from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
 
 DOCS = ROOT / "docs"
@@ -20,9 +16,6 @@ RUN_HERE = {"beliefs.md", "knowledge.md", "live_robot.md", "models.md", "motion_
 RUN_IN_TEST_DOCS = {"tutorial_first_segmentation.md", "python.md", "batch.md"}
 SET_UP = {"index.md", "formats.md"}  # how to install, which .ci/run does
 LONG = {"paper.md", "reliability.md"}  # run on fewer recordings below, and by .ci/run
-TF = "tf2_msgs/msg/TFMessage"
-UP = np.array([0.566, 0.556, 0.609])
-"""Which way the desk of ``paper_experiment`` looks."""
 
 
 def page(name: str) -> str:
@@ -41,6 +34,7 @@ def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
     pytest.importorskip("polars")
     (tmp_path / "recordings").symlink_to(ROOT / "recordings")
     (tmp_path / "models").symlink_to(ROOT / "models")
+    (tmp_path / "docs").symlink_to(DOCS)
     write_samples(name, tmp_path)
     for step in steps(page(name)):
         done = carried_out(step, tmp_path)
@@ -51,10 +45,6 @@ def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
 
 def write_samples(name: str, folder: Path) -> None:
     """The files that a page supposes its reader to have."""
-    if name == "motion_capture.md":
-        write_take(folder / "take.csv")
-    if name == "robot_tf.md":
-        write_robot(folder / "robot.mcap")
     if name == "knowledge.md":
         write_recording(str(folder / "LOG"), recorded(3.0), None, {})
         (toml, *_) = re.findall(r"^```toml\n(.*?)^```$", page(name), re.MULTILINE | re.DOTALL)
@@ -66,37 +56,6 @@ def recorded(seconds: float) -> Poses:
     """The paper's experiment after its rest."""
     poses = Poses.collect(open_log(str(ROOT / "recordings" / "paper_experiment.mcap")))
     return poses[1000 : 1000 + round(200 * seconds)]
-
-
-def write_take(path: Path) -> None:
-    """A cup on a table, with y up."""
-    axis = np.cross(UP, [0.0, 1.0, 0.0])
-    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.arccos(UP[1] / np.linalg.norm(UP)))
-    poses = recorded(15.0)
-    cup = Poses(
-        poses.stamp_ns,
-        turn.apply(poses.position_m),
-        (turn * Rotation.from_quat(poses.quat_xyzw)).as_quat(),
-    )
-    rng = np.random.default_rng(0)
-    still = np.tile([0.4, 0.7, 0.1], (len(cup), 1)) + rng.normal(0.0, 3e-4, (len(cup), 3))
-    shaken = Rotation.from_rotvec(rng.normal(0.0, 1e-3, (len(cup), 3))).as_quat()
-    write_motive(path, cup, Poses(cup.stamp_ns, still, shaken))
-
-
-def write_robot(path: Path) -> None:
-    """``base`` to ``flange`` moves, the object is mounted on the flange."""
-    poses = recorded(12.0)
-    mount = Rotation.from_euler("xyz", [0.3, -0.5, 0.7])
-    turns = Rotation.from_quat(poses.quat_xyzw) * mount.inv()
-    places = poses.position_m - turns.apply([0.0, 0.0, 0.08])
-    moving = [
-        (stamp, {"transforms": [transform(stamp, place, quat, frame="base", child="flange")]})
-        for stamp, place, quat in zip(poses.stamp_ns.tolist(), places, turns.as_quat(), strict=True)
-    ]
-    fixed = Pose(int(poses.stamp_ns[0]), (0.0, 0.0, 0.08), tuple(mount.as_quat()))
-    still = [(fixed.stamp_ns, {"transforms": [transform(*fixed, frame="flange", child="object")]})]
-    write_log(path, [Topic("/tf", TF, moving), Topic("/tf_static", TF, still)])
 
 
 def test_the_page_on_the_paper_is_what_its_command_writes(

@@ -12,7 +12,6 @@ standard deviations of the truth.
 """
 
 import argparse
-import os
 import sys
 import zlib
 from collections.abc import Iterator, Sequence
@@ -35,8 +34,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.tracking import offline_smoother
 from distortions import DISTORTIONS
-from identification import ROOT, command_of, find_sets
+from identification import command_of, find_sets
 from kept_tables import Table
+from shared_recordings import add_folder
 from true_errors import KNOWN, measured_poses, true_model
 from worker_pool import worker_pool
 
@@ -118,8 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
-    parser.add_argument("folder", nargs="?", type=Path, default=Path(default), help="default: %(default)s")
+    add_folder(parser)
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--only", nargs="+", default=[], choices=DISTORTIONS, metavar="NAME")
     parser.add_argument("--oracle", action="store_true", help="beside it with the true errors given")

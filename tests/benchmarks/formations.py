@@ -40,7 +40,7 @@ from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segm
 from contact_tracker.tracking.segmentation import Segmentation
 from kept_tables import Table
 from table_rows import median_of_known, shares_row
-from worker_pool import worker_pool
+from worker_pool import folders_option, submit_folders, worker_pool
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
@@ -253,10 +253,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             name: [pool.submit(measure, name, seed, seed <= args.online) for seed in range(1, args.seeds + 1)]
             for name in args.only
         }
-        files = {
-            folder.name: [pool.submit(measure_file, str(path)) for path in sorted(folder.glob("*.mcap"))]
-            for folder in args.single
-        }
+        files = submit_folders(pool, measure_file, args.single)
         rows = []
         for name, some in tqdm(jobs.items(), file=sys.stderr, disable=None):
             rows.append(row(name, [job.result() for job in some]))
@@ -271,7 +268,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             command += f" --online {args.online}"
         tables = {"scenarios": Table(COLUMNS, rows)}
         if singles:
-            command += f" --single {' '.join(f'FOLDER/{folder.name}' for folder in args.single)}"
+            command += folders_option("--single", args.single)
             tables["singles"] = Table(SINGLE_COLUMNS, singles)
         kept_tables.keep(args.tables, command, tables)
     return 0

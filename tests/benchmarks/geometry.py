@@ -8,7 +8,6 @@ identification.py, segmented by the tracker; without one, only the simulation.
 """
 
 import argparse
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import product
@@ -35,13 +34,13 @@ from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
 from kept_tables import Table
+from shared_recordings import add_folder
 from stretches import NOISES, Found, find_simulated
 from worker_pool import worker_pool
 
 Array = NDArray[np.float64]
 Run = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
-ROOT: Final = Path(__file__).resolve().parents[2]
 SIDES: Final = ("object", "environment")
 BAND: Final = 0.95
 GOAL: Final = 1.3
@@ -208,8 +207,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    beside = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
-    parser.add_argument("folder", nargs="?", type=Path, default=Path(beside), help="default: %(default)s")
+    add_folder(parser)
     parser.add_argument(
         "--set", nargs="*", default=["paper", "sequence"], metavar="NAME", help="default: paper sequence"
     )

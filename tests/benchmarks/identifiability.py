@@ -8,7 +8,6 @@ class. What is singular, or at rest before the first motion, is left out.
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import as_completed
@@ -31,8 +30,9 @@ from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
 from identifiability_tables import Judged, Mistake
-from identification import ROOT, find_sets
+from identification import find_sets
 from scores import OFFLINE, Method
+from shared_recordings import add_folder
 from worker_pool import worker_pool
 
 Array = NDArray[np.float64]
@@ -159,8 +159,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
-    parser.add_argument("folder", nargs="?", type=Path, default=Path(default), help="default: %(default)s")
+    add_folder(parser)
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--processes", type=int, default=2)

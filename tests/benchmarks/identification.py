@@ -8,7 +8,6 @@ passes over each recording once; the alternatives are described in ``fixed_windo
 """
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -34,9 +33,8 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from fixed_windows import Recorded, Windows
 from scores import Score, Scores
+from shared_recordings import add_folder
 from worker_pool import worker_pool
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +144,7 @@ def main(
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
-    parser.add_argument("folder", nargs="?", type=Path, default=Path(default), help="default: %(default)s")
+    add_folder(parser)
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME", help="only these sets")
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all figures to this file")

@@ -43,7 +43,7 @@ from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from kept_tables import Table
 from table_rows import median_of_known, shares_row
-from worker_pool import worker_pool
+from worker_pool import folders_option, submit_folders, worker_pool
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "named", "other kind"),
@@ -188,10 +188,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{state.value}, by hand": [pool.submit(measure_alone, state.value, seed) for seed in seeds]
             for state in STATES
         }
-        without |= {
-            folder.name: [pool.submit(measure_file, str(path)) for path in sorted(folder.glob("*.mcap"))]
-            for folder in args.single
-        }
+        without |= submit_folders(pool, measure_file, args.single)
         rows = [
             row(*which, [job.result() for job in some])
             for which, some in tqdm(joints.items(), file=sys.stderr, disable=None)
@@ -204,8 +201,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(table(FALSE_COLUMNS, false_rows))
     if args.tables:
         command = f"python tests/benchmarks/joints.py --seeds {args.seeds}"
-        if args.single:
-            command += f" --single {' '.join(f'FOLDER/{folder.name}' for folder in args.single)}"
+        command += folders_option("--single", args.single)
         if args.seconds != parser.get_default("seconds"):
             command += f" --seconds {' '.join(f'{s:g}' for s in args.seconds)}"
         tables = {"joints": Table(COLUMNS, rows), "false": Table(FALSE_COLUMNS, false_rows)}

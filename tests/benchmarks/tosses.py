@@ -8,7 +8,6 @@ Figures are of every second recording (``--half checked``); what was chosen, was
 """
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -30,9 +29,9 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.prior_map_files import knowledge_from
 from contact_tracker.recording import open_log, read_metadata, read_truth
 from contact_tracker.states import STATES
+from shared_recordings import SHARED_RECORDINGS
 from worker_pool import worker_pool
 
-ROOT: Final = Path(__file__).resolve().parents[2]
 MOVING_M_S: Final = 0.05
 """The cube is in motion while its fastest corner is faster than this."""
 SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
@@ -115,8 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    default = os.environ.get("CONTACT_TRACKER_RECORDINGS", str(ROOT.parent / "shared" / "recordings"))
-    parser.add_argument("folder", nargs="?", type=Path, default=Path(default) / "cube_tosses")
+    parser.add_argument("folder", nargs="?", type=Path, default=SHARED_RECORDINGS / "cube_tosses")
     parser.add_argument("--model", nargs="+", default=["impacts"], metavar="NAME|FILE")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     parser.add_argument("--half", choices=("checked", "chosen"), default="checked")

@@ -9,7 +9,6 @@ Figures are means over the time of all recordings of a set, offline.
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from functools import reduce
@@ -30,6 +29,7 @@ from contact_tracker.recording import need_truth, open_log, read_wrenches
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.wrenches.wrenches import Wrenches
 from kept_tables import Table
+from shared_recordings import SHARED_RECORDINGS
 
 TOPIC: Final = "/object/wrench"
 NOISE: Final = (0.1, 0.01)
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--set", nargs="+", default=["singular"], metavar="NAME", help="default: singular")
     parser.add_argument("--tables", type=Path, metavar="JSON", help="keep the table in this file")
     args = parser.parse_args(argv)
-    folder = Path(os.environ["CONTACT_TRACKER_RECORDINGS"]) / "physics"
+    folder = SHARED_RECORDINGS / "physics"
     rows = []
     for name in args.set:
         paths = sorted((folder / name).glob("*.mcap"))

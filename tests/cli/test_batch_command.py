@@ -167,6 +167,42 @@ def test_mistakes_are_one_line(arguments: list[str], said: str, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
+    ("arguments", "stdin", "said"),
+    [
+        (["gone.mcap"], "", "gone.mcap: no such file or folder"),
+        (["gone/", "0.mcap"], "", "gone/: no such file or folder; nothing was segmented"),
+        (
+            ["0.mcap", "a", "b", "c", "d", "-"],
+            "0.mcap\n",
+            "a, b, c and 1 more: no such file or folder; nothing was segmented",
+        ),
+        (["-"], "a.mcap\n", "a.mcap: no such file or folder, the only name on standard input"),
+        (["0.mcap", "-"], "a.mcap\nb\n", "none of the 2 names on standard input exists, such as a.mcap"),
+    ],
+)
+def test_a_missing_log_is_one_line_before_anything_is_done(
+    arguments: list[str], stdin: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_recordings(tmp_path, 1)
+    monkeypatch.chdir(tmp_path)
+    done = batch(*arguments, "--output", "dataset", stdin=stdin.encode())
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"contact-tracker: error: {said}")
+    assert not (tmp_path / "dataset").exists()
+
+
+def test_a_name_on_standard_input_that_is_gone_is_a_row(tmp_path: Path) -> None:
+    """Lists of names come from other programs, and some files of many may be gone by the time."""
+    (log,) = write_recordings(tmp_path, 1)
+    names = f"{log}\n{tmp_path / 'gone.mcap'}\n"
+    done = batch("-", "--output", tmp_path / "dataset", stdin=names.encode())
+    assert done.returncode == 3
+    assert f"{tmp_path / 'gone.mcap'}: no such file" in done.stderr
+    assert pl.read_parquet(tmp_path / "dataset" / "summary.parquet")["exit_code"].to_list() == [0, 1]
+
+
+@pytest.mark.parametrize(
     ("library", "extra", "arguments"),
     [
         ("pyarrow", "parquet", []),

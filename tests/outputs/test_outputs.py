@@ -4,18 +4,31 @@ import csv
 import io
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from contact_tracker.atomic_file import whole_file
+from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
-from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, element_from_json
+from contact_tracker.exports.summary_html import table_html
+from contact_tracker.geometry.elements import (
+    ContactGeometry,
+    Line,
+    Plane,
+    Point,
+    canonical,
+    element_from_json,
+    shifted,
+)
+from contact_tracker.joints.geometry import Joint
+from contact_tracker.joints.models import JointKind
 from contact_tracker.outputs.tables import json_line, write_csv, write_jsonl
 from contact_tracker.outputs.text import change_line, describe, status_text, table
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Belief, Segment
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
 ORIGIN_NS = 1_700_000_000_123_456_789
 EDGE = Line(np.array([1.0, 0.0, 0.0]), np.array([0.0, -0.05, 0.1]), np.diag([0, 1e-4, 4e-4, 0, 1e-6, 9e-6]))
@@ -91,12 +104,70 @@ def test_geometry_in_words_has_elements_and_deviations() -> None:
     assert describe(None) == ""
 
 
+def test_offsets_that_a_face_on_a_face_does_not_show_are_said_to_be_unknown() -> None:
+    """Motion in f-f shows the difference of the offsets; their own deviations are the prior's, as is 0."""
+    covariance = np.zeros((7, 7))
+    covariance[:6, :6] = 1e-6 * np.eye(6)
+    covariance[6, 6] = 1e-8
+    x = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -0.081])
+    for reach_m in (0.05, 0.3, 2.0):
+        geometry = ContactGeometry(*face_face.elements(x, covariance, reach_m))
+        assert geometry.has_open_offset == (True, True)
+        assert describe(geometry, (Contact.EF,)) == (
+            "face normal (0.00 0.00 1.00) +/- 0.057 deg (offset not known) on "
+            "face normal (0.00 1.00 0.00) +/- 0.057 deg (offset not known); or e-f"
+        )
+        assert geometry.to_json()["environment"]["plane"]["offset_m"] == -0.081
+    moved = ContactGeometry(geometry.object, shifted(geometry.environment, np.array([0.3, -0.4, 0.7])))
+    assert moved.has_open_offset == (True, True)
+    assert canonical(replace(geometry.object, normal=np.array([0.0, 0.0, -1.0]))).offset_m == 0.0
+
+
+def test_offsets_that_are_known_otherwise_are_said() -> None:
+    """A table that the user knows, and what the faces of other contacts are known to."""
+    covariance = np.diag([1e-6, 1e-6, 0, 0.09])
+    unknown = Plane(np.array([0.0, 0.0, 1.0]), 0.0, covariance)
+    on_table = ContactGeometry(unknown, replace(FACE, name="table"))
+    assert on_table.has_open_offset == (True, False)
+    assert "+/- 0.057 deg (offset not known) on face table normal" in describe(on_table)
+    assert describe(on_table).endswith("at 0.250 m +/- 0.1 mm")
+    part = ContactGeometry(replace(unknown, name="part bottom"), replace(unknown, offset_m=0.2))
+    assert part.has_open_offset == (False, False)
+    assert ContactGeometry(FACE, EDGE).has_open_offset == (False, False)
+    assert ContactGeometry(Plane(np.ones(3), 0.0), Plane(np.ones(3), 0.0)).has_open_offset == (False, False)
+
+
 def test_text_lines_count_time_from_the_first_pose() -> None:
     assert change_line(belief(Contact.FREE, None), ORIGIN_NS).split() == ["2.50", "free", "0.94", "1.00"]
     assert status_text(belief(Contact.EF, ON_FACE), ORIGIN_NS).strip().startswith("2.50 s  e-f for 1.5 s ")
     header, line = table([Segment(ORIGIN_NS, ORIGIN_NS + 10**9, Contact.EF, 0.5, ON_FACE)], ORIGIN_NS)
     assert line.split()[:4] == ["0.00", "1.00", "e-f", "0.50"]
     assert header.index("contact") == line.index("e-f")
+
+
+def test_where_the_contact_is_open_a_joint_stands_alone_and_a_further_contact_on_the_label() -> None:
+    """A slider is also two faces on two faces: these are sure only if the first is f-f, the slider anyway."""
+    end_ns = ORIGIN_NS + 10**9
+    faces = ContactGeometry(FACE, FACE)
+    further = FurtherContact(Contact.FF, 1.0, ORIGIN_NS, end_ns, faces, (Contact.EF,), 5)
+    joint = Joint(JointKind.SLIDER, 0.98, EDGE, EDGE, None, None)
+    others = tuple(state for state in STATES if state is not Contact.FF)
+    for inseparable, of_joint, of_further in (
+        (others, "; whatever touches", "; or e-f; if the first is f-f"),
+        ((Contact.EF,), "", "; or e-f"),
+    ):
+        segment = Segment(ORIGIN_NS, end_ns, Contact.FF, 0.4, ON_FACE, inseparable, (further,), joint)
+        _, first, second, third, _ = table([segment], ORIGIN_NS)
+        assert first.endswith("; or any other" if len(inseparable) == 6 else "; or e-f")
+        assert second.split()[2:5] == ["+", "f-f", "1.00"]
+        assert second.endswith(f"{describe(faces)}{of_further}")
+        assert third.split()[2:5] == ["=", "slider", "0.98"]
+        assert third.endswith(f"m +/- 3 mm{of_joint}")
+        # any parallel line of the object is as good
+        assert "axis along (1.00 0.00 0.00) +/- 1.1 deg through the body's origin on axis along" in third
+        html = table_html([segment], ORIGIN_NS)
+        assert f"{of_further}</td>" in html
+        assert f"{of_joint}</td>" in html
 
 
 @pytest.mark.parametrize("text", ["two\nlines", "\x1b[2J", "bell\a", "\u202eright to left"])

@@ -327,6 +327,11 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
         ("t,x,y,z,qx,qy,qz,qw\n" + "1," * 400_000, "its rows have 5000 values or more"),
         ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
         ("hello\n", "no columns of a pose among hello"),
+        ("0,1,2,3,0,0,0,1\n", "eight values of TUM, but separated by commas: separate all by blanks"),
+        ("0, 1, 2, 3, 0, 0, 0, 1\n", "eight values of TUM, but separated by commas: separate all by blanks"),
+        ("0,1 2 3 0 0 0 1\n", "but separated by commas and blanks: separate all by blanks"),
+        ("0;1,2\t3 0 0 0 1\n", "by semicolons, tabs, commas and blanks: separate all by blanks"),
+        ("0,5;1,5;2;3;0;0;0;1\n", "its 8 columns have no names: .* or the eight of TUM, separated by blanks"),
     ],
 )
 def test_missing_columns_are_reported(tmp_path: Path, text: str, message: str) -> None:
@@ -335,6 +340,34 @@ def test_missing_columns_are_reported(tmp_path: Path, text: str, message: str) -
     for read in (open_log, summarise):
         with pytest.raises(UnreadableRecording, match=message):
             read(str(path))
+
+
+@pytest.mark.parametrize(
+    ("first", "other", "said"),
+    [
+        ("0 1 2 3 0 0 0 1", "0.1,1,2,3,0,0,0,1", "separate its values by blanks, as in the first row"),
+        ("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1", "0.1 1 2 3 0 0 0 1", "separate its values by commas"),
+        ("t;x;y;z;qx;qy;qz;qw\n0;1;2;3;0;0;0;1", "0.1,1,2,3,0,0,0,1", "separate its values by semicolons"),
+    ],
+)
+def test_rows_that_are_separated_otherwise_are_damage_with_a_remedy(
+    tmp_path: Path, first: str, other: str, said: str
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{first}\n{other}\n{other}\n")
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) == 1
+    assert log.damage is not None
+    assert "2 rows have no time that is a number: give each a time" in log.damage
+    assert said in log.damage
+
+
+def test_rows_of_parquet_have_no_separators(tmp_path: Path) -> None:
+    rows = {"t": [0.0, 0.1, float("nan")], **{name: [0.0, 0.0, 0.0] for name in NAMES[:-1]}, "qw": [1.0] * 3}
+    pytest.importorskip("polars").DataFrame(rows).write_parquet(tmp_path / "a.parquet")
+    log = open_log(str(tmp_path / "a.parquet"))
+    assert len(Poses.collect(log)) == 2
+    assert log.damage == "1 row has no time that is a number: give each a time"
 
 
 def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
@@ -352,7 +385,8 @@ def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n0.1,1,2,3,0,0,0,1\nx,1,2,3,0,0,0,1\n0.3,1,2\n")
     log = open_log(str(path))
     assert len(Poses.collect(log)) == 2
-    assert log.damage == "1 rows have no time"
+    assert log.damage is not None
+    assert log.damage.startswith("1 row has no time that is a number: give each a time")
     assert log.counts["nonfinite"] == 1
 
 

@@ -67,6 +67,8 @@ def test_faces_of_unknown_height_do_not_determine_up() -> None:
 def test_faces_of_unknown_height_lie_below_the_hull() -> None:
     covariance = np.diag([1e-6, 1e-6, 1e-6, 0.09])
     faces = ContactGeometry(Plane(-Z, 0.0, covariance), Plane(Z, 1.0, covariance))
+    large = Extent(np.zeros(3), 2.0)  # as its size exceeds the prior's deviation, too
+    assert draw(faces, at([[0.0, 0.0, 1.0]]), large).is_open
     for up, height in ((Z, 0.9), (-Z, 1.1)):
         drawing = draw(faces, at([[0.0, 0.0, 1.0]]), CUBE, up)
         assert drawing.is_open

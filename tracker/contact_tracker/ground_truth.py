@@ -32,8 +32,8 @@ class FurtherTruth:
 class TruthInterval:
     """``contact`` held from ``start_ns`` to ``end_ns`` (both included); None is not scored.
 
-    ``motion`` is normal, rest, translation or one-axis; ``singular``: the motion of this interval cannot
-    distinguish its contact from others. ``further`` contacts hold at the same time.
+    ``motion`` is normal, rest, translation, one-axis or tilt; ``singular``: the motion of this interval
+    cannot distinguish its contact from others. ``further`` contacts hold at the same time.
     """
 
     start_ns: int

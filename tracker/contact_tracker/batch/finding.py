@@ -26,6 +26,11 @@ class Found(NamedTuple):
         return not self.signature and not remote.is_remote(self.name)
 
 
+def missing_among(names: Iterable[str]) -> list[str]:
+    """The local names at which there is neither a file nor a folder; of URLs the store is asked later."""
+    return [name for name in names if not remote.is_remote(name) and not os.path.exists(name)]
+
+
 def find(names: Iterable[str]) -> Iterator[Found]:
     """Each recording once, with folders replaced by the recordings in them, by name.
 

@@ -3,7 +3,6 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -12,8 +11,8 @@ from contact_tracker.cli.arguments import add_model, add_source, model_of
 from contact_tracker.cli.known import add_known, knowledge_of
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.cli.wrench import add_wrench, asked_for_wrenches
-from contact_tracker.errors import UsageError
-from contact_tracker.exit_codes import DAMAGED, DONE
+from contact_tracker.errors import UnreadableRecording, UsageError
+from contact_tracker.exit_codes import DAMAGED, DONE, INPUT
 from contact_tracker.exports.suffixes import require_library
 from contact_tracker.extras import extra
 
@@ -26,9 +25,12 @@ DESCRIPTION: Final = f"""\
 Segment many recordings into a dataset: a Parquet file of segments for each of them, and
 DATASET/summary.parquet with a row for each. Run again, it processes only new recordings, those
 whose content has changed, and all with another model. A recording that cannot be used is a row with
-the error, and the others go on; the exit code is {DAMAGED} then."""
+the error, and the others go on; the exit code is {DAMAGED} then. If a LOG does not exist, nothing
+is done, and the exit code is {INPUT}."""
 EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
 _MOST_SHOWN: Final = 10
+_MOST_NAMED: Final = 3
+_NOTHING_THERE: Final = "no such file or folder"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -119,18 +121,47 @@ def run(args: argparse.Namespace) -> int:
     return DAMAGED if outcome.bad or outcome.damaged else DONE
 
 
-def _names(logs: list[str]) -> Iterator[str]:
-    """Names as given; those on standard input are separated by newlines, or by NUL if there is one."""
-    for log in logs:
-        if log != "-":
-            yield log
-            continue
-        data = sys.stdin.buffer.read()
-        lines = data.split(b"\0") if b"\0" in data else data.splitlines()
-        names = [os.fsdecode(line) for line in lines if line]
-        if not names:
-            raise UsageError("there are no names of recordings on standard input")
-        yield from names
+def _names(logs: list[str]) -> list[str]:
+    """Names as given; those on standard input are separated by newlines, or by NUL if there is one.
+
+    A list on standard input is another program's, of which some files may be gone by now: each of them gets a
+    row. A LOG that is missing, or all of a list, is a mistake in the call.
+
+    Raises
+    ------
+    UnreadableRecording
+        Nothing is there under a LOG, or under any name on standard input.
+    UsageError
+        There are no names on standard input.
+    """
+    from contact_tracker.batch.finding import missing_among
+
+    missing = missing_among(log for log in logs if log != "-")
+    if missing:
+        more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
+        others = "; nothing was segmented" if len(logs) > len(missing) else ""
+        raise UnreadableRecording(f"{', '.join(missing[:_MOST_NAMED])}{more}: {_NOTHING_THERE}{others}")
+    listed = _listed() if "-" in logs else []
+    return [name for log in logs for name in (listed if log == "-" else [log])]
+
+
+def _listed() -> list[str]:
+    """The names on standard input."""
+    from contact_tracker.batch.finding import missing_among
+
+    data = sys.stdin.buffer.read()
+    lines = data.split(b"\0") if b"\0" in data else data.splitlines()
+    names = [os.fsdecode(line) for line in lines if line]
+    if not names:
+        raise UsageError("there are no names of recordings on standard input")
+    if len(missing_among(names)) < len(names):
+        return names
+    if len(names) == 1:
+        raise UnreadableRecording(f"{names[0]}: {_NOTHING_THERE}, the only name on standard input")
+    raise UnreadableRecording(
+        f"none of the {len(names)} names on standard input exists, such as {names[0]}; "
+        f"relative ones start from {os.getcwd()}"
+    )
 
 
 def _workers(args: argparse.Namespace) -> "AbstractContextManager[Jobs]":

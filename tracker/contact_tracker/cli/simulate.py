@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.simulate import simulate
 
     made = simulate(args.scenario, args.seed)
-    write_recording(str(args.output), made.poses, made.truth, made.metadata, check)
+    write_recording(str(args.output), made.poses, made.truth, made.metadata, check, made.wrenches)
     say(f"{len(made.poses)} poses, {len(made.truth.intervals)} intervals in {args.output}")
     return DONE
 
@@ -67,6 +67,7 @@ def _list(seed: int) -> int:
         if made.further is not None:
             contacts += f" + {made.further.contact.value}{_when(made.further)}"
         what = f"{made.object} on {made.surroundings}: {contacts}"
+        what += ", with wrenches" if made.has_wrench else ""
         if made.joint is not None:
             what = f"{made.object} in a joint: {made.joint.value}"
         seconds = sum(phase.duration_s for phase in made.phases)

@@ -5,7 +5,7 @@ from html import escape
 from typing import Final
 
 from contact_tracker.errors import printable
-from contact_tracker.outputs.text import JOINT, describe, describe_joint
+from contact_tracker.outputs.text import JOINT, describe, describe_further, describe_joint, is_open
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.viewer.palette import COLOUR
@@ -69,18 +69,18 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
         texts = (f"{start_s:.2f}", f"{end_s:.2f}", s.contact.value, f"{s.probability:.2f}")
         where = printable(describe(s.geometry, s.inseparable))
         rows.append(_row((*texts, where)))
-        rows += [_further_row(one, s.end_ns, origin_ns) for one in s.further]
+        rows += [_further_row(one, s, origin_ns) for one in s.further]
         if s.joint is not None:
             name, p = f"{JOINT}{s.joint.kind.value}", f"{s.joint.probability:.2f}"
-            rows.append(_row((*texts[:2], name, p, printable(describe_joint(s.joint)))))
+            rows.append(_row((*texts[:2], name, p, printable(describe_joint(s.joint, is_open(s))))))
     more = len(segments) - MOST_ROWS
     note = f"<p>and {more} more segments</p>" if more > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
 
 
-def _further_row(one: FurtherContact, end_ns: int, origin_ns: int) -> str:
-    start_s, end_s = ((t - origin_ns) * 1e-9 for t in (one.start_ns, one.end_ns or end_ns))
-    where = printable(describe(one.geometry, one.inseparable))
+def _further_row(one: FurtherContact, segment: Segment, origin_ns: int) -> str:
+    start_s, end_s = ((t - origin_ns) * 1e-9 for t in (one.start_ns, one.end_ns or segment.end_ns))
+    where = printable(describe_further(one, segment))
     return _row((f"{start_s:.2f}", f"{end_s:.2f}", f"+ {one.contact.value}", f"{one.probability:.2f}", where))
 
 

@@ -116,6 +116,22 @@ class ContactGeometry:
         """What the user calls them, None for an element that is not known."""
         return self.object.name, self.environment.name
 
+    @property
+    def has_open_offset(self) -> tuple[bool, bool]:
+        """Whether the offsets of two touching faces are unknown, of the object's and of the environment's.
+
+        The motion of f-f shows their difference alone (docs/theory.md, T5). The object's face is then given
+        as if it went through the body's origin, and of both the standard deviation is the prior's
+        (``contacts/face_face.py``), unless the face is known otherwise.
+        """
+        body, world = self.object, self.environment
+        if not (isinstance(body, Plane) and isinstance(world, Plane)):
+            return False, False
+        if body.covariance is None or world.covariance is None or body.name is not None:
+            return False, False
+        is_open = body.offset_m == 0.0 < body.covariance[3, 3]
+        return bool(is_open), bool(is_open and world.covariance[3, 3] >= body.covariance[3, 3])
+
     def to_json(self) -> dict[str, Any]:
         return {"object": self.object.to_json(), "environment": self.environment.to_json()}
 

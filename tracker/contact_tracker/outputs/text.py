@@ -17,6 +17,9 @@ SURE: Final = 0.9
 JOINS: Final = "+ "
 LEAVES: Final = "- "
 JOINT: Final = "= "
+OPEN_OFFSET: Final = "offset not known"
+"""Of a face: where it is along its normal."""
+_ORIGIN: Final = "the body's origin"
 TABLE_HEADER: Final = f" start s     end s  contact     p  {_GEOMETRY}"
 
 
@@ -75,12 +78,12 @@ def table(segments: Iterable[Segment], origin_ns: int) -> Iterator[str]:
             last = end if one.end_ns is None else _seconds(one.end_ns, origin_ns)
             yield (
                 f"{begin:8.2f}  {last:8.2f}  {JOINS + one.contact.value:<7} {one.probability:5.2f}  "
-                f"{describe(one.geometry, one.inseparable)}"
+                f"{describe_further(one, segment)}"
             ).rstrip()
         if segment.joint is not None:
             yield (
                 f"{start:8.2f}  {end:8.2f}  {JOINT + segment.joint.kind.value:<7} "
-                f"{segment.joint.probability:5.2f}  {describe_joint(segment.joint)}"
+                f"{segment.joint.probability:5.2f}  {describe_joint(segment.joint, is_open(segment))}"
             ).rstrip()
         total_s += end - start
         ambiguous_s += end - start if segment.inseparable else 0.0
@@ -93,39 +96,61 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
 
     After ``or`` follow the states that the motion does not distinguish from the label.
     """
-    others = alternatives(inseparable)
-    where = "" if geometry is None else f"{_element(geometry.object)} on {_element(geometry.environment)}"
+    others, where = alternatives(inseparable), ""
+    if geometry is not None:
+        of_object, of_environment = geometry.has_open_offset
+        body = _element(geometry.object, is_open=of_object)
+        where = f"{body} on {_element(geometry.environment, is_open=of_environment)}"
     return "; ".join(filter(None, [where, others and f"or {others}"]))
 
 
-def describe_joint(joint: Joint) -> str:
-    """``axis ... on axis ...; pitch ...``, of the object and the surroundings."""
+def describe_further(further: FurtherContact, segment: Segment) -> str:
+    """As ``describe``; the probability of a further contact is that beside the label, which may be open."""
+    where = describe(further.geometry, further.inseparable)
+    return f"{where}; if the first is {segment.contact.value}" if is_open(segment) else where
+
+
+def describe_joint(joint: Joint, is_open: bool) -> str:
+    """``axis ... on axis ...; pitch ...``, of the object and the surroundings; ``is_open``: that of the
+    contact, which the joint does not depend on."""
     name = "centre" if joint.kind is JointKind.BALL else "axis"
-    where = f"{_element(joint.object, name)} on {_element(joint.environment, name)}"
+    body = _element(joint.object, name, joint.kind is JointKind.SLIDER)
+    where = f"{body} on {_element(joint.environment, name)}"
+    anyway = "; whatever touches" if is_open else ""
     if joint.kind is not JointKind.SCREW or joint.pitch_m_per_rad is None:
-        return where
+        return f"{where}{anyway}"
     turn_mm = 2e3 * np.pi * joint.pitch_m_per_rad
     sd_m = None if joint.pitch_sd_m_per_rad is None else 2.0 * np.pi * joint.pitch_sd_m_per_rad
-    return f"{where}; pitch {_fixed(turn_mm, 2)} mm{_length(sd_m)} a turn"
+    return f"{where}; pitch {_fixed(turn_mm, 2)} mm{_length(sd_m)} a turn{anyway}"
 
 
 def alternatives(inseparable: Sequence[Contact]) -> str:
     """``v-f, free``; ``any other`` for all of them."""
-    return "any other" if len(inseparable) == len(STATES) - 1 else ", ".join(inseparable)
+    return "any other" if _are_all(inseparable) else ", ".join(inseparable)
 
 
-def _element(element: Element, called: str | None = None) -> str:
-    """An element in words, with ``called`` instead of face, edge or vertex."""
+def is_open(segment: Segment) -> bool:
+    """Whether the motion leaves the contact of a segment open among all states."""
+    return _are_all(segment.inseparable)
+
+
+def _are_all(others: Sequence[Contact]) -> bool:
+    return len(others) == len(STATES) - 1
+
+
+def _element(element: Element, called: str | None = None, is_open: bool = False) -> str:
+    """An element in words, with ``called`` instead of face, edge or vertex; ``is_open``: the offset of a face
+    is unknown, or a line is one of many and goes through the origin for all of them."""
     open_ways = ", ".join(_way(way) for way in element.unobserved)
     match element:
         case Plane(normal, offset_m, covariance):
             tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
-            offset = f"{_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
-            name, where = "face", f" normal {tilt} at {offset}"
+            offset = f" at {_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
+            name, where = "face", f" normal {tilt}{'' if is_open else offset}"
         case Line(direction, point_m, covariance):
             along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
             through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
-            name, where = "edge", f" along {along} through {through}"
+            name, where = "edge", f" along {along} through {_ORIGIN if is_open else through}"
         case Point(point_m, covariance):
             name = "vertex"
             where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
@@ -135,7 +160,10 @@ def _element(element: Element, called: str | None = None) -> str:
     shifts = sum(way.how == "shifts_along" for way in element.unobserved)
     if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point
         return f"{name} (unobserved)"
-    return f"{name}{where}" + (f" (unobserved: {open_ways})" if open_ways else "")
+    is_offset = is_open and isinstance(element, Plane)
+    notes = filter(None, (OPEN_OFFSET if is_offset else "", open_ways and f"unobserved: {open_ways}"))
+    noted = "; ".join(notes)
+    return f"{name}{where}" + (f" ({noted})" if noted else "")
 
 
 def _way(way: Unobserved) -> str:

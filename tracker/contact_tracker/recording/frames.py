@@ -24,6 +24,12 @@ REFERENCE: Final = "the reference "
 """Frame names that do not occur in logs."""
 
 
+def may_be_step(channel: Channel, relative_to: str | None) -> bool:
+    """Whether a channel may be part of a chain: it has transforms, or is the topic that poses are relative
+    to."""
+    return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
+
+
 class FrameFilter(ChannelFilter):
     """Accepts what ``ChannelFilter`` accepts, transforms, and the topic that poses are relative to."""
 
@@ -33,7 +39,7 @@ class FrameFilter(ChannelFilter):
 
     def __call__(self, channel: Channel) -> bool:
         is_asked = super().__call__(channel)
-        return is_asked or canonical(channel.type) in TRANSFORM_TYPES or channel.topic == self._relative_to
+        return is_asked or may_be_step(channel, self._relative_to)
 
     def takes(self, source: PoseSource) -> bool:
         """Whether this source may be that of the poses."""

@@ -11,7 +11,14 @@ from typing import Final
 from contact_tracker.config.quantities import TIMES_NS
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.mocap_exports import is_motive, is_vicon, motive_layout, vicon_layout
-from contact_tracker.recording.table_layouts import BLANKS, LENGTHS_M, Body, TableLayout, are_numbers
+from contact_tracker.recording.table_layouts import (
+    BLANKS,
+    LENGTHS_M,
+    SEPARATORS,
+    Body,
+    TableLayout,
+    are_numbers,
+)
 from contact_tracker.recording.time_units import NAMED_NS
 
 _UNIT: Final = re.compile(r"[\s_]*[\[(]([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns)$")
@@ -39,6 +46,7 @@ _ROLES: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _EXAMPLE: Final = "time [s],x [mm],y [mm],z [mm],qw,qx,qy,qz"
 _SHOWN: Final = 12
+_ANY_SEPARATOR: Final = re.compile(r" *[;,\t] *| +")
 _MARKS: Final = (";", "\t", ",")
 """Separators of values; a comma may also be the decimal point."""
 MOST_COLUMNS: Final = 5000
@@ -60,12 +68,15 @@ def layout_of_text(lines: Sequence[str]) -> TableLayout:
     separator = _separator(data)
     values = _cells(data, separator)
     names = _header(lines[skip - 1] if skip else "", separator, len(values))
+    if names is None:
+        _refuse_other_tum(data, separator)
     if are_numbers(values):
         if names is None and separator is None and len(values) == _TUM_NAMES:
             return TableLayout("TUM", None, skip, 0, None, (Body("", (1, 2, 3, 4, 5, 6, 7), 1.0),))
         if names is None:
             raise UnreadableRecording(
-                f"its {len(values)} columns have no names: needed are {_NEEDED}, or the eight of TUM"
+                f"its {len(values)} columns have no names: needed are {_NEEDED}, or the eight of TUM, "
+                "separated by blanks"
             )
     else:
         names, skip = values, lines.index(data) + 1
@@ -156,6 +167,19 @@ def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return line.split()
     return [value.strip(BLANKS) for value in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _refuse_other_tum(row: str, separator: str | None) -> None:
+    """Raise UnreadableRecording if a row without names has the values of TUM, but not by white space."""
+    words = _ANY_SEPARATOR.split(row.strip())
+    if separator is None or len(words) != _TUM_NAMES or not are_numbers(words):
+        return
+    marks = {part.strip(" ") or part for part in _ANY_SEPARATOR.findall(row.strip())}
+    *most, last = [name for mark, name in SEPARATORS.items() if any(mark in part for part in marks)]
+    named = f"{', '.join(most)} and {last}" if most else last
+    raise UnreadableRecording(
+        f"its first row has the eight values of TUM, but separated by {named}: separate all by blanks"
+    )
 
 
 def _refuse_wider(rows: Sequence[str], separator: str | None, names: int) -> None:

@@ -51,6 +51,10 @@ class TableLayout:
     has_own_unit: bool = False
 
 
+SEPARATORS: Final[Mapping[str, str]] = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+"""Characters that separate values, and what messages call them."""
+
+
 def are_numbers(values: Sequence[str]) -> bool:
     """Whether values are numbers and empty cells, with at least one number; commas are decimal points."""
     try:

@@ -17,7 +17,7 @@ from contact_tracker.recording.limits import WorkBudget
 from contact_tracker.recording.named_columns import MOST_COLUMNS, layout_of_names, layout_of_text
 from contact_tracker.recording.panics import without_panics
 from contact_tracker.recording.parquet_pages import PARQUET_MAGIC, check_pages
-from contact_tracker.recording.table_layouts import BLANKS, TableLayout
+from contact_tracker.recording.table_layouts import BLANKS, SEPARATORS, TableLayout
 from contact_tracker.recording.time_units import doubt_of_unit, unit_of
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ _LONGEST_LINE: Final = 120
 """Longest text of an error of polars, which may list all columns."""
 _LINE: Final = 2**18
 _ROWS: Final = 10_000
+PARQUET: Final = "Parquet"
+"""The kind of a layout."""
 _ROW: Final = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", (7,))])
 _NEVER: Final = np.iinfo(np.int64).min
 _MOST_NS: Final = 2.0**62
@@ -122,7 +124,16 @@ def read_table(
             for channel, values in rows:
                 yield RawMessage(channel, max(stamp_ns, 0), values[i].tobytes())
     if lost:
-        report(f"{lost} rows have no time")
+        report(_without_time(lost, layout))
+
+
+def _without_time(rows: int, layout: TableLayout) -> str:
+    """One line on ``rows`` that have no time."""
+    counted = f"{rows} {'row has' if rows == 1 else 'rows have'} no time that is a number: give each a time"
+    if layout.kind == PARQUET:
+        return counted
+    named = SEPARATORS[layout.separator or " "]
+    return f"{counted}, and separate its values by {named}, as in the first row"
 
 
 def _batches(polars: Any, frame: "pl.LazyFrame", groups: list[int] | None) -> "Iterator[pl.DataFrame]":
@@ -149,7 +160,7 @@ def _opened(
     if is_parquet:
         frame = polars.scan_parquet(path, glob=False)
         names = frame.collect_schema().names()
-        layout = layout_of_names(names, "Parquet", None, 0)
+        layout = layout_of_names(names, PARQUET, None, 0)
         places = {layout.time, *(place for body in layout.bodies for place in body.columns)}
         groups = check_pages(path, {names[place] for place in places}, len(layout.bodies), budget)
         frame = frame.select(polars.col(name).alias(str(i)) for i, name in enumerate(names))

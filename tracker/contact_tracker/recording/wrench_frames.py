@@ -15,14 +15,12 @@ from contact_tracker.errors import NoPoses
 from contact_tracker.motion.poses import BATCH, NO_POSES, Poses
 from contact_tracker.recording.composition import Composer
 from contact_tracker.recording.decoding import MessageDecoder, is_readable, pose_row, row_channel
-from contact_tracker.recording.frames import REFERENCE, Chain
+from contact_tracker.recording.frames import REFERENCE, Chain, may_be_step
 from contact_tracker.recording.items import Channel, Item, RawMessage
-from contact_tracker.recording.message_types import canonical
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import ChannelFilter, PoseSource, peek, poses_by_source, take_prefix
 from contact_tracker.recording.stamping import Logged
 from contact_tracker.recording.transform_tree import (
-    TRANSFORM_TYPES,
     Step,
     TransformTree,
     is_static,
@@ -68,7 +66,7 @@ class FrameChain(NamedTuple):
 
 
 class _TransformFilter(ChannelFilter):
-    """Transforms, and the topic of the body that poses are relative to."""
+    """Accepts only what a chain may consist of: other than for poses, no topic is wanted for itself."""
 
     def __init__(self, relative_to: str) -> None:
         super().__init__(None)
@@ -76,8 +74,7 @@ class _TransformFilter(ChannelFilter):
 
     def __call__(self, channel: Channel) -> bool:
         self.seen[channel.topic, channel.type, channel.encoding] = channel
-        is_asked = canonical(channel.type) in TRANSFORM_TYPES or channel.topic == self._relative_to
-        return is_asked and is_readable(channel)
+        return may_be_step(channel, self._relative_to) and is_readable(channel)
 
 
 def chain_to(path: str, frame_id: str, source: PoseSource) -> FrameChain:

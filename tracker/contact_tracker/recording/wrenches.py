@@ -109,7 +109,7 @@ def read_wrenches(
     dropped += len(stamps) - len(found)
     if not len(found):
         raise InputError(f"{path}: no wrench on {topic} is finite")
-    logged = _Logged(found, np.array(stamps, np.int64), np.array(log_times, np.int64))
+    logged = _LoggedWrenches(found, np.array(stamps, np.int64), np.array(log_times, np.int64))
     placed = _about_body(path, topic, frame_id, source, poses, logged)
     return WrenchLog(
         placed.wrenches,
@@ -130,7 +130,7 @@ class _Placed(NamedTuple):
     bad_transforms: int = 0
 
 
-class _Logged(NamedTuple):
+class _LoggedWrenches(NamedTuple):
     """Wrenches in their own frame, and the log times of all stamps on their topic."""
 
     wrenches: Wrenches
@@ -145,7 +145,7 @@ class _Logged(NamedTuple):
 
 
 def _about_body(
-    path: str, topic: str, frame_id: str, source: PoseSource, poses: Poses, logged: _Logged
+    path: str, topic: str, frame_id: str, source: PoseSource, poses: Poses, logged: _LoggedWrenches
 ) -> _Placed:
     """The wrenches about the body's origin and in its axes; raises as ``read_wrenches``."""
     found, body, parent = logged.wrenches, source.child_frame_id, source.frame_id
@@ -167,7 +167,7 @@ def _about_body(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
             f"any wrench: are the stamps on {topic} and {', '.join(frames.topics)} of one clock?"
         )
-    placed = found[found.stamp_ns.searchsorted(frames.poses.stamp_ns)]
+    placed = found.at(found.stamp_ns.searchsorted(frames.poses.stamp_ns))
     placed = about_parent(placed, frames.poses)
     return _Placed(
         placed if frames.in_object else about_body(placed, poses),

@@ -107,7 +107,7 @@ def _singular(rng: np.random.Generator, leg: Leg, time_s: Array, hand: Hand) -> 
     at, chart = leg.start, leg.chart
     active = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)[1][:, None]
     still = np.zeros((len(time_s), 1))
-    if leg.motion == "one-axis":
+    if leg.motion in ("one-axis", "tilt"):
         return _rotation_about_axis(rng, leg, hand, active * band_limited(rng, time_s, 1, hand.bandwidth_hz))
     touch_object, touch_scene = still + at.touch_object, still + at.touch_scene
     if leg.motion == "translation":
@@ -127,7 +127,7 @@ def _rotation_about_axis(rng: np.random.Generator, leg: Leg, hand: Hand, wave: A
     tilts += [
         (chart.environment, at.normal, direction) for direction in chart.environment.tangents(at.normal)
     ]
-    choice = int(rng.integers(-1, len(tilts)))
+    choice = int(rng.integers(0 if leg.motion == "tilt" else -1, len(tilts)))
     if choice < 0:
         axis = at.normal
         angle = within(hand.amplitude_rad * wave, _room(leg.contact))

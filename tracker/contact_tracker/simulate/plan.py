@@ -11,7 +11,6 @@ from contact_tracker.simulate.chart import Chart
 from contact_tracker.simulate.scenarios import Phase
 from contact_tracker.states import Contact
 
-_LEAD_S = 0.8  # before and after rest or singular motion
 _TRAVEL_M_S = 0.25
 _TURN_RAD_S = 1.0
 
@@ -38,17 +37,19 @@ class Leg:
 
 
 def plan(
-    rng: np.random.Generator, phases: Sequence[Phase], object: Polyhedron, scene: Polyhedron
+    rng: np.random.Generator, phases: Sequence[Phase], object: Polyhedron, scene: Polyhedron, lead_s: float
 ) -> list[Leg]:
-    """The legs of ``phases``; each begins at the anchor at which the previous one ended."""
-    stretches = _with_transitions(phases)
+    """The legs of ``phases``; each begins at the anchor at which the previous one ended. ``lead_s`` is as of
+    ``Scenario``."""
+    stretches = _with_transitions(phases, lead_s)
     chart = choose_chart(rng, _touching(phases[0]), object, scene)
     anchor = sample_anchor(rng, None, None, chart)
     legs: list[Leg] = []
     for index, phase in enumerate(stretches):
         after = stretches[index + 1] if index + 1 < len(stretches) else None
         following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
-        if after and phase and after.contact is phase.contact:
+        is_same = after and phase and after.contact is phase.contact
+        if is_same or _is_singular(phase) or _is_singular(after):
             end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
         legs.append(_leg(phase, anchor, end, chart, following, object.radius))
         chart, anchor = following, end
@@ -57,18 +58,24 @@ def plan(
     ]
 
 
-def _with_transitions(phases: Sequence[Phase]) -> list[Phase | None]:
+def _is_singular(phase: Phase | None) -> bool:
+    """Whether a phase starts and ends at rest."""
+    return phase is not None and phase.motion != "normal"
+
+
+def _with_transitions(phases: Sequence[Phase], lead_s: float) -> list[Phase | None]:
     """The phases and the transitions between them; None is a lift from one contact to the next."""
     result: list[Phase | None] = []
     for before, phase, after in zip((None, *phases), phases, (*phases[1:], None), strict=False):
-        lead = Phase(phase.contact, _LEAD_S)
+        lead = [Phase(phase.contact, lead_s)] if lead_s else []
         if before and not _comparable(before.contact, phase.contact):
             result.append(None)
-        if phase.motion in ("translation", "one-axis") and before and before.contact is not phase.contact:
-            result.append(lead)
+        moves_singularly = _is_singular(phase) and phase.motion != "rest"
+        if moves_singularly and before and before.contact is not phase.contact:
+            result += lead
         result.append(phase)
-        if phase.motion != "normal" and after and after.contact is not phase.contact:
-            result.append(lead)
+        if _is_singular(phase) and after and after.contact is not phase.contact:
+            result += lead
     return result
 
 
@@ -101,7 +108,7 @@ def _leg_end(
         arriving = choose_chart(rng, after.contact, object, scene, related=chart)
         return arriving, sample_anchor(rng, anchor, chart, arriving)
 
-    if phase and phase.motion != "normal":
+    if _is_singular(phase):
         return chart, anchor
     options = [option() for _ in range(60 if phase is None else 6)]
     return min(options, key=lambda chosen: _effort(*anchor.distance_to(chosen[1])))

@@ -14,13 +14,14 @@ from contact_tracker.states import STATES, Contact
 
 CORNER: Final = "table and wall"
 """Surroundings of scenarios with a further contact: two planes at a right angle."""
-MOTIONS: Final = ("normal", "rest", "translation", "one-axis")
+MOTIONS: Final = ("normal", "rest", "translation", "one-axis", "tilt")
 
 
 class Phase(NamedTuple):
     """``contact`` for at least ``duration_s``; longer if the next anchor is farther.
 
-    ``motion`` is normal, rest, translation (no rotation) or one-axis (rotation about one axis).
+    ``motion`` is normal, rest, translation (no rotation), one-axis (rotation about one axis) or tilt (the
+    same, about an axis across the normal: the object pivots).
     """
 
     contact: Contact
@@ -52,11 +53,14 @@ class Scenario:
     drop_probability : share of poses that are missing.
     hold_probability : share of poses that repeat the one before them.
     jitter_s : standard deviation of the stamps, at most a fifth of the period.
+    lead_s : normal motion (s) in a contact before and after singular motion, except at the ends
+        of the recording; without it, the object comes and goes by lifts.
     amplitude_m, amplitude_rad : root mean square of the motion in each free direction.
     bandwidth_hz : range of the motion's bandwidth; each phase draws its own.
     object, surroundings : names of shapes.
     further : a second contact of a scenario of one phase; the surroundings are then a table and a wall.
     joint : the joint of a scenario of one free phase; none of the seven states is true then.
+    has_wrench : whether the wrench of the hand on the object is measured too; the surroundings are one body.
     name : name in the recording's metadata.
     """
 
@@ -68,6 +72,7 @@ class Scenario:
     drop_probability: float = 0.0
     hold_probability: float = 0.0
     jitter_s: float = 0.0
+    lead_s: float = 0.8
     amplitude_m: float = 0.035
     amplitude_rad: float = float(np.radians(10.0))
     bandwidth_hz: tuple[float, float] = (0.5, 1.2)
@@ -75,6 +80,7 @@ class Scenario:
     surroundings: str = "desk"
     further: Further | None = None
     joint: JointKind | None = None
+    has_wrench: bool = False
     name: str = "custom"
 
     def __post_init__(self) -> None:
@@ -85,6 +91,7 @@ class Scenario:
             _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be in 0..1")
         for key in ("outlier_probability", "drop_probability", "hold_probability"):
             _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be at least 0 and less than 1")
+        _require(0.0 <= self.lead_s < 60.0, "lead_s must be in 0..60")
         _require(0.0 <= self.jitter_s <= 0.2 / self.rate_hz, "jitter_s must be in 0..0.2 / rate_hz")
         low, high = self.bandwidth_hz
         _require(0.0 < low <= high < self.rate_hz / 2, "bandwidth_hz must be a range below half the rate")
@@ -97,6 +104,8 @@ class Scenario:
         if self.joint is not None:
             is_plain = len(self.phases) == 1 and self.phases[0].contact is Contact.FREE
             _require(is_plain and self.further is None, "a joint needs a scenario of one free phase")
+        if self.has_wrench:
+            _require(self.further is None and self.joint is None, "a wrench needs one body to touch")
         for before, phase in zip((None, *self.phases), self.phases, strict=False):
             _check(phase, before)
 
@@ -120,6 +129,7 @@ def _check(phase: Phase, before: Phase | None) -> None:
         shortest <= phase.duration_s <= 86_400.0,
         f"a phase of motion {phase.motion} must last {shortest} s to one day",
     )
+    _require(phase.motion != "tilt" or phase.contact is not Contact.FF, "in f-f the object cannot tilt")
     if phase.contact is Contact.FREE:
         _require(phase.motion == "normal", "free motion can only be normal")
         _require(before is None or before.contact is not Contact.FREE, "two free phases in a row are one")
@@ -170,6 +180,21 @@ def _vision_30hz(_: int) -> Scenario:
         object="prism",
         surroundings="ridge",
         name="vision_30hz",
+    )
+
+
+def _pressed(_: int) -> Scenario:
+    """An object pivots on an edge of its own, then on one of the surroundings: motion that all six contacts
+    explain, and a wrench of the hand that few do."""
+    pivots = (Phase(contact, 6.0, "tilt") for contact in (Contact.EF, Contact.FE))
+    return Scenario(
+        tuple(phase for pivot in pivots for phase in (pivot, Phase(Contact.FREE, 6.0))),
+        rate_hz=100.0,
+        lead_s=0.0,
+        object="box",
+        surroundings="block",
+        has_wrench=True,
+        name="pressed",
     )
 
 
@@ -243,6 +268,7 @@ SCENARIOS: Final[Mapping[str, Callable[[int], Scenario]]] = MappingProxyType(
         "all_states": _all_states,
         "robot_1khz": _robot_1khz,
         "vision_30hz": _vision_30hz,
+        "pressed": _pressed,
         "random": _random,
         **FORMATIONS,
         **JOINTS,

@@ -21,7 +21,9 @@ from contact_tracker.simulate.plan import Leg, plan
 from contact_tracker.simulate.scenarios import Further, Scenario, named_scenario
 from contact_tracker.simulate.sensor import OUTLIER_M, OUTLIER_RAD, measure, stamps
 from contact_tracker.simulate.shapes import object_shape, surroundings_shape
+from contact_tracker.simulate.wrench import measure_wrenches
 from contact_tracker.states import Contact
+from contact_tracker.wrenches.wrenches import Wrenches
 
 Array = NDArray[np.float64]
 
@@ -31,13 +33,14 @@ _BODY_M = 0.06  # spread of the object's middle in the body frame
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """A labelled recording: measured poses, ground truth, the metadata of its generation, and the joint in
-    which the object moves, if there is one."""
+    """A labelled recording: measured poses, ground truth, the metadata of its generation; the joint in which
+    the object moves, and the measured wrenches of the hand on it, if there are any."""
 
     poses: Poses
     truth: Truth
     metadata: dict[str, str]
     joint: TrueJoint | None = None
+    wrenches: Wrenches | None = None
 
 
 def simulate(scenario: str | Scenario, seed: int) -> Simulated:
@@ -47,7 +50,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     ----------
     scenario : a Scenario, or the name of one in ``SCENARIOS``.
     seed : any non-negative integer; equal seeds give equal recordings. Motion and measurement draw from
-        independent generators: other noise leaves the motion unchanged.
+        independent generators: other noise leaves the motion unchanged, and wrenches leave the poses.
 
     Raises
     ------
@@ -57,8 +60,8 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
         raise UsageError("the seed must not be negative")
     if isinstance(scenario, str):
         scenario = named_scenario(scenario, seed)
-    streams = np.random.SeedSequence(seed).spawn(3)
-    motion_rng, frame_rng, sensor_rng = (np.random.default_rng(stream) for stream in streams)
+    streams = np.random.SeedSequence(seed).spawn(4)
+    motion_rng, frame_rng, sensor_rng, wrench_rng = (np.random.default_rng(stream) for stream in streams)
     object = object_shape(scenario.object)
     world = _random_frame(frame_rng, _WORLD_M)
     body = _random_frame(frame_rng, _BODY_M)
@@ -68,20 +71,23 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     if scenario.joint is not None:
         return _simulate_joint(setting, scenario.joint)
     scene = surroundings_shape(scenario.surroundings)
-    legs = plan(motion_rng, scenario.phases, object, scene)
+    legs = plan(motion_rng, scenario.phases, object, scene, scenario.lead_s)
     counts = [round(leg.duration_s * scenario.rate_hz) for leg in legs]
     paths = [_travel(motion_rng, leg, n, scenario) for leg, n in zip(legs, counts, strict=True)]
     pose = Rigid(
         np.concatenate([p.pose.rotation for p in paths]), np.concatenate([p.pose.translation for p in paths])
     )
-    stamp_ns = stamps(sensor_rng, sum(counts), scenario)
-    poses = measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
+    stamp_ns, poses = setting.measured(pose)
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
-    return Simulated(poses, truth, _metadata(scenario, seed, _moved(object, body), _moved(scene, world)))
+    metadata = _metadata(scenario, seed, _moved(object, body), _moved(scene, world))
+    wrenches = None
+    if scenario.has_wrench:
+        wrenches = measure_wrenches(wrench_rng, stamp_ns, scenario.rate_hz, legs, paths, object, body)
+    return Simulated(poses, truth, metadata, wrenches=wrenches)
 
 
 class _Setting(NamedTuple):
-    """What a scenario of one phase is simulated with; ``body`` and ``world`` are its random frames."""
+    """What a scenario is simulated with; ``body`` and ``world`` are its random frames."""
 
     scenario: Scenario
     seed: int
@@ -93,7 +99,7 @@ class _Setting(NamedTuple):
 
     @property
     def time_s(self) -> Array:
-        """Times of the poses from the start, without jitter."""
+        """Times of the poses of a scenario of one phase from the start, without jitter."""
         duration_s = self.scenario.phases[0].duration_s
         return np.linspace(0.0, duration_s, round(duration_s * self.scenario.rate_hz), endpoint=False)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.outputs.text import alternatives
+from contact_tracker.outputs.text import OPEN_OFFSET, alternatives
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.viewer.hull import Hull
@@ -276,7 +276,7 @@ def caption(
 ) -> str:
     """``f-f  0.97 or e-f``; ``is_open``: the position of the faces along their normal is unknown."""
     rest = f" or {alternatives(others)}" if others else ""
-    return f"{contact.value}  {probability:.2f}{rest}{', height unknown' if is_open else ''}"
+    return f"{contact.value}  {probability:.2f}{rest}{f', {OPEN_OFFSET}' if is_open else ''}"
 
 
 def further_caption(one: FurtherContact) -> str:

@@ -148,6 +148,8 @@ def _is_open(geometry: ContactGeometry, centres: Array, radius_m: float) -> bool
     """Whether only the distance between two faces is known, not their position."""
     if not isinstance(geometry.object, Plane) or not isinstance(geometry.environment, Plane):
         return False
+    if all(geometry.has_open_offset):
+        return True
     sd = geometry.environment.covariance
     if sd is None:
         return False

@@ -51,10 +51,10 @@ class Wrenches:
         numbers = np.concatenate([self.force_n, self.moment_nm], axis=1)
         good = np.flatnonzero((np.abs(numbers) <= GREATEST_N).all(axis=1))  # false of NaN
         _, first = np.unique(self.stamp_ns[good], return_index=True)
-        rows = good[first]
-        return self[rows]
+        return self.at(good[first])
 
-    def __getitem__(self, rows: NDArray[np.int64]) -> "Wrenches":
+    def at(self, rows: NDArray[np.int64]) -> "Wrenches":
+        """Those of these rows, in their order."""
         return Wrenches(self.stamp_ns[rows], self.force_n[rows], self.moment_nm[rows])
 
 
