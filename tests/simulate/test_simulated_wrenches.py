@@ -154,3 +154,17 @@ def test_they_decide_what_motion_leaves_open(seed: int, tmp_path: Path) -> None:
     ]
     assert accuracy[0] < 0.6
     assert accuracy[1] > 0.95
+
+
+@pytest.mark.parametrize(("contact", "is_free"), [(Contact.FREE, True), (Contact.EF, False)])
+def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact, is_free: bool) -> None:
+    phases = tuple(Phase(one, 5.0) for one in (contact, Contact.VF, Contact.FREE, Contact.EF, Contact.FREE))
+    scenario = Scenario(phases, rate_hz=100.0, has_wrench=True, object="box", surroundings="block")
+    made, model = simulate(scenario, 1), load_model()
+    assert made.wrenches is not None
+    evidence, _ = wrench_evidence(made.poses, made.wrenches, model)
+    assert evidence.begins_free() is is_free
+    found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
+    first, *_ = found.segments
+    assert first.contact is contact
+    assert evaluate(made.poses, made.truth, found).offline.accuracy() > 0.98

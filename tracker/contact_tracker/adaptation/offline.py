@@ -25,7 +25,7 @@ MOST_POSES: Final = 1_000_000
 INITIAL_AUTOCORRELATION: Final = 0.5
 """Offline, the prediction errors of free motion are taken to be correlated until they are known: nearly as
 much as in any recorded motion, so that smooth free motion at the start is not taken for a contact. Online
-that would delay labels; and where wrenches are measured, these show whether anything touches."""
+that would delay labels; and where wrenches are measured, these show whether anything touches at the start."""
 
 
 class OfflineTracker:
@@ -68,7 +68,8 @@ class OfflineTracker:
             return
         everything = _Stream(chain(looked_at, self._inspected(rest)))
         others = self._knowledge, self._executor, None, detail, self._wrenches
-        model = best.model if self._wrenches is not None else _cautious_at_first(best.model)
+        may_begin_free = self._wrenches is None or self._wrenches.begins_free()
+        model = _cautious_at_first(best.model) if may_begin_free else best.model
         found = offline_smoother.pieces(everything, model, progress, *others)
         waiting = early  # beliefs from before the model was chosen
         for piece in found:

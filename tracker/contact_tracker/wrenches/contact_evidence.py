@@ -23,6 +23,8 @@ FREE_CLIP: Final = (-2.0, 3.0)
 """Bounds of a tick's evidence (nats) for and against free motion: a contact force may be small."""
 SIGNIFICANT: Final = 5.0
 """Least force, in standard deviations, that has a line of action."""
+BEGINNING_S: Final = 2.0
+"""Time after which the free-motion filter knows the strength of motion."""
 MISFIT_NATS: Final = -10.0
 """If all contacts fit worse than this although there is a force, the window has no single contact."""
 
@@ -40,10 +42,7 @@ class WrenchEvidence:
         The first and the last tick from ``first_ns`` to ``last_ns`` are left out, as they may be of another
         contact.
         """
-        ticks = self.wrenches.ticks
-        first, end = ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
-        rows = np.arange(first + 1, end - 1)
-        rows = rows[self.wrenches.is_measured[rows]]
+        rows = self._measured(first_ns, last_ns)
         if len(rows) < FEWEST_TICKS:
             return None
         contact = self._against_free(rows)
@@ -53,6 +52,18 @@ class WrenchEvidence:
             return None  # several contacts one after the other, or at once
         evidence[:-1] = contact + kinds
         return EXPONENT * evidence
+
+    def begins_free(self) -> bool:
+        """Whether no contact force is measured in the first ``BEGINNING_S``."""
+        first_ns = int(self.wrenches.ticks.stamp_ns[0])
+        rows = self._measured(first_ns, first_ns + int(BEGINNING_S * 1e9))
+        return len(rows) >= FEWEST_TICKS and self._against_free(rows) < 0.0
+
+    def _measured(self, first_ns: int, last_ns: int) -> NDArray[np.int64]:
+        """Rows of the ticks with wrenches, without the first and the last of this time."""
+        first, end = self.wrenches.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
+        rows = np.arange(first + 1, end - 1)
+        return rows[self.wrenches.is_measured[rows]]
 
     @cached_property
     def _typical_square(self) -> float:
