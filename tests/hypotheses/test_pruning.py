@@ -62,7 +62,7 @@ def test_pruning_does_not_change_the_beliefs(path: Path) -> None:
     assert apart.max() < 1.2e-3  # one tick of all_states, in which nothing is likelier than 0.3
 
 
-@pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+@pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 @pytest.mark.parametrize("name", ["hard", "paper", "robot", "sequence", "singular"])
 def test_pruning_does_not_change_the_beliefs_of_other_recordings(shared_recordings: Path, name: str) -> None:
     model, paths = load_model(), sorted((shared_recordings / "physics" / name).glob("*.mcap"))

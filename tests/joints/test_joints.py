@@ -28,7 +28,7 @@ from mcap_logs import poses_topic, write_log
 Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))
 PITCH_M = 0.02
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 def some_frames(rng: np.random.Generator) -> JointFrames:

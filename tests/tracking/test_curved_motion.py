@@ -18,7 +18,7 @@ from restricted_motions import MOTIONS, poses_of
 from short_recordings import MODEL
 
 FREE = Contact.FREE.column
-needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="it takes numpy too long")
+needs_kernels = pytest.mark.skipif(not compiled.in_use(), reason="too slow in numpy")
 
 
 @needs_kernels

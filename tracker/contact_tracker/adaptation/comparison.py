@@ -1,7 +1,7 @@
 """Comparison of trackers with different noise of a tick, by their evidence (docs/theory.md, T33).
 
-A tracker's evidence is relative to its own model of free motion. For a comparison free motion has to be the
-same for all; and noise that looks like motion at rest must not decide.
+A tracker's evidence is relative to its own model of free motion. For a comparison the model of free motion
+must be the same for all, and noise at rest must not be taken for motion.
 """
 
 from collections.abc import Sequence
@@ -19,17 +19,18 @@ from contact_tracker.tracking.state import TrackerState
 Array = NDArray[np.float64]
 
 SPAN_TICKS: Final = 5
-SMOOTH: Final = 4.0
-"""Motion leads away if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
+DISPLACEMENT_RATIO: Final = 4.0
+"""There is motion if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
 factor."""
 LASTING_TICKS: Final = 3
-"""Number of consecutive ticks in which it has to lead away; noise does so once, hardly three times."""
-HOPELESS_AFTER_S: Final = 1.5
-HOPELESS_NATS: Final = 40.0
-"""After this much motion trackers this far behind the best are dropped."""
-DROPPED_AFTER_S: Final = 5.0
+"""Number of consecutive ticks in which it must; noise does so once, but seldom three times."""
+EARLY_DROP_AFTER_S: Final = 1.5
+EARLY_MARGIN_NATS: Final = 40.0
+"""After this much motion trackers this far behind the best are dropped: a large margin, since the first ticks
+mislead."""
+DROP_AFTER_S: Final = 5.0
 MARGIN_NATS: Final = 20.0
-"""The same earlier, with a larger margin, since the first ticks mislead."""
+"""The same later, with a smaller margin."""
 DECIDED_AFTER_S: Final = 10.0
 """After this much motion the best tracker is chosen, if it is also the best by evidence alone."""
 LONGEST_S: Final = 30.0
@@ -71,10 +72,10 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     log_distance = np.log(free[:, 0] + squared_lever_m2 * free[:, 1])
     log_angle = np.log(free[:, 1])
     posterior = np.array([tick.posterior for tick in ticks])
-    withheld = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
-    withheld += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
+    difference = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
+    difference += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
     gain = np.array([tick.gain for tick in ticks])
-    return np.asarray(gain + 0.5 * motion.likelihood_exponent * withheld)
+    return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
 
 
 def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray[np.bool_]:
@@ -86,35 +87,35 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray
     log_weight, log_prior : (K,), in nats; their difference is the evidence. Before ``LONGEST_S``, the best
         by weight and the best by evidence alone are both kept if they differ.
     """
-    if moved_s < HOPELESS_AFTER_S:
+    if moved_s < EARLY_DROP_AFTER_S:
         return np.ones(len(log_weight), np.bool_)
-    margin = MARGIN_NATS if moved_s >= DROPPED_AFTER_S else HOPELESS_NATS
-    ranked = log_weight, log_weight - log_prior
-    best, favoured = (int(one.argmax()) for one in ranked)
-    if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == favoured):
-        return np.asarray(np.arange(len(log_weight)) == favoured, np.bool_)
-    return np.asarray(np.any([one > one.max() - margin for one in ranked], axis=0))
+    margin = MARGIN_NATS if moved_s >= DROP_AFTER_S else EARLY_MARGIN_NATS
+    scores = log_weight, log_weight - log_prior
+    best, best_by_evidence = (int(one.argmax()) for one in scores)
+    if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == best_by_evidence):
+        return np.asarray(np.arange(len(log_weight)) == best_by_evidence, np.bool_)
+    return np.asarray(np.any([one > one.max() - margin for one in scores], axis=0))
 
 
 def latest_lifted_poses(window: Window) -> Array:
-    """zeta (n, 25) of the latest ticks, as many as ``is_moving`` looks at. A copy: windows are large."""
+    """zeta (n, 25) of the latest ticks that ``is_moving`` needs. A copy: windows are large."""
     return window.zeta[-SPAN_TICKS - LASTING_TICKS :].copy()
 
 
 def is_moving(lifted_poses: Array) -> bool:
-    """Whether the object moves in the newest tick of ``latest_lifted_poses``. Noise alone does not lead away
-    over several ticks."""
+    """Whether the object moves in the newest tick of ``latest_lifted_poses``: in orientation or position, the
+    displacements over several spans exceed those of noise."""
     if len(lifted_poses) < SPAN_TICKS + LASTING_TICKS:
         return False
     spans = [lifted_poses[first : first + SPAN_TICKS + 1] for first in range(LASTING_TICKS)]
-    return any(all(_leads_away(span[:, part]) for span in spans) for part in (R, T))
+    return any(all(_exceeds_noise(span[:, part]) for span in spans) for part in (R, T))
 
 
-def _leads_away(places: Array) -> bool:
-    """Whether the places (N, d) lead farther than as many steps of noise; ticks without frames do not
-    count."""
-    steps_sq = (np.diff(places, axis=0) ** 2).sum(axis=1)
+def _exceeds_noise(values: Array) -> bool:
+    """Whether the displacement from the first to the last of the values (N, d) exceeds that of white noise;
+    ticks without frames are left out."""
+    steps_sq = (np.diff(values, axis=0) ** 2).sum(axis=1)
     steps_sq = steps_sq[steps_sq > 0.0]
     if len(steps_sq) < 2:
         return False
-    return float(((places[-1] - places[0]) ** 2).sum()) > SMOOTH * float(steps_sq.mean())
+    return float(((values[-1] - values[0]) ** 2).sum()) > DISPLACEMENT_RATIO * float(steps_sq.mean())
