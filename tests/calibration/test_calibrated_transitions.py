@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from chain_oracle import NOTHING, N, believed, prior, some_model, walk
-from contact_tracker.calibration.e_step import BelievedStates, KnownStates
+from contact_tracker.calibration.e_step import EstimatedStates, KnownStates
 from contact_tracker.calibration.tick_stream import UNKNOWN, labels, runs
 from contact_tracker.calibration.transition_em import count, learn_transitions, log_prior
 from contact_tracker.config.parameters import TransitionCounts
@@ -118,7 +118,7 @@ def believed_chains(rng, true, start, blur, count_=6, ticks=60):
     made = []
     for known in chains(rng, true, count_, ticks):
         trellis = believed(known.label, start, known.exposure, rng, blur)
-        made.append(BelievedStates.of(trellis, known.exposure, start))
+        made.append(EstimatedStates.of(trellis, known.exposure, start))
     return made
 
 
@@ -153,7 +153,7 @@ def test_certain_beliefs_give_the_counts_of_known_states():
     start = prior()
     known = chains(rng, some_model(rng, new_elements=False), 3, 80)
     sure = [
-        BelievedStates.of(believed(k.label, start, k.exposure, rng, 0.05), k.exposure, start) for k in known
+        EstimatedStates.of(believed(k.label, start, k.exposure, rng, 0.05), k.exposure, start) for k in known
     ]
     a, b = (learn_transitions(start, some).model.transitions.counts for some in (known, sure))
     np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
@@ -169,7 +169,7 @@ def test_evidence_excludes_the_durations_of_the_initial_model():
     expected = []
     for start in (prior(), some_model(rng)):
         trellis = believed(state, start, exposure, np.random.default_rng(9), 0.5)
-        expected.append(BelievedStates.of(trellis, exposure, start).expect(prior()))
+        expected.append(EstimatedStates.of(trellis, exposure, start).expect(prior()))
     assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
     np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
     assert not expected[0].changes[:, FREE, FREE].any()

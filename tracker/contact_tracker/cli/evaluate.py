@@ -1,4 +1,4 @@
-"""``contact-tracker evaluate``: how right the tracker is, on recordings that carry their truth."""
+"""``contact-tracker evaluate``: the tracker's accuracy on recordings with ground truth."""
 
 import argparse
 from typing import TYPE_CHECKING, Final

@@ -112,8 +112,8 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
 
 
 def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
-    """Lag histories (R, L, 7) of some ``rows`` of: the old hypotheses' ``past`` (H, L, 7), then ``many`` new
-    ones' common ``of_new`` (L, 7)."""
+    """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``many`` new ones
+    with the common history ``of_new`` (L, 7)."""
     if not past.shape[1]:
         return np.empty((len(rows), *past.shape[1:]))
     return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
