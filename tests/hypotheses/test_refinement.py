@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from benchmarks.stretches import NOISES, find_simulated, stretch_geometry
+from benchmarks.simulated_fits import NOISES, fit_simulated, fitted_geometry
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.stats import chi2
@@ -34,7 +34,7 @@ each_side = pytest.mark.parametrize("side", [0, 1], ids=["object", "environment"
 
 @cache
 def found(contact):
-    return [find_simulated(contact, NOISES["mocap"]._replace(seconds=6.0), seed) for seed in range(SEEDS)]
+    return [fit_simulated(contact, NOISES["mocap"]._replace(seconds=6.0), seed) for seed in range(SEEDS)]
 
 
 @each_side
@@ -58,7 +58,7 @@ def test_covariances_are_consistent_with_the_errors(contact, side):
 def test_covariances_follow_the_residuals_where_the_model_expects_worse():
     """At the noise of a robot the model's floors are six times the noise of a tick; nothing shows them."""
     noise = NOISES["robot"]._replace(seconds=3.0)
-    deviations = [d for seed in range(6) for d in find_simulated(Contact.EF, noise, seed).deviation]
+    deviations = [d for seed in range(6) for d in fit_simulated(Contact.EF, noise, seed).deviation]
     assert 0.4 < np.mean([d.squared / d.freedom for d in deviations]) < 2.5
 
 
@@ -67,10 +67,10 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
     """A contact that is compliant by some hundredths of a millimetre is so for many ticks. Errors that
     resemble geometry cannot be separated; but with independent errors in each tick the covariance would be
     too small."""
-    gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, gives_m=30e-6, lasts_s=0.5)
+    gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, compliance_m=30e-6, correlation_s=0.5)
 
     def normalised():
-        deviations = [d for seed in range(SEEDS) for d in find_simulated(contact, gives, seed).deviation]
+        deviations = [d for seed in range(SEEDS) for d in fit_simulated(contact, gives, seed).deviation]
         return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
 
     known = normalised()
@@ -107,7 +107,7 @@ def test_frames_of_the_previous_contact_do_not_bias_the_geometry():
     height_m = 0.08 * np.maximum(12.0 - np.arange(len(made.poses)), 0.0) / 200.0
     position_m = made.poses.position_m + height_m[:, None] * true.environment.normal
     alone, early = (
-        stretch_geometry(poses, Contact.VF)
+        fitted_geometry(poses, Contact.VF)
         for poses in (made.poses, replace(made.poses, position_m=position_m))
     )
     assert np.linalg.norm(early.object.point_m - alone.object.point_m) < 0.0005
@@ -154,7 +154,7 @@ def test_the_bound_grows_with_noise_and_shrinks_with_frames(contact):
 @pytest.mark.parametrize("frames", [1, 3, 25, 61])
 def test_a_very_short_contact_has_finite_elements(contact, frames):
     measured = simulate(Scenario((Phase(contact, 1.0),)), 0)
-    geometry = stretch_geometry(measured.poses[:frames], contact)
+    geometry = fitted_geometry(measured.poses[:frames], contact)
     for element in (geometry.object, geometry.environment):
         numbers = [np.ravel(v) for v in vars(element).values() if isinstance(v, np.ndarray)]
         assert np.isfinite(np.concatenate(numbers)).all()
@@ -163,7 +163,7 @@ def test_a_very_short_contact_has_finite_elements(contact, frames):
 @each_contact
 def test_poses_without_noise_give_the_truth(contact):
     poses, true = simulated(contact)
-    geometry = stretch_geometry(poses, contact)
+    geometry = fitted_geometry(poses, contact)
     for found_, true_ in ((geometry.object, true.object), (geometry.environment, true.environment)):
         assert not angle_rad(found_, true_) > 1e-4
 
@@ -171,7 +171,7 @@ def test_poses_without_noise_give_the_truth(contact):
 @pytest.mark.parametrize("contact", [Contact.EF, Contact.VF, Contact.FV, Contact.EE], ids=str)
 def test_rest_of_any_duration_has_no_information(contact):
     poses = moving(np.random.default_rng(0), 8.0, 200.0, 3e-4, 3e-3, rms_m=0.0, rms_rad=0.0)
-    geometry = stretch_geometry(poses, contact)
+    geometry = fitted_geometry(poses, contact)
     for element in (geometry.object, geometry.environment):
         assert element.unobserved
         if isinstance(element, Plane):
