@@ -1,4 +1,4 @@
-"""The pages of the site run as they are written, and the site is built of all of them."""
+"""The pages of the site run as written, and the site contains all of them."""
 
 import re
 import sys
@@ -22,7 +22,7 @@ SET_UP = {"index.md", "formats.md"}  # how to install, which .ci/run does
 LONG = {"paper.md", "reliability.md"}  # run on fewer recordings below, and by .ci/run
 TF = "tf2_msgs/msg/TFMessage"
 UP = np.array([0.566, 0.556, 0.609])
-"""Which way the desk of ``paper_experiment`` looks."""
+"""Upward direction of the desk of ``paper_experiment``."""
 
 
 def page(name: str) -> str:
@@ -50,7 +50,7 @@ def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
 
 
 def write_samples(name: str, folder: Path) -> None:
-    """The files that a page supposes its reader to have."""
+    """The files of the reader that a page assumes."""
     if name == "motion_capture.md":
         write_take(folder / "take.csv")
     if name == "robot_tf.md":
@@ -99,10 +99,10 @@ def write_robot(path: Path) -> None:
     write_log(path, [Topic("/tf", TF, moving), Topic("/tf_static", TF, still)])
 
 
-def test_the_page_on_the_paper_is_what_its_command_writes(
+def test_the_page_on_the_paper_is_the_output_of_its_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But for the figures, of which fewer recordings give others."""
+    """Except for numbers, which differ with fewer recordings."""
     pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS / "examples"))
     import paper

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chain_oracle import NOTHING, some_model
+from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
 from contact_tracker.calibration.calibrate import Plan, calibrate
 from contact_tracker.calibration.learned import How, select
@@ -57,7 +57,7 @@ def unlabelled(logs: Path, tmp_path: Path) -> Path:
 
 
 def refused(capsys: pytest.CaptureFixture[str], code: int, *arguments: object) -> str:
-    """The one line of error of a call that must not write anything."""
+    """The error line of a call, which must not write anything."""
     assert run(["calibrate", *map(str, arguments)]) == code
     out, err = capsys.readouterr()
     assert out == ""
@@ -125,8 +125,8 @@ def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path
     assert (before, after) == pytest.approx(tuple(sums))
 
 
-def tallies(judged) -> list[Tally]:
-    return [judged.evaluation.online, judged.evaluation.offline]
+def tallies(score) -> list[Tally]:
+    return [score.evaluation.online, score.evaluation.offline]
 
 
 def test_folds_are_reported(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -268,7 +268,7 @@ def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:
 
 
 def test_a_process_killed_before_its_job_is_reported() -> None:
-    """Of more than a pipe holds, the rest waits to be taken."""
+    """Also with a job larger than the buffer of the pipe."""
 
     def kill_one() -> None:
         while not (children := active_children()):
@@ -295,7 +295,7 @@ positive = st.floats(1e-9, 1e6)
 @settings(max_examples=25, deadline=None)
 @given(name=names, seed=st.integers(0, 2**32 - 1), sigma=positive, empty=st.booleans(), header=st.text())
 def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty, header):
-    seen = NOTHING if empty else some_model(np.random.default_rng(seed)).transitions.counts
+    seen = NOTHING if empty else random_model(np.random.default_rng(seed)).transitions.counts
     model = replace(
         MODEL,
         name=name,
@@ -310,7 +310,7 @@ def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty
 @settings(max_examples=10, deadline=None)
 @given(end=st.floats(0.0, 4.5), begin=st.floats(0.0, 4.5))
 def test_truth_of_any_part_is_learned_from(logs, begin, end):
-    """Also where the truth begins after the recording has ended, or never."""
+    """Also if the truth begins after the end of the recording, or is empty."""
     source = Source(str(logs / "log_0.mcap"))
     truth = read_truth(source.name)
     assert truth is not None

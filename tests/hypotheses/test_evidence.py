@@ -25,7 +25,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def window(rng, model, ticks=12):
-    """Ticks of some motion, with noise and excess drawn anew for each; and hypotheses at random."""
+    """Ticks of random motion, noise and excess, and random hypotheses."""
     t = touching(model.contact, rng, ticks)
     zeta = lift(t.rotation, t.position_m - t.position_m[0])
     variance = np.exp(rng.normal(size=(ticks, 2))) * [1e-8, 1e-6]
@@ -91,8 +91,8 @@ def test_the_motion_between_distant_ticks_is_unknown():
 @each_model
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
-def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
-    """Each row N(0, V) against N(0, S): as the ratio is at the residual, less what it would be at V = S."""
+def test_the_evidence_of_a_tick_is_the_ratio_of_the_densities(model, seed):
+    """Each row N(0, V) against N(0, S): the log ratio at the residual."""
     rng = np.random.default_rng(seed)
     seen, x = window(rng, model)
     found = evidence.log_ratio(model, x, seen, SCALES)
@@ -123,8 +123,8 @@ def test_a_tick_is_worth_the_ratio_of_the_densities(model, seed):
 
 @each_model
 @pytest.mark.parametrize("cut", [0, 3])
-def test_of_correlated_errors_only_the_innovation_counts(model, cut):
-    """A hypothesis that begins in the window has no residual before; nor has the first tick of all."""
+def test_correlated_errors_count_by_their_innovation(model, cut):
+    """A hypothesis that begins in the window has no residual before; nor has the first tick of the stream."""
     rho = 0.6
     whole, x = window(np.random.default_rng(8), model)
     seen, scales = whole.cut(cut, None), replace(SCALES, correlation=rho)
@@ -142,8 +142,8 @@ def test_of_correlated_errors_only_the_innovation_counts(model, cut):
 
 
 @each_model
-def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
-    """As a camera sees depth: residuals of noisy poses scatter as much as they are said to."""
+def test_anisotropic_noise_counts_by_its_direction(model):
+    """As in the depth of a camera: residuals of noisy poses have the estimated variance."""
     rng = np.random.default_rng(5)
     t = touching(model.contact, rng, 3)
     shape = rng.normal(size=(3, 3))
@@ -161,14 +161,14 @@ def test_noise_that_is_worse_in_one_direction_is_worse_along_it(model):
         np.zeros((3, 2)),
         np.tile(covariance_m2 - mean_m2 * np.eye(3), (3, 1, 1)),
     )
-    said = evidence.residual_noise(model.measure(x, seen.zeta), seen)[0]
+    estimated = evidence.residual_noise(model.measure(x, seen.zeta), seen)[0]
     scattered = model.measure(x, noisy.reshape(-1, 25)).residual[0].reshape(-1, draws, 3).var(axis=1)
-    np.testing.assert_allclose(scattered, said, rtol=0.15)
+    np.testing.assert_allclose(scattered, estimated, rtol=0.15)
 
 
 @each_model
 def test_a_tick_at_rest_has_no_evidence(model):
-    """For any fit of the hypothesis, and any touching point."""
+    """For any residual of the hypothesis and any touching point."""
     seen, x = window(np.random.default_rng(1), model)
     still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.innovation_excess))
     np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
@@ -178,7 +178,7 @@ def test_a_tick_at_rest_has_no_evidence(model):
 
 
 class Fitted:
-    """One hypothesis fitted to ticks in contact, and the information of its first tick alone."""
+    """One hypothesis fitted to ticks in contact, and the information of its first tick."""
 
     def __init__(self, model, seed, ticks=80, sigma=1e-3):
         rng = np.random.default_rng(seed)
@@ -262,7 +262,7 @@ def test_predicted_information_reduces_the_complexity(model):
 
 
 @each_model
-def test_the_complexity_grows_ever_more_slowly_with_information(model):
+def test_the_complexity_is_concave_in_the_information(model):
     one = Fitted(model, 3)
     prices = [one.price(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)]
     assert prices[0] == pytest.approx(one.pull)

@@ -60,7 +60,7 @@ def same(a, b):
 
 @many
 @given(seed=seeds, count=st.integers(0, 12), parts=st.integers(1, 4))
-def test_beliefs_read_back_to_the_last_bit(seed, count, parts):
+def test_beliefs_in_columns_are_bit_identical(seed, count, parts):
     expected = list(some_beliefs(np.random.default_rng(seed), count))
     cuts = np.linspace(0, count, parts + 1).astype(int)
     pieces = [Beliefs.of(expected[a:b]) for a, b in pairwise(cuts)]

@@ -143,8 +143,8 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
         span = 2 ** (np.floor(np.log2(age / UNTHINNED_TICKS)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
-    lives = np.isin(bank.onsets.onset, bank.onset)
-    onsets = replace(bank.onsets, words=bank.onsets.words[lives])
+    is_used = np.isin(bank.onsets.onset, bank.onset)
+    onsets = replace(bank.onsets, words=bank.onsets.words[is_used])
     return replace(bank.replace_columns(log_birth_weight=bank.log_birth_weight - best), onsets=onsets)
 
 
