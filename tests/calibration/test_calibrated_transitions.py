@@ -103,7 +103,7 @@ def test_partial_truth_is_learned_from_in_its_part_only():
     np.testing.assert_array_equal(expected.changes[21:45], inner.changes[1:])
     assert expected.changes.sum() == inner.changes.sum()
     assert expected.stays.sum() == inner.stays.sum()
-    assert not expected.begins.any()  # nobody knows how it began
+    assert not expected.begins.any()  # how it began is unknown
 
 
 @pytest.mark.parametrize("label", [[], [UNKNOWN], [2], [UNKNOWN] * 30], ids=str)
@@ -160,7 +160,7 @@ def test_certain_beliefs_give_the_counts_of_known_states():
     np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
     np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
     off = np.array(b.changes) - np.array(a.changes)
-    assert np.abs(off).max() < 0.3  # a contact may have come back with other elements, unseen
+    assert np.abs(off).max() < 0.3  # the elements may have changed between two contacts
 
 
 def test_evidence_excludes_the_durations_of_the_initial_model():

@@ -311,8 +311,8 @@ def test_any_input_gives_valid_poses(poses: list[Pose]) -> None:
 
 
 def is_same(passed: Pose, source: Pose, shifted: bool) -> bool:
-    """Whether it is the same pose, but for the norm and the sign of its quaternion, and a shifted stamp, by
-    1 ns that of another body."""
+    """Whether both are the same pose, up to the norm and sign of the quaternion and, if ``shifted``, a stamp
+    shifted by 1 ns."""
     if passed.position_m != source.position_m or not np.abs(source.quat_xyzw).max() < 2.0:
         return False
     norm = float(np.linalg.norm(source.quat_xyzw))

@@ -75,7 +75,7 @@ def test_a_planted_link_is_not_written_through(tmp_path: Path, monkeypatch: pyte
             pytest.fail("there is something in the way")
         assert error.value.filename == str(tmp_path / "out.csv")
         assert victim.read_text() == "precious"
-        temporary.unlink()  # what others have put there is left to them
+        temporary.unlink()  # a file of another writer is not removed
 
 
 def test_a_replaced_temporary_file_does_not_become_the_result(tmp_path: Path) -> None:

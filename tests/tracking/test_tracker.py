@@ -331,7 +331,7 @@ def test_an_end_within_a_tick_causes_no_jump(cuts):
             state, _ = tracker.step(state, pose)
         state, _ = tracker.finish(state)
     assert state.outliers == 0
-    rest = 10 + len(cuts)  # the row of the rest of the tick, of which each end has made one more
+    rest = 10 + len(cuts)  # the row of the rest of the tick; each end has added one
     assert not state.window.motion_ratio[rest : rest + SETTLING_TICKS].any()
     assert state.window.motion_ratio[rest + SETTLING_TICKS :].any()
 
