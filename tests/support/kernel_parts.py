@@ -65,7 +65,7 @@ def best_donors(bank, model, reach_m):
 
 def select_for_search(bank, model):
     """As ``global_search.select_for_search``."""
-    return parts.lost(*_bank(model, 1.0, bank))
+    return parts.select_for_search(*_bank(model, 1.0, bank))
 
 
 def starts(model, moments):
