@@ -174,7 +174,7 @@ def test_a_tick_at_rest_has_no_evidence(model):
     np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
 
 
-# --- the price of geometry ----------------------------------------------------------------------------------
+# --- the complexity of the geometry -------------------------------------------------------------------------
 
 
 class Fitted:
@@ -214,9 +214,9 @@ class Fitted:
     def pull(self):
         return float(self.prior.cost(self.x)[0])
 
-    def price(self, hessian, given, foretold=0.0):
+    def complexity(self, hessian, given, predicted_share=0.0):
         """The complexity for rows' information (1, K, P, P), of which a share was predicted."""
-        unit = np.full((1, self.family.ROWS), foretold)
+        unit = np.full((1, self.family.ROWS), predicted_share)
         fitted = self.family, self.x, self.x, self.anchors
         return evidence.complexity(*fitted, hessian, given, unit, self.prior)[0]
 
@@ -237,9 +237,9 @@ def test_the_complexity_is_that_of_the_integral_over_geometry(model, seed):
     log_weight = -cost + 0.5 * np.sum(raw**2, axis=1) + np.linalg.slogdet(wide)[1]
     integral = logsumexp(log_weight) - np.log(size) + 0.5 * np.linalg.slogdet(before)[1]
     greatest = -(one.cost - one.pull)
-    paid = one.price(one.hessian, np.zeros_like(one.first))
-    assert paid > 5.0
-    assert integral == pytest.approx(greatest - paid, abs=0.5)
+    complexity = one.complexity(one.hessian, np.zeros_like(one.first))
+    assert complexity > 5.0
+    assert integral == pytest.approx(greatest - complexity, abs=0.5)
 
 
 @each_model
@@ -247,8 +247,8 @@ def test_the_information_of_the_first_tick_is_free(model):
     one = Fitted(model, 2)
     nothing = np.zeros_like(one.first)
     row_by_row = np.concatenate([one.first[:, None], np.zeros_like(one.hessian[:, 1:])], axis=1)
-    assert one.price(row_by_row, one.first) == pytest.approx(one.pull, abs=1e-9)
-    assert one.pull <= one.price(one.hessian, one.first) < one.price(one.hessian, nothing)
+    assert one.complexity(row_by_row, one.first) == pytest.approx(one.pull, abs=1e-9)
+    assert one.pull <= one.complexity(one.hessian, one.first) < one.complexity(one.hessian, nothing)
 
 
 @each_model
@@ -256,18 +256,22 @@ def test_predicted_information_reduces_the_complexity(model):
     """If all of it is predicted, the complexity is at most half the logarithm of two per direction."""
     one = Fitted(model, 4)
     nothing = np.zeros_like(one.first)
-    prices = [one.price(one.hessian, nothing, foretold) for foretold in (0.0, 1e-3, 0.1, 1.0)]
-    assert (np.diff(prices) < 0.0).all()
-    assert prices[-1] - one.pull <= model.family.PARAMETERS * 0.5 * np.log(2.0)
+    complexities = [
+        one.complexity(one.hessian, nothing, predicted_share) for predicted_share in (0.0, 1e-3, 0.1, 1.0)
+    ]
+    assert (np.diff(complexities) < 0.0).all()
+    assert complexities[-1] - one.pull <= model.family.PARAMETERS * 0.5 * np.log(2.0)
 
 
 @each_model
 def test_the_complexity_is_concave_in_the_information(model):
     one = Fitted(model, 3)
-    prices = [one.price(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)]
-    assert prices[0] == pytest.approx(one.pull)
-    assert (np.diff(prices) > 0.0).all()
-    assert (np.diff(prices, 2) < 0.0).all()
+    complexities = [
+        one.complexity(share * one.hessian, np.zeros_like(one.first)) for share in (0.0, 0.5, 1.0, 1.5, 2.0)
+    ]
+    assert complexities[0] == pytest.approx(one.pull)
+    assert (np.diff(complexities) > 0.0).all()
+    assert (np.diff(complexities, 2) < 0.0).all()
 
 
 def test_windows_are_cut_and_joined():

@@ -117,7 +117,7 @@ def test_contacts_far_from_the_bodys_origin_are_in_view() -> None:
     assert np.ptp(drawing.meshes[2].vertices[:, 0]) > 0.8, "and drawn as large as the object seems"
     far = replace_place(geometry, 50.0)
     assert not camera.add_contact(far, draw(far, poses, UNKNOWN_EXTENT), poses, 1), (
-        "but nobody steps back 50 m"
+        "but not for a contact 50 m away"
     )
 
 

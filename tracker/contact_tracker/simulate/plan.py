@@ -41,12 +41,12 @@ def plan(
     rng: np.random.Generator, phases: Sequence[Phase], object: Polyhedron, scene: Polyhedron
 ) -> list[Leg]:
     """The legs of ``phases``; each begins at the anchor at which the previous one ended."""
-    stretches = _with_transitions(phases)
+    with_transitions = _with_transitions(phases)
     chart = choose_chart(rng, _touching(phases[0]), object, scene)
     anchor = sample_anchor(rng, None, None, chart)
     legs: list[Leg] = []
-    for index, phase in enumerate(stretches):
-        after = stretches[index + 1] if index + 1 < len(stretches) else None
+    for index, phase in enumerate(with_transitions):
+        after = with_transitions[index + 1] if index + 1 < len(with_transitions) else None
         following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
         if after and phase and after.contact is phase.contact:
             end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
